@@ -75,7 +75,7 @@ class SnapshotReceived(Struct, frozen=True):
 class ParamsRead(Struct, frozen=True):
     """PX4's parameters were read and compared with the required ones."""
 
-    problems: tuple[str, ...]  # a sentence for each wrong one; empty when all are right
+    problems: tuple[str, ...]  # a sentence for each wrong parameter; empty when all are right
     # charge at which PX4's simulated battery stops emptying; 0 for a real battery
     battery_floor_frac: float = 0.0
 
@@ -134,7 +134,7 @@ class MocapProblemChanged(Struct, frozen=True):
 
 
 class ShutdownRequested(Struct, frozen=True):
-    """Somebody asks this process to end; in the air it lands first."""
+    """Somebody asks this process to end; a vehicle in the air lands first."""
 
 
 AgentInput = (

@@ -36,7 +36,7 @@ SIGNING_SINCE: Version = (1, 18)  # first version of PX4 that supports MAVLink s
 AUTOPILOT_COMPONENT = 1  # MAVLink's component id of an autopilot
 _LARGEST_MAJOR = 9  # a larger major number is not plausible
 
-# Older reports of PX4 are not used.
+# ages after which reports of PX4 are no longer used
 BATTERY_KNOWN_NS = 5_000_000_000  # PX4 reports the battery twice a second
 ACCURACY_KNOWN_NS = 5_000_000_000
 FIX_KNOWN_NS = 1_500_000_000  # PX4 reports the fix five times a second while a receiver works
@@ -51,9 +51,10 @@ PILOT_MODES = frozenset(
 
 def plausible_version(version: Version | None) -> Version | None:
     """Return a reported version, or None if no PX4 can have that version."""
-    if version is None or not 1 <= version[0] <= _LARGEST_MAJOR:
+    if version is None:
         return None
-    return version
+    major, _ = version
+    return version if 1 <= major <= _LARGEST_MAJOR else None
 
 
 class Refused(Struct, frozen=True):

@@ -1,6 +1,6 @@
 """Counts of the messages that were not used.
 
-They are never logged one by one, so that a flood of such messages cannot fill a disk.
+Unused messages are never logged one by one, so that a flood of messages cannot fill a disk.
 """
 
 from __future__ import annotations

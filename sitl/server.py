@@ -99,20 +99,24 @@ def emulator_of(
         environment: wind, downwash and errors.
         px4: version of PX4 of all vehicles; None: the version of each in the fleet file.
     """
-    environment = environment or Environment()
+    if environment is None:
+        environment = Environment()
 
     specs: list[VehicleSpec] = []
     for vehicle in vehicles:
         profile = one_of_type(
             profile_of(vehicle), seed=seed, index=vehicle.index, scale=environment.vehicle_scatter
         )
+        hover_time_s = _HOVER_S
+        if vehicle.hover_time_s is not None:
+            hover_time_s = vehicle.hover_time_s
         spec = VehicleSpec(
             name=vehicle.name,
             system_id=vehicle.system_id,
             profile=profile,
             start_enu_m=vehicle.start_enu_m,
             px4=VERSIONS[px4 or vehicle.px4_version],
-            hover_time_s=vehicle.hover_time_s or _HOVER_S,
+            hover_time_s=hover_time_s,
         )
         specs.append(spec)
 
@@ -378,9 +382,11 @@ class Server:
             opened.open(self._ready)
             self._sockets.append(opened)
 
-            line = f"{self._vehicles[plan.index].name} {plan.ports.bind[1]}"
+            _, own_port = plan.ports.bind
+            line = f"{self._vehicles[plan.index].name} {own_port}"
             if plan.ports.peer is not None:
-                line += f" -> {plan.ports.peer[1]}"
+                _, peer_port = plan.ports.peer
+                line += f" -> {peer_port}"
             lines.append(line)
         return lines
 

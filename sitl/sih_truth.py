@@ -66,9 +66,11 @@ def east_north_m(origin: tuple[float, float], position: tuple[float, float]) -> 
 
     Both are latitude and longitude in degrees. The result is right up to a few kilometres.
     """
-    north_rad = math.radians(position[0] - origin[0])
-    east_rad = math.radians(position[1] - origin[1])
-    middle_rad = math.radians(0.5 * (position[0] + origin[0]))
+    latitude_deg, longitude_deg = position
+    origin_latitude_deg, origin_longitude_deg = origin
+    north_rad = math.radians(latitude_deg - origin_latitude_deg)
+    east_rad = math.radians(longitude_deg - origin_longitude_deg)
+    middle_rad = math.radians(0.5 * (latitude_deg + origin_latitude_deg))
     return _EARTH_RADIUS_M * east_rad * math.cos(middle_rad), _EARTH_RADIUS_M * north_rad
 
 
@@ -105,23 +107,27 @@ class Body:
         if self._begin is None:
             self._begin = self._start_of_simulator(position)
 
+        latitude_deg, longitude_deg, altitude_m = position
+        begin_latitude_deg, begin_longitude_deg, begin_altitude_m = self._begin
         start_east, start_north, start_up = self.vehicle.start_enu_m
         if self.origin is None:
-            east, north = east_north_m(self._begin[:2], position[:2])
+            begin = (begin_latitude_deg, begin_longitude_deg)
+            east, north = east_north_m(begin, (latitude_deg, longitude_deg))
             east += start_east
             north += start_north
         else:
             origin = (self.origin.latitude_deg, self.origin.longitude_deg)
-            east, north = east_north_m(origin, position[:2])
-        up = position[2] - self._begin[2] + start_up
+            east, north = east_north_m(origin, (latitude_deg, longitude_deg))
+        up = altitude_m - begin_altitude_m + start_up
 
-        velocity = (0.01 * state["vy"], 0.01 * state["vx"], -0.01 * state["vz"])
+        climb_m_s = -0.01 * state["vz"]
+        velocity = (0.01 * state["vy"], 0.01 * state["vx"], climb_m_s)
         attitude_ned_frd = np.array(state["attitude_quaternion"], dtype=np.float64)
         w, x, y, z = enu_flu_from_ned_frd(attitude_ned_frd).tolist()
 
         is_low = up - start_up < _GROUND_M
         is_still = math.hypot(*velocity) < _STILL_M_S
-        self._look_for_contact(stamp_ns, up - start_up, velocity[2])
+        self._look_for_contact(stamp_ns, up - start_up, climb_m_s)
         return Truth(
             vehicle=self.vehicle.name,
             stamp_ns=stamp_ns,
@@ -138,7 +144,10 @@ class Body:
         """Count a contact that ends a flight, and store its speed."""
         self._highest_m = max(self._highest_m, height_m)
         self._climbs.append((stamp_ns, climb_m_s))
-        while stamp_ns - self._climbs[0][0] > _CONTACT_NS:
+        while True:
+            oldest_ns, _ = self._climbs[0]
+            if stamp_ns - oldest_ns <= _CONTACT_NS:
+                break
             self._climbs.popleft()
 
         fastest_m_s = -min(climb for _, climb in self._climbs)

@@ -39,8 +39,8 @@ def _fitting_key(fleet: FleetConfig, role: str) -> NodeRole:
 
     A ground that only watches uses the key for orders if there is no key for watching.
     """
-    viewer_key = os.path.join(fleet.keys_folder, files_of(NodeRole.VIEWER)[1])
-    if role != GROUND and os.path.exists(viewer_key):
+    viewer_certificate = os.path.join(fleet.keys_folder, files_of(NodeRole.VIEWER).certificate)
+    if role != GROUND and os.path.exists(viewer_certificate):
         return NodeRole.VIEWER
     return NodeRole.GROUND
 

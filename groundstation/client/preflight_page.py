@@ -255,7 +255,8 @@ def _computer_lines(state: FleetState) -> list[PageLine]:
 
 def _ground_key_lines(fleet: FleetConfig) -> list[PageLine]:
     """Return a line if this ground's certificate ends soon; otherwise none."""
-    end_s = _certificate_end_s(os.path.join(fleet.keys_folder, files_of(NodeRole.GROUND)[1]))
+    certificate = files_of(NodeRole.GROUND).certificate
+    end_s = _certificate_end_s(os.path.join(fleet.keys_folder, certificate))
     if not fleet.has_keys or end_s is None:
         return []
 

@@ -25,7 +25,7 @@ from groundstation.paths.pieces import fitted, through
 from onboard.arrays import Array
 from onboard.config.file_reading import CSV_FILE, read_text
 from onboard.config.fleet import ConfigError
-from onboard.control.path import LONGEST_S, NUMBERS, Path, path_of
+from onboard.control.path import LONGEST_S, NUMBER_COUNT, Path, path_of
 
 MOST_LINES = 400_000
 LONGEST_LINE = 4096  # letters; Crazyswarm's 33 columns take 500
@@ -73,7 +73,7 @@ def load_path(file: str | os.PathLike[str]) -> Path:
         raise ConfigError(f"{name}: {error}") from None
     raise ConfigError(
         f"{name}: the columns {', '.join(columns[:6])} are no path. Name them t,x,y,z[,yaw] or "
-        f"x,y,z,speed[,yaw] in the first line, or write Crazyswarm's {NUMBERS} columns "
+        f"x,y,z,speed[,yaw] in the first line, or write Crazyswarm's {NUMBER_COUNT} columns "
         "duration,x^0,...,yaw^7."
     )
 

@@ -11,7 +11,7 @@ import math
 import numpy as np
 
 from onboard.arrays import Array
-from onboard.control.path import LONGEST_S, NUMBERS, Path, path_of
+from onboard.control.path import LONGEST_S, NUMBER_COUNT, Path, path_of
 
 GRID_S = 0.05  # time from one sample of the grid to the next
 _WINDOW = 5  # samples of the grid on each side over which positions are smoothed
@@ -162,7 +162,7 @@ def cut(path: Path, begin_s: float, end_s: float) -> Array:
 
         shifted = np.array(piece[1:]).reshape(4, 8) @ _shift(first_s)
         out.append(np.concatenate([[last_s - first_s], shifted.reshape(-1)]))
-    return np.array(out).reshape(-1, NUMBERS)
+    return np.array(out).reshape(-1, NUMBER_COUNT)
 
 
 def moved(path: Path, by: Array) -> Path:

@@ -13,7 +13,7 @@ import numpy as np
 from groundstation.paths.lights import TimedColour
 from groundstation.paths.pieces import fitted
 from onboard.config.fleet import ConfigError, Origin
-from onboard.control.path import NUMBERS, Path, path_of, sampled
+from onboard.control.path import NUMBER_COUNT, Path, path_of, sampled
 from onboard.tuples import Xyz
 
 MOST_DRONES = 200
@@ -126,5 +126,5 @@ def bezier_piece(duration_s: float, points: list[list[float]]) -> list[float]:
         per_time = powers / duration_s ** np.arange(len(control_points))[:, None]
     coefficients = np.zeros((4, 8))
     coefficients[:3, : len(control_points)] = per_time.T
-    # of the NUMBERS of a piece, the first is its duration
-    return [duration_s, *coefficients.reshape(NUMBERS - 1).tolist()]
+    # the first number of a piece is its duration
+    return [duration_s, *coefficients.reshape(NUMBER_COUNT - 1).tolist()]

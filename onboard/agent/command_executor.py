@@ -20,8 +20,8 @@ from onboard.bus.schema import OrderReply
 from onboard.bus.topics import TOPICS, Delivery, Topic
 from onboard.process.background_queue import BackgroundQueue
 
-# a setpoint is not sent to PX4 if it comes later than this after the begin of its tick
-_SETPOINT_NS = 60_000_000
+# a setpoint that comes later than this after the begin of its tick is not sent
+_LATEST_SETPOINT_NS = 60_000_000
 
 log = logging.getLogger("covey.agent")
 
@@ -79,7 +79,7 @@ class CommandExecutor:
 
     def start_threads(self) -> None:
         """Start the threads now, before the process takes its realtime priority for all threads."""
-        # int() stands for any call that returns at once
+        # the first call of a queue starts its thread; int() does nothing
         self.reliable.submit(int)
         self._subscriptions.submit(int)
 
@@ -98,7 +98,7 @@ class CommandExecutor:
             self._actions[type(command)](command)
 
     def _send_attitude(self, command: agent_commands.SendAttitude) -> None:
-        if time.monotonic_ns() - self.tick_ns < _SETPOINT_NS:
+        if time.monotonic_ns() - self.tick_ns < _LATEST_SETPOINT_NS:
             self._link.send_attitude(command.setpoint)
 
     def _publish(self, command: agent_commands.Publish) -> None:
@@ -133,9 +133,8 @@ class CommandExecutor:
         on_message = self._inbox.neighbour_received
         self._subscriptions.submit(self._bus.follow, Topic.STATE, command.names, on_message)
 
-        # A followed neighbour sends each of its states here. Of all other vehicles only the slow
-        # states are read (topic FAR). They are also read under the own name, because a state under
-        # the own name comes from a second agent of the same vehicle.
+        # Of the vehicles that are not followed, only the slow states are read (topic FAR). A slow
+        # state under the own name comes from a second agent of the same vehicle.
         slow_names = self._names - command.names
         slow_names.add(self._name)
         self._subscriptions.submit(self._bus.follow, Topic.FAR, slow_names, on_message)

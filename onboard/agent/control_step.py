@@ -19,7 +19,7 @@ from onboard.safety.setpoint_check import is_sendable
 from onboard.types import AttitudeSetpoint, Goal, Neighbour, State, Tick
 from onboard.vectors import ZERO_3, Vec3
 
-# arguments and results of :func:`onboard.control.pipeline.step`
+# type of :func:`onboard.control.pipeline.step`
 PipelineStep = Callable[..., tuple[PipelineMemory, Tick]]
 
 
@@ -45,19 +45,19 @@ class ControlStep:
         vehicle = fleet.vehicles[vehicle_name]
         self.params = pipeline.pipeline_params(fleet, vehicle_name)
         self.obstacles = still(fleet)
+        self.surroundings = router.surroundings(self.obstacles, self.params.law)
 
         self.tick: Tick | None = None  # newest result
         self.waits_for = router.NOBODY  # index of the neighbour to which it has given way
         self.is_finite = True  # whether the newest result can be flown
         self.hover_frac = vehicle.hover_thrust_frac  # learned in flight
-        # why Covey's law flies instead of the user's law; empty while the user's law flies
+        # why Covey's law flies instead of the user's law; empty if it does not
         self.law_refusal = ""
 
         self._configured_hover_frac = vehicle.hover_thrust_frac
         self._max_tilt_deg = vehicle.max_tilt_deg
         self._start_enu_m = Vec3(*vehicle.start_enu_m)
         self._pipeline_step = pipeline_step
-        self.surroundings = router.surroundings(self.obstacles, self.params.law)
         self._route = router.RouteMemory()
         self._memory = pipeline.initial(self.params, self._start_enu_m)
         self._own_law: OwnLawRunner | None = None

@@ -99,8 +99,8 @@ _ZERO = (0.0, 0.0, 0.0)
 _IN_AIR = (Landed.IN_AIR, Landed.TAKING_OFF, Landed.LANDING)
 # situations in which the process may end: on the ground, and after a flight that it has given up
 _MAY_END = (Situation.GROUND, Situation.SILENT)
-# steps of these situations in which the process stays until PX4 reports that it is disarmed
-_DISARMS = (
+# steps in which the process waits for PX4 to report that it has disarmed
+_DISARMING_STEPS = (
     FlightStep.DISARMED,
     FlightStep.FAILSAFE_DISARMING,
     FlightStep.FAILED_DISARMING,
@@ -368,12 +368,12 @@ class AgentCore:
         control = self.control
         last_pass = control.tick
 
-        # before the first pass of the pipeline
+        # values before the first pass of the pipeline
         law_status = 0
-        active_neighbour = -1
-        below_m = 0.0
+        active_neighbour = router.NOBODY
         is_law_active = False
-        setpoint_miss_m = 0.0
+        below_m = 0.0  # height of the setpoint above the vehicle
+        setpoint_miss_m = 0.0  # horizontal distance from the setpoint to the predicted position
 
         if last_pass is not None:
             law = last_pass.law
@@ -384,7 +384,8 @@ class AgentCore:
             if control.waits_for != router.NOBODY:
                 active_neighbour = control.waits_for
 
-            below_m = setpoint_enu_m.z - view.position_enu_m[2]
+            _, _, z_m = view.position_enu_m
+            below_m = setpoint_enu_m.z - z_m
             miss = subtract(setpoint_enu_m, law.predicted_position_enu_m)
             setpoint_miss_m = math.hypot(miss.x, miss.y)
 
@@ -501,7 +502,7 @@ class AgentCore:
         """
         flight = self.flight
         waited_long = predicates.px4_has_not_confirmed_in_time(flight, view)
-        is_disarming = flight.step in _DISARMS and not waited_long
+        is_disarming = flight.step in _DISARMING_STEPS and not waited_long
         return flight.step.situation in _MAY_END and not is_disarming
 
     def _is_airborne(self) -> bool:

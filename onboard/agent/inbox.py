@@ -33,8 +33,7 @@ from onboard.mocap.source import MocapSource
 _MOST_EVENTS = 2000  # number of messages that may wait for a tick
 _MOST_CORRECTIONS = 32  # number of frames of corrections that may wait for a tick
 _NODES_PER_TICK = 50  # number of appeared or lost nodes of the bus that one tick takes
-# Largest gap, in states, that counts as lost messages. A longer gap is a silence, or the neighbour
-# was not followed.
+# if this many states are missing, the neighbour was silent or not followed, and none counts as lost
 _MOST_MISSING = 50
 
 
@@ -74,8 +73,8 @@ class Inbox:
         self._state_ticks = state_ticks
         self._takes_corrections = takes_corrections
         self._mocap: MocapSource | None = None
-        # receives the poses of other bodies (watch_bodies)
-        self._others = BusMocap(bus, "*", self._pose_received, self._malformed_received)
+        # receives the poses of the bodies that watch_bodies names
+        self._other_bodies = BusMocap(bus, "*", self._pose_received, self._malformed_received)
         self._reported_problem = ""  # problem of the mocap's source that was reported last
         self._counts = MessageCounts()  # since the last take_counts
         self._sequences: dict[str, int] = {}  # followed neighbour -> sequence of its newest state
@@ -109,7 +108,7 @@ class Inbox:
         return agent_inputs.MessagesCounted(counts.malformed, counts.refused, counts.dropped)
 
     def nodes_changed(self) -> list[agent_inputs.NodeChanged]:
-        """Return the newest changes of nodes, at most _NODES_PER_TICK."""
+        """Take the newest changes of nodes, at most _NODES_PER_TICK."""
         changes: list[agent_inputs.NodeChanged] = []
         while self._nodes and len(changes) < _NODES_PER_TICK:
             changes.append(agent_inputs.NodeChanged(*self._nodes.popitem()))
@@ -140,17 +139,14 @@ class Inbox:
         self._append(agent_inputs.NeighbourReceived(on_own_clock, now_ns))
 
     def _count_missing(self, name: str, sequence: int) -> None:
-        """Count the states that were lost between the last one of a neighbour and this one.
-
-        A followed neighbour sends each of its states to this vehicle.
-        """
+        """Count the states of a followed neighbour that were lost before the state ``sequence``."""
         # at the first state of a neighbour, no state is missing
         last_sequence = self._sequences.get(name, sequence - self._state_ticks)
         missing = (sequence - last_sequence) // self._state_ticks - 1
         if 0 < missing < _MOST_MISSING:
             self._counts.dropped += missing
 
-        # After a small step back, a newer message has overtaken this one. After a large step back,
+        # A small negative number: a newer state has overtaken this state. A large negative number:
         # the neighbour has restarted its count.
         is_overtaken = -_MOST_MISSING < missing < 0
         if not is_overtaken:
@@ -168,7 +164,7 @@ class Inbox:
         A mocap that is read directly sends the poses of all bodies anyway.
         """
         if not self._mocap_config.direct:
-            self._bus.follow(Topic.MOCAP, bodies, self._others.receive)
+            self._bus.follow(Topic.MOCAP, bodies, self._other_bodies.receive)
 
     def mocap_problem(self) -> agent_inputs.MocapProblemChanged | None:
         """Return the problem of the mocap's source if it has changed; otherwise None."""

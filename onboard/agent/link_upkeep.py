@@ -1,8 +1,7 @@
 """Upkeep of the link to PX4: waits for PX4, sets rates and origin, checks parameters.
 
-It runs beside the control loop. It begins anew whenever PX4 restarts, and whenever PX4 is heard
-again after a silence: when its USB cable is plugged in again, a PX4 that has kept its power sends
-at its default rates.
+It begins anew whenever PX4 restarts, and whenever PX4 is heard again after a silence: a PX4 whose
+USB cable was plugged in again sends at its default rates.
 """
 
 from __future__ import annotations
@@ -32,7 +31,7 @@ from onboard.safety.failsafe_table import Situation
 
 _REPEAT_S = 5.0  # time until the next check while there are problems
 _LOOK_S = 1.0  # time until the next check while there are no problems
-# time after which parameters are read again, because somebody may have changed one of them
+# time after which parameters are read again, because somebody may have changed them
 _READ_AGAIN_NS = 15_000_000_000
 _NO_ORIGIN = (
     "PX4 has no global origin yet, and gets no poses until it has: "
@@ -76,7 +75,7 @@ class LinkUpkeep:
 
     def start_threads(self) -> None:
         """Start the thread now, before the process takes its realtime priority for all threads."""
-        self._blocking.submit(int)  # any call that returns at once
+        self._blocking.submit(int)  # the first call starts the thread; int() does nothing
 
     def start(self) -> None:
         """Begin, in the running event loop."""
@@ -93,9 +92,9 @@ class LinkUpkeep:
         await self._connect()
         while True:
             # read before the preparation, because PX4 may restart during it
-            before = _beginnings(self._link.snapshot())
+            beginnings = _beginnings(self._link.snapshot())
             await self._prepare()
-            await self._watch_while(before)
+            await self._watch(beginnings)
             self._absent.clear()
             log.warning("PX4 has restarted, or is heard again")
 
@@ -137,11 +136,11 @@ class LinkUpkeep:
         required = required_params(self._fleet, self._vehicle, version)
         return [param for name, param in required.items() if name not in self._absent]
 
-    async def _watch_while(self, beginnings: int) -> None:
-        """Check parameters, origin and disk, until PX4 restarts or is heard again."""
+    async def _watch(self, beginnings: int) -> None:
+        """Check parameters, origin and disk until the number of beginnings changes."""
         problems: tuple[str, ...] | None = None  # None: the parameters have not been read yet
-        read_ns = 0  # time at which they were read
-        read_for: Version | None = None  # PX4's version at that time
+        read_ns = 0  # time of the newest reading
+        read_for: Version | None = None  # PX4's version at the newest reading
         has_origin = True
 
         while True:
@@ -154,8 +153,8 @@ class LinkUpkeep:
             if is_on_ground:
                 has_origin = self._link.settle_global_origin(sets_ours=self._vehicle.mocap_required)
 
-            # Parameters are read once at once. On the ground they are read again after some time,
-            # for another version of PX4, and while there are problems that may have been solved.
+            # The first reading may be in flight. Further readings are on the ground: after some
+            # time, for another version of PX4, and while there are problems.
             is_old = time.monotonic_ns() - read_ns > _READ_AGAIN_NS
             is_due_again = bool(problems) or version != read_for or is_old
             if problems is None or (is_due_again and is_on_ground):
@@ -163,7 +162,7 @@ class LinkUpkeep:
                 read_for = version
                 problems = await self._read_params(has_origin)
 
-            # while the origin is missing, it is looked for every second
+            # a missing origin is looked for every second
             pause_s = _LOOK_S
             if problems and has_origin:
                 pause_s = _REPEAT_S
@@ -189,8 +188,10 @@ class LinkUpkeep:
         problems = differences(required, actual)
         if not has_origin:
             problems = (*problems, _NO_ORIGIN)
-        battery_floor_pct = float(actual.get(BATTERY_FLOOR) or 0.0)
-        self._notify(agent_inputs.ParamsRead(problems, 0.01 * battery_floor_pct))
+        battery_floor_pct = actual.get(BATTERY_FLOOR)
+        if battery_floor_pct is None:
+            battery_floor_pct = 0.0
+        self._notify(agent_inputs.ParamsRead(problems, 0.01 * float(battery_floor_pct)))
         for sentence in problems:
             log.warning("%s", sentence)
         return problems

@@ -102,8 +102,7 @@ class AgentProcess:
             router_timeout_s=_ROUTER_S,
         )
 
-        # The end of validity of the certificates with which the links are opened. Newer
-        # certificates are used only after the next start.
+        # earliest end of the certificates with which the links are opened; None without any
         self._certificate_end = first_end(fleet, name)
         self._ends_links = False  # whether the process ends because of its certificate
 
@@ -145,8 +144,8 @@ class AgentProcess:
         self._ended: asyncio.Future[int] | None = None
         self._ticks = 0
         self._failed_ticks = 0  # in a row
-        self._signals = 0
-        self._was_ready = False
+        self._signals = 0  # number of signals that asked to stop
+        self._has_said_ready = False
 
     async def run(self) -> int:
         """Fly until the process is asked to end; return the exit status."""
@@ -286,8 +285,9 @@ class AgentProcess:
         if self._ticks % _TIDY_TICKS == 0 and flight.step.situation is Situation.GROUND:
             realtime.tidy()
 
-        if not self._was_ready and flight.state == "ready":
-            self._was_ready = self._executor.reliable.submit(
+        # submit returns False if its queue is full; then the next tick tries again
+        if not self._has_said_ready and flight.state == "ready":
+            self._has_said_ready = self._executor.reliable.submit(
                 lambda: print(f"agent {self._name}: ready", flush=True)
             )
 
@@ -302,16 +302,15 @@ class AgentProcess:
             execute(core.handle(change, now_ns))
         self._bus.deliver()
 
-        # The commands that follow from poses go to PX4 after the setpoint, so that the setpoint
-        # does not wait for them.
-        for_px4: list[agent_commands.Command] = []
+        # commands that follow from poses; the setpoint does not wait for them
+        pose_commands: list[agent_commands.Command] = []
         while inbox.events:
-            for_px4 += core.handle(inbox.events.popleft(), now_ns)
+            pose_commands += core.handle(inbox.events.popleft(), now_ns)
         snapshot = self._link.snapshot()
         core.handle(agent_inputs.SnapshotReceived(snapshot), now_ns)
 
         execute(core.tick(now_ns))
-        execute(for_px4)
+        execute(pose_commands)
 
         is_on_ground = core.flight.step.situation is Situation.GROUND
         hears_px4 = (now_ns - snapshot.heartbeat_ns) * 1e-9 < HEARTBEAT_SILENT_S

@@ -23,27 +23,28 @@ class LostEnds:
 
     def __init__(self) -> None:
         self._ends: deque[tuple[int, Publish]] = deque(maxlen=_MOST_ENDS)  # stamp [ns], event
-        self._lost_ns: dict[str, int] = {}  # ground -> time when its loss was noticed
+        # lost ground -> time from which it may have missed ends
+        self._missed_from_ns: dict[str, int] = {}
         self._from_ns = 0  # ends since this time are published again
-        self._repeat_ns = 0  # time at which they are published again; 0: no repeat is pending
+        self._repeat_ns = 0  # time of the next repeat; 0: no repeat is pending
 
     def see(self, ground: str, is_alive: bool, now_ns: int) -> None:
         """Take the appearance or the loss of a ground."""
         is_repeat_pending = self._repeat_ns != 0
 
         if not is_alive:
-            if len(self._lost_ns) >= _MOST_GROUNDS:
-                oldest = next(iter(self._lost_ns))
-                self._lost_ns.pop(oldest)
+            if len(self._missed_from_ns) >= _MOST_GROUNDS:
+                oldest = next(iter(self._missed_from_ns))
+                self._missed_from_ns.pop(oldest)
 
-            lost_ns = now_ns
+            from_ns = now_ns - _NOTICED_NS
             if is_repeat_pending:
-                # lost again before anything was repeated: the earlier ends are still missing
-                lost_ns = min(now_ns, self._from_ns + _NOTICED_NS)
-            self._lost_ns[ground] = lost_ns
+                # lost again before the repeat: the earlier ends are still missing
+                from_ns = min(self._from_ns, from_ns)
+            self._missed_from_ns[ground] = from_ns
 
-        elif ground in self._lost_ns:
-            from_ns = self._lost_ns.pop(ground) - _NOTICED_NS
+        elif ground in self._missed_from_ns:
+            from_ns = self._missed_from_ns.pop(ground)
             if is_repeat_pending:
                 from_ns = min(self._from_ns, from_ns)
             self._from_ns = from_ns
@@ -67,6 +68,7 @@ class LostEnds:
     def _keep(self, command: Publish, event: Event) -> None:
         """Keep the event if it ends an order that a ground may wait for."""
         end = (event.stamp_ns, command)
-        is_end = event.order_outcome and event.severity != "debug"
-        if is_end and end not in self._ends:
+        is_end = event.order_outcome != "" and event.severity != "debug"
+        is_repeated = end in self._ends
+        if is_end and not is_repeated:
             self._ends.append(end)

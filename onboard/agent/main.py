@@ -53,7 +53,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     words = list(argv)
     if words and words[0] in service.VERBS:
         return service.main(words)
-    if words[:1] == ["deploy"]:
+    if words and words[0] == "deploy":
         return deploy.main(words[1:])
 
     arguments = parser().parse_args(words)

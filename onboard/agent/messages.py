@@ -31,6 +31,8 @@ from onboard.supervision.failsafe_supervisor import FailsafeSupervisor
 from onboard.tuples import Xyz
 from onboard.types import LawStatus, Tick
 
+_MOST_CHARACTERS = 60  # of a text that comes from an order
+
 
 class AgentIdentity(Struct, frozen=True):
     """Facts of one run of an agent that never change."""
@@ -288,9 +290,9 @@ def telemetry(
         **_satellite_fields(identity.vehicle, snapshot, now_ns, result.corrections),
         **_taken_order(sources.orders),
         **_counts(counters.messages),
-        disabled_by=flight.disabled_by[:60],
+        disabled_by=flight.disabled_by[:_MOST_CHARACTERS],
         stands_in_for=flight.stands_in_for,
-        follows=flight.followed[:60],
+        follows=flight.followed[:_MOST_CHARACTERS],
         is_path_paused=flight.is_paused,
         **_path_fields(flight.path),
     )
@@ -317,7 +319,7 @@ def _satellite_fields(
     vehicle: Vehicle, snapshot: Snapshot, now_ns: int, corrections: CorrectionsStatus | None
 ) -> dict[str, Any]:
     """Return the fields about corrections and, for a flight without mocap, about satellites."""
-    is_fix_recent = snapshot.fix_ns and now_ns - snapshot.fix_ns <= FIX_KNOWN_NS
+    is_fix_recent = snapshot.fix_ns != 0 and now_ns - snapshot.fix_ns <= FIX_KNOWN_NS
     if vehicle.mocap_required or not is_fix_recent:
         return _correction_fields(corrections)
     return {
@@ -346,9 +348,9 @@ def _taken_order(orders: OrderIntake) -> dict[str, Any]:
         return {}
     order = orders.taken.order
     return {
-        "taken_order_id": order.order_id[:60],
+        "taken_order_id": order.order_id[:_MOST_CHARACTERS],
         "taken_order_kind": order.kind,
-        "taken_order_from": f"{order.author[:60]} ({order.node[:60]})",
+        "taken_order_from": f"{order.author[:_MOST_CHARACTERS]} ({order.node[:_MOST_CHARACTERS]})",
     }
 
 

@@ -2,8 +2,8 @@
 
 The signature of an order shows who gave the order, but not when. So an order repeats the stamp of
 the newest telemetry that its sender had received from this vehicle. Nobody can know this stamp in
-advance, and it is signed with the order. It comes from this agent's own clock, so the agent can
-tell whether an order was delayed, kept for a later flight, or sent twice.
+advance, and it is signed with the order. The stamp is a time of this agent's own clock, so the
+agent can tell whether an order was delayed, kept for a later flight, or sent twice.
 
 A ground that gets no reply sends its order again, with the same id, a newer stamp of its own, and a
 new signature. Nobody else can make such a message, and the agent replies to it as before.
@@ -16,7 +16,7 @@ from onboard.bus.protocol import UntrustedOrder
 from onboard.bus.schema import Order
 from onboard.flight.order_checks import late_sentence
 
-FRESH_S = 5.0  # longest time from the stamp of that telemetry to the order's arrival
+FRESH_S = 5.0  # longest time from the repeated stamp to the order's arrival
 
 # the same for land, hold and kill, because in an emergency the ground's newest telemetry may be old
 FRESH_EMERGENCY_S = 30.0
@@ -42,7 +42,7 @@ class OrderGate:
     def refusal(
         self, order: Order, now_ns: int, *, is_answered: bool = False
     ) -> UntrustedOrder | None:
-        """Return why an order with a correct signature is refused, or None for a new order.
+        """Return why an order with a correct signature is refused, or None if it is not.
 
         Args:
             order: the order, with its deadline on this agent's clock.
@@ -54,7 +54,7 @@ class OrderGate:
             sentence = f"Order {order.text} is not for this start of the agent: send it again."
             return UntrustedOrder("other start", sentence, order.order_id)
 
-        age_s = 1e-9 * (now_ns - order.heard_ns)
+        age_s = 1e-9 * (now_ns - order.heard_ns)  # since the repeated stamp
         limit_s = FRESH_EMERGENCY_S if order.kind in EMERGENCY else FRESH_S
         if not 0.0 <= age_s <= limit_s:
             sentence = f"Order {order.text} was given {age_s:.1f} s ago: send it again."

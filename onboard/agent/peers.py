@@ -21,8 +21,9 @@ class BusNodes:
     def __init__(self, fleet: FleetConfig, vehicle_name: str) -> None:
         self.roles = ControlTokens()
         self.lost_ends = LostEnds()
-        self.has_ground = False  # a ground is on the bus
+        self.has_ground = False  # whether a ground is on the bus
 
+        # whether messages of another vehicle or of the mocap are expected
         is_alone = len(fleet.enabled_names) <= 1
         self._has_peers = not is_alone or fleet.vehicles[vehicle_name].mocap_required
         self._grounds: set[str] = set()
@@ -30,7 +31,7 @@ class BusNodes:
     def update(self, node: str, is_alive: bool, now_ns: int) -> None:
         """Take the appearance or the loss of a node."""
         # The presence of a ground itself matters. Every other node only shows who has which role.
-        first_word = node.partition("-")[0]
+        first_word, _, _ = node.partition("-")
         if first_word != GROUND:
             self.roles.see(node, is_alive)
             return
@@ -49,8 +50,8 @@ class BusNodes:
     def silence_s(self, last_heard_ns: int, now_ns: int) -> float:
         """Return the time [s] since a message came over the bus.
 
-        The time is 0 while silence is normal: before the first message, if no other node is
-        expected, and while a ground is present.
+        The time is 0 before the first message, if no message is expected, and while a ground is
+        present.
         """
         if not last_heard_ns or not self._has_peers or self.has_ground:
             return 0.0
@@ -69,7 +70,7 @@ class NeighbourFollower:
         self._ticks_to_choice = 1
 
     def due(self, position_enu_m: Xyz | None, now_ns: int) -> list[Follow]:
-        """Count one tick; return a command if a choice is due and is the first or a new one."""
+        """Count one tick; return a command with the first choice and with each changed choice."""
         self._ticks_to_choice -= 1
         if self._ticks_to_choice > 0:
             return []

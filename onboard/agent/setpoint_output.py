@@ -90,7 +90,7 @@ class SetpointOutput:
         return [SendAttitude(for_px4)]
 
     def _may_hop(self, view: FlightView) -> bool:
-        """Return whether the feet of a landing vehicle may touch the ground, by a mocap's poses."""
+        """Return whether the vehicle may touch the ground; False if its height is not exact."""
         is_height_exact = self._has_mocap and not view.is_blind
         return is_height_exact and self._flight.may_touch_the_ground(view)
 

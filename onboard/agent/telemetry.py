@@ -37,7 +37,8 @@ class TelemetryPublisher:
     def __init__(
         self, identity: AgentIdentity, sources: TelemetrySources, state_ticks: int = 1
     ) -> None:
-        self.loop = LoopTimed(0.0, 0.0, 0.0, 0)  # newest statistics of the loop
+        # newest statistics of the loop
+        self.loop = LoopTimed(p50_ms=0.0, p99_ms=0.0, max_ms=0.0, late_ticks=0)
         # unused messages; the neighbour table and the own state count theirs themselves
         self.counts = MessageCounts()
 

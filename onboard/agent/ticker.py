@@ -93,6 +93,7 @@ class Ticker:
         if self._fd is None:
             return
         try:
+            # number of expiries since the last read
             (expired,) = struct.unpack("q", os.read(self._fd, 8))
         except BlockingIOError:
             return

@@ -1,16 +1,16 @@
 """Constraints of the law, as half-planes ``n . u >= b`` of the horizontal thrust u ("rows").
 
+README.md beside this file names the paper, and explains the lines of the algorithm (line D) and the
+deviations from the paper (D4). Numbers in brackets are equations of the paper.
+
 The paper constrains two outputs of a pair: the squared distance d_o,2 of (5), and the orthoradial
-velocity phi_perp of (6). It differentiates each of them until the input appears, (10). Then it
-bounds the input so that the output decays to its limit no faster than the kappas say, (17) and
-(18). The bounds are :func:`separating_bound` and :func:`h_2`.
+velocity phi_perp of (6). Each output is differentiated until the input appears, (10). The input is
+bounded so that the output decays to its limit no faster than the kappas say, (17) and (18). The
+bounds are :func:`separating_bound` and :func:`h_2`.
 
 Let e and w be position and velocity relative to the other vehicle. The inputs are ``u_1 = 2 e . u``
 and ``u_2 = e x u``, (15). So (17) and (18) are half-planes whose normals are e, and e turned by 90
 degrees. A row is divided by the distance to keep, so that its bound is in m/s^2.
-
-Numbers in brackets are equations of the paper. README.md beside this file explains the lines of the
-algorithm (line D) and the deviations from the paper (D4).
 """
 
 from __future__ import annotations
@@ -48,9 +48,9 @@ _CONFLICT_M_S = 0.3
 _NO_INTENT_M_S = 1e-6  # below this relative intended speed two vehicles intend the same
 
 # A pair turns clockwise only if its relative velocity clearly requires it: the passing distance is
-# at least this share of the distance to keep. A speed below the floor is replaced by the floor.
+# at least this share of the distance to keep.
 _CLOCKWISE_WIDTH = 0.25
-_CLOCKWISE_FLOOR_M_S = 0.1
+_CLOCKWISE_FLOOR_M_S = 0.1  # a smaller relative speed counts as this speed
 
 NO_ROW = HalfPlane(ZERO_2, -math.inf)
 
@@ -152,7 +152,8 @@ def obstacle_constraint(own: Own, surface: Surface, params: LawParams) -> Constr
 
     rotation = params.policies.rotation
     is_violated = hard.violation_m_s2 > VIOLATED_M_S2
-    if rotation == ROTATION_NEVER or not (is_violated or rotation == ROTATION_ALWAYS):
+    is_turning = is_violated and rotation != ROTATION_NEVER
+    if not is_turning and rotation != ROTATION_ALWAYS:
         return hard
 
     turn = obstacle_rotation_row(surface, own.velocity_m_s, own.intent_m_s, params)
@@ -170,7 +171,7 @@ def hard_constraint(own: Own, net_row: HalfPlane, table_index: int) -> Constrain
 
     Args:
         own: this vehicle at t + L.
-        net_row: row that keeps the distance, for a thrust without the compensation.
+        net_row: row that keeps the distance, for the acceleration (see :func:`compensated`).
         table_index: index of the neighbour, or NOT_A_VEHICLE.
     """
     row = compensated(net_row, own.compensation_m_s2)
@@ -184,10 +185,10 @@ def hard_constraint(own: Own, net_row: HalfPlane, table_index: int) -> Constrain
 
 
 def separating_bound(e: Vec2, w: Vec2, d_m: float, kappa_1_1_s: float, kappa_2_1_s: float) -> float:
-    """Return the bound [m^2/s^2] of ``e . (a_i - a_j)`` that keeps a pair apart.
+    """Return the bound [m^2/s^2] of ``e . (a_i - a_j)`` that keeps the distance, (7), of a pair.
 
-    It keeps the squared distance, (5), above d^2, (7). The bound is half of h_1 of (20), without
-    the other vehicle's acceleration, which the paper includes in D_1.
+    The bound is half of h_1 of (20), without the other vehicle's acceleration, which the paper
+    includes in D_1.
 
     Args:
         e, w: relative position and velocity [m, m/s].
@@ -208,8 +209,8 @@ def h_2(
 ) -> float:
     """Return the bound (21) [m^2/s^2] for turning about the other vehicle.
 
-    ``sign (e x a) >= h_2`` keeps the orthoradial velocity, (6), above (8). With the sign -1 it
-    keeps that velocity below (9).
+    ``sign (e x a) >= h_2`` keeps the orthoradial velocity, (6), above (8) with the sign +1, and
+    below (9) with the sign -1.
 
     Args:
         e, w: relative position and velocity [m, m/s].
@@ -325,7 +326,7 @@ def rotation_row(
     sign = turn_sign(e, pair.intent_m_s, d, is_crowded, policies.direction)
 
     v_perp = gains.v_perp_m_s
-    if is_crowded and policies.direction >= DIRECTION_CROWD:
+    if is_crowded and policies.direction >= DIRECTION_CROWD:  # "crowd" or "intent"
         v_perp = gains.v_perp_crowd_m_s
 
     if policies.responsibility == RESPONSIBILITY_FULL:
@@ -352,7 +353,7 @@ def conflict(e: Vec2, intent_m_s: Vec2, d_m: float) -> float:
     """
     speed_m_s = length_2(intent_m_s)
     if speed_m_s < _NO_INTENT_M_S or dot_2(e, intent_m_s) >= 0.0:
-        return 0.0  # they part
+        return 0.0  # the two agree, or fly apart
 
     passing_m = abs(cross_2(e, intent_m_s)) / speed_m_s  # smallest distance on straight paths
     nearness = (_CONFLICT_WIDTH * d_m - passing_m) / (_CONFLICT_FADE * d_m)
@@ -360,7 +361,7 @@ def conflict(e: Vec2, intent_m_s: Vec2, d_m: float) -> float:
     return share * min(speed_m_s / _CONFLICT_M_S, 1.0)
 
 
-def turn_sign(e: Vec2, intent_m_s: Vec2, d_m: float, is_crowded: bool, direction: int) -> float:
+def turn_sign(e: Vec2, deciding_m_s: Vec2, d_m: float, is_crowded: bool, direction: int) -> float:
     """Return the side of a turn by policy: +1 counter-clockwise, (8), or -1 clockwise, (9).
 
     * "fixed": always +1.
@@ -375,7 +376,7 @@ def turn_sign(e: Vec2, intent_m_s: Vec2, d_m: float, is_crowded: bool, direction
 
     Args:
         e: relative position [m].
-        intent_m_s: relative velocity that decides: intended or flown, by policy.
+        deciding_m_s: relative velocity that decides: intended or flown, by policy.
         d_m: distance to keep.
         is_crowded: whether the pair is part of a crowd.
         direction: the policy.
@@ -383,16 +384,16 @@ def turn_sign(e: Vec2, intent_m_s: Vec2, d_m: float, is_crowded: bool, direction
     if direction == DIRECTION_FIXED or (is_crowded and direction >= DIRECTION_CROWD):
         return 1.0
 
-    speed_m_s = max(length_2(intent_m_s), _CLOCKWISE_FLOOR_M_S)
+    speed_m_s = max(length_2(deciding_m_s), _CLOCKWISE_FLOOR_M_S)
     clearly_clockwise = -_CLOCKWISE_WIDTH * d_m * speed_m_s
-    return -1.0 if cross_2(e, intent_m_s) < clearly_clockwise else 1.0
+    return -1.0 if cross_2(e, deciding_m_s) < clearly_clockwise else 1.0
 
 
 def obstacle_row(surface: Surface, gains: Gains) -> HalfPlane:
     """Return the half-plane that keeps a static obstacle at its distance: (17). DEVIATION D13.
 
     Args:
-        surface: the obstacle's nearest point. This vehicle takes all of the bound.
+        surface: the obstacle's nearest point.
         gains: holds the kappas; ``static_kappa_1_1_s`` is used in place of kappa_1.
     """
     bound = separating_bound(
@@ -413,7 +414,8 @@ def obstacle_rotation_row(
     e = surface.e
     d = surface.d_m
     gains = params.gains
-    sign = turn_sign(e, intent_m_s, d, False, params.policies.direction)
+    is_crowded = False
+    sign = turn_sign(e, intent_m_s, d, is_crowded, params.policies.direction)
     bound = h_2(e, surface.w, velocity_m_s, d, gains.v_perp_m_s, sign, gains)
     return orthoradial(e, sign, bound, d)
 
@@ -477,7 +479,7 @@ def can_bind(row: HalfPlane, radius_m_s2: float) -> bool:
 
 
 def faded(row: HalfPlane, thrust_m_s2: Vec2, strength: float) -> HalfPlane:
-    """Return the row with its bound moved towards the baseline's value of it. DEVIATION D15.
+    """Return the row, weakened towards one that the baseline satisfies. DEVIATION D15.
 
     Args:
         row: half-plane.

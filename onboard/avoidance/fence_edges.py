@@ -1,15 +1,14 @@
-"""Edges of the areas that a vehicle stays in or out of, as rows of the same projection.
+"""Edges of the areas that a vehicle stays in or out of, as rows (half-planes) of the law.
 
-An edge has the same row as a wall of the box. With the distance h from the edge, and the unit
-vector n from its nearest point into the allowed space, the row is
+With the distance h from the edge, and the unit vector n from its nearest point into the allowed
+space, the row is the same as for a wall of the fence:
 
     n . u >= -(k_1 + k_2) n . v - k_1 k_2 h.
 
-Each near edge of an area has its own row, also in a concave area. An edge ends at its corners. So
-a vehicle keeps its distance all around a corner that points into the allowed space. While the
-vehicle turns about a corner, its distance grows faster than n . u says; the row ignores this.
-Inside a circle of radius r the vehicle's tangential velocity v_t lets the distance shrink with
-v_t^2 / r; the row adds this. DEVIATION D13 (README.md beside this file).
+Each near edge of an area has its own row, also in a concave area. While the vehicle turns about a
+corner, its distance grows faster than n . u says; the row ignores this. Inside a circle of radius r
+the vehicle's tangential velocity v_t lets the distance shrink with v_t^2 / r; the row adds this.
+DEVIATION D13 (README.md beside this file).
 
 If the vehicle is on the forbidden side of an area, only the nearest edge has a row, which leads the
 vehicle back. The nearest edge alone shows on which side the vehicle is. If the nearest point lies
@@ -93,14 +92,15 @@ def edge_constraints(own: Own, still: Sequence[Capsule], params: LawParams) -> l
         and capsule.high_m >= lowest_m
     ]
     near = [edge for edge in edges if edge.distance_m - edge.keep_m <= reach]
-    order = ascending([edge.distance_m for edge in near])
+    ordered = [near[index] for index in ascending([edge.distance_m for edge in near])]
 
     constraints: list[Constraint] = []
-    for rank in range(min(len(order), MAX_EDGES)):
-        nearest = nearest_of_area(near, order, rank)
-        is_allowed = near[order[nearest]].is_allowed
+    for rank in range(min(len(ordered), MAX_EDGES)):
+        nearest = nearest_of_area(ordered, rank)
+        is_allowed = ordered[nearest].is_allowed
+        # on the forbidden side only the nearest edge of an area has a row
         if is_allowed or nearest == rank:
-            constraints.append(edge_constraint(own, near[order[rank]], is_allowed, params))
+            constraints.append(edge_constraint(own, ordered[rank], is_allowed, params))
     return constraints
 
 
@@ -120,17 +120,16 @@ def reach_m(own: Own, gains: Gains) -> float:
     return max(from_inside_m, LEAST_REACH_M)
 
 
-def nearest_of_area(edges: list[Edge], order: list[int], rank: int) -> int:
-    """Return the rank of the nearest edge of the same area.
+def nearest_of_area(edges: list[Edge], rank: int) -> int:
+    """Return the index of the nearest edge of the same area.
 
     Args:
-        edges: edges that are near.
-        order: their indexes, nearest first.
-        rank: index of one edge in that order; the result is an index in it, too.
+        edges: edges that are near, nearest first.
+        rank: index of one of these edges.
     """
-    area = edges[order[rank]].area
+    area = edges[rank].area
     for nearer in range(rank):
-        if edges[order[nearer]].area == area:
+        if edges[nearer].area == area:
             return nearer
     return rank
 

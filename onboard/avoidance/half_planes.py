@@ -31,8 +31,7 @@ def unit_row(row: HalfPlane) -> HalfPlane:
 def scaled_row(row: HalfPlane, factor: float) -> HalfPlane:
     """Return the same half-plane with both sides multiplied by a factor.
 
-    A slack is the amount by which a bound is lowered. If several rows have a common slack, it moves
-    the edge of this row by the slack divided by the factor.
+    If the bound is lowered by a slack, the edge moves by the slack divided by the factor.
 
     Args:
         row: half-plane.
@@ -96,8 +95,7 @@ def foot(u: Vec2, row: HalfPlane) -> Vec2:
 def on_circle(row: HalfPlane, radius: float, side: float) -> Vec2:
     """Return one of the two points where the edge of a half-plane meets the circle.
 
-    If they do not meet, the result is the edge's nearest point to the origin; it lies outside the
-    disc.
+    If edge and circle do not meet, the result is the edge's nearest point to the origin.
 
     Args:
         row: half-plane with a normal of unit length.

@@ -16,11 +16,11 @@ from onboard.avoidance.params import Spacing
 from onboard.avoidance.prediction import known_std, lead_time, message_age
 from onboard.types import Neighbour
 
-# An intended vertical velocity is the remaining climb to the goal divided by this time, or the top
-# speed of a climb if that is less. So the velocity times this time is the climb that is intended.
+# An intended vertical velocity is the remaining climb to the goal divided by this time, at most the
+# top speed of a climb.
 INTENT_S = 2.0
 
-# Whatever is intended, a climb is expected to go on for this time, which is longer than braking.
+# A climb is expected to go on for at least this time, which is longer than braking.
 _MOTION_S = 0.4
 
 # For a pair without vertical motion: height, on top of the vertical separation, over which the
@@ -74,33 +74,31 @@ def share_of(own: Climb, neighbour: Neighbour, own_lead_s: float, spacing: Spaci
     intended_closing_m = -side * (own.intended_climb_m - other.intended_climb_m)
 
     # a sum is finite only if all of its terms are finite
-    known = gap_now_m + gap_ahead_m + closing_m_s + own.intended_climb_m + other.intended_climb_m
-    if not math.isfinite(known):
+    total = gap_now_m + gap_ahead_m + closing_m_s + own.intended_climb_m + other.intended_climb_m
+    if not math.isfinite(total):
         return 1.0
     if message_age(neighbour) > _STALE_S:
         return 1.0
     if not neighbour.is_cooperative and side < 0.0:
-        return 1.0  # the whole column below it counts
+        return 1.0  # the whole column below the neighbour counts
 
-    # The distance begins to grow at the gap near_m + TRANSITION_M + towards_m, so the earlier the
-    # more height the two are about to lose. It has its full value when the gap is smaller by
-    # growth_m.
     own_std_m = known_std(own.position_std_m)
     other_std_m = known_std(other.position_std_m)
     sigma_m = HEIGHT_SIGMAS * math.hypot(own_std_m, other_std_m)
     near_m = spacing.vertical_separation_m + sigma_m
     towards_m = max(0.0, _MOTION_S * closing_m_s, intended_closing_m)
     smallest_gap_m = min(side * gap_now_m, abs(gap_ahead_m))
-    inside_m = near_m + TRANSITION_M + towards_m - smallest_gap_m
 
+    # the distance begins to grow at the gap begin_m, and is full when the gap is growth_m smaller
+    begin_m = near_m + TRANSITION_M + towards_m
     growth_m = TRANSITION_M + _GROWTH_SHARE * towards_m
-    return min(max(inside_m / growth_m, 0.0), 1.0)
+    return min(max((begin_m - smallest_gap_m) / growth_m, 0.0), 1.0)
 
 
 def is_ahead(own: Climb, neighbour: Neighbour, own_lead_s: float, spacing: Spacing) -> bool:
-    """Return whether this vehicle intends to climb or sink towards a neighbour that is still far.
+    """Return whether this vehicle intends to climb or sink towards a neighbour.
 
-    Far means that their heights differ by at least the vertical separation.
+    False while their heights differ by less than the vertical separation.
 
     Args:
         own: this vehicle.
@@ -159,6 +157,7 @@ def climb_of(neighbour: Neighbour, own_lead_s: float) -> Climb:
 
     predicted_m = neighbour.predicted_position_enu_m.z
     predicted_m_s = neighbour.predicted_velocity_enu_m_s.z
+    # from the neighbour's predicted state to this vehicle's t + L
     ahead_s = age_s + own_lead_s - lead_time(neighbour.lead_time_s, own_lead_s)
     return Climb(
         height_m=now_m,

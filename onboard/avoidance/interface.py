@@ -67,7 +67,7 @@ def own_at(baseline: Baseline, predicted: Motion, state: State, params: LawParam
         predicted: own motion from :func:`predict`.
         state: own estimate, of which the height and the standard deviations are used.
     """
-    f = baseline.thrust.thrust_enu_m_s2  # as the paper's thrust
+    f = baseline.thrust.thrust_enu_m_s2
     has_motion = (
         is_within(f, LARGEST)
         and is_within(predicted.position_enu_m, LARGEST)
@@ -115,22 +115,19 @@ def output_of(
         own: this vehicle at this tick.
         baseline, predicted: input of this tick, not yet made finite.
     """
-    # The law bounds thrust plus compensation. The output is without it: line O of the pipeline adds
-    # it again.
+    # the output is without the compensation: line O of the pipeline adds it again
     u = answer.thrust_m_s2
     s = own.compensation_m_s2
     command = Vec3(u.x - s.x, u.y - s.y, own.thrust_z_m_s2 - GRAVITY_M_S2)
 
-    has_motion = own.has_motion
     change = Vec2(u.x - own.thrust_m_s2.x, u.y - own.thrust_m_s2.y)
-
     climb_m_s = within(baseline.intent_enu_m_s.z, LARGEST)
     intent = Vec3(own.intent_m_s.x, own.intent_m_s.y, climb_m_s)
 
     return LawOutput(
         thrust=Thrust(Vec3(command.x, command.y, own.thrust_z_m_s2)),
-        predicted_position_enu_m=predicted.position_enu_m if has_motion else _UNKNOWN,
-        predicted_velocity_enu_m_s=predicted.velocity_enu_m_s if has_motion else _UNKNOWN,
+        predicted_position_enu_m=predicted.position_enu_m if own.has_motion else _UNKNOWN,
+        predicted_velocity_enu_m_s=predicted.velocity_enu_m_s if own.has_motion else _UNKNOWN,
         commanded_acceleration_enu_m_s2=command,
         status=answer.status if own.is_usable else INFEASIBLE,
         intervention_m_s2=length_2(change),
@@ -169,9 +166,7 @@ def unchanged(
 
 
 def horizontal_limit(thrust_z_m_s2: float, params: LawParams) -> float:
-    """Return the largest horizontal thrust [m/s^2] that leaves the vertical thrust unchanged.
-
-    Tilt and full throttle limit it. DEVIATION D8.
+    """Return the largest horizontal thrust [m/s^2] at a vertical thrust. DEVIATION D8.
 
     Args:
         thrust_z_m_s2: vertical thrust.

@@ -1,16 +1,13 @@
 """Output-to-input saturation (OIST) for N neighbours: turns the baseline thrust into a safe thrust.
 
-This file follows section 3 of the paper. The outputs to constrain are the distance of a pair (5)
-and its orthoradial velocity (6). Their derivatives (10) turn the limits (7), (8) into bounds h_1,
-h_2 of the input (20), (21): constraints.py. The paper saturates the input of one pair at its two
-bounds (22). That is the projection of the thrust on two half-planes. Here the thrust is projected
-on the half-planes of all neighbours, obstacles and walls, and on the disc that tilt and thrust can
-deliver: projection.py. The rows are evaluated where the vehicle will be when its command takes
-effect: prediction.py.
+README.md beside this file names the paper. It has the symbols, the algorithm's lines (P1 to O) and
+the deviations from the paper (D1 to D16). Numbers in brackets are equations of the paper.
 
-The vertical thrust is never changed, so that height is not traded for separation. README.md beside
-this file has the symbols, the algorithm's lines (P1 to O) and the deviations from the paper (D1 to
-D16).
+The paper bounds the input of one pair by h_1 and h_2 (20), (21): constraints.py. It saturates the
+input at these bounds (22), which projects the thrust on two half-planes ("rows"). Here the thrust
+is projected on the rows of all neighbours, obstacles and walls, and on the disc that tilt and
+thrust can deliver: projection.py. The rows are evaluated where the vehicle will be when its command
+takes effect: prediction.py. The vertical thrust is never changed.
 """
 
 from __future__ import annotations
@@ -87,14 +84,13 @@ ROUNDABOUT_S = 5.0
 
 # A vehicle is held back when it intends to fly faster than 0.2 m/s, and flies in that direction
 # with less than this share of the intended speed.
-_HELD_INTENT_2_M2_S2 = 0.04
+_HELD_INTENT_2_M2_S2 = 0.04  # square of 0.2 m/s
 _HELD_FRAC = 0.2
 
-# Stiffness of the springs by which rotation rows pull the thrust. With 25, one row is satisfied by
-# 96 %. Stiffer springs make the command jump if rows contradict each other. With softer springs,
-# vehicles stop face to face. Under the policy "always", as in the paper, the row is satisfied.
+# Stiffness of the springs by which rotation rows pull the thrust. Stiffer springs make the command
+# jump if rows contradict each other. With softer springs, vehicles stop face to face.
 _TURN_STIFFNESS = 25.0
-_STIFFNESS_ALWAYS = 1e7
+_STIFFNESS_ALWAYS = 1e7  # under the policy "always": the rows are satisfied, as in the paper
 
 # If rows contradict each other, the margins are relaxed by 30 m/s^2 while the speed limit is
 # relaxed by 1 m/s^2.
@@ -164,8 +160,9 @@ def predict(memory: LawMemory, state: State, params: LawParams, dt_s: float) -> 
     window_z_s = params.vertical_lag_s + age_s
     predicted = predict_own(memory.commands, now, window_s, window_z_s)
 
-    since = [PastCommand(memory.commands[0].acceleration_enu_m_s2, dt_s)]
-    expected = predict_own(since, memory.predicted, dt_s, dt_s)
+    # the last prediction, moved on by one tick with the newest command
+    newest = [PastCommand(memory.commands[0].acceleration_enu_m_s2, dt_s)]
+    expected = predict_own(newest, memory.predicted, dt_s, dt_s)
     return smoothed(predicted, expected, state, dt_s)
 
 
@@ -246,7 +243,7 @@ def saturate(
     own: Own,
     neighbours: Sequence[Neighbour],
     obstacles: Sequence[Capsule],
-    is_roundabout: bool,
+    calls_for_roundabout: bool,
     params: LawParams,
 ) -> Answer:
     """Return the thrust nearest to the baseline's that satisfies all rows.
@@ -257,10 +254,10 @@ def saturate(
         own: this vehicle at t + L.
         neighbours: neighbours as received.
         obstacles: static obstacles, and edges of the fence's areas.
-        is_roundabout: whether this vehicle has been held back for long and calls for a roundabout.
+        calls_for_roundabout: whether this vehicle has been held back for long.
     """
-    pairs, crowd_count, are_sound = nearest_pairs(own, neighbours, params)
-    if is_roundabout:
+    pairs, crowd_count, is_sound = nearest_pairs(own, neighbours, params)
+    if calls_for_roundabout:
         crowd_count = max(crowd_count, float(params.gains.crowd_count))
 
     surfaces = nearest_surfaces(own, obstacles, params.spacing.clearance_m)
@@ -275,7 +272,7 @@ def saturate(
     limit = speed_limit(own, pairs, rows, params)
     is_too_fast = largest_violation(own.thrust_m_s2, [limit]) > VIOLATED_M_S2
     if active == NOBODY and len(turns) == 0 and not is_too_fast:
-        status = INACTIVE if are_sound else INFEASIBLE
+        status = INACTIVE if is_sound else INFEASIBLE
         return unchanged_thrust(own, status, crowd_count)
 
     turned_m_s2 = pulled(own.thrust_m_s2, turns, turn_stiffness(params))
@@ -286,7 +283,7 @@ def saturate(
         status = SATURATED
     return Answer(
         thrust_m_s2=safe.point,
-        status=status if are_sound else INFEASIBLE,
+        status=status if is_sound else INFEASIBLE,
         slack_m_s2=safe.slack,
         crowd_count=crowd_count,
         active=active,
@@ -359,15 +356,17 @@ def nearest_thrust(
     radius = own.radius_m_s2
     with_margins = [row for row in rows[: len(pairs)] if can_bind(row, radius)]
     static = [row for row in rows[len(pairs) :] if can_bind(row, radius)]
-    limits = [row for row in [limit] if can_bind(row, radius)]
+    speed_rows: list[HalfPlane] = []
+    if can_bind(limit, radius):
+        speed_rows.append(limit)
 
-    safe = project(wanted_m_s2, with_margins + static + limits, radius)
+    safe = project(wanted_m_s2, with_margins + static + speed_rows, radius)
     if safe.status != RELAXED:
         return safe
 
     promises = [compensated(promised_row(pair, params), own.compensation_m_s2) for pair in pairs]
     firm = [row for row in promises if can_bind(row, radius)] + static
-    relaxed_first = with_margins + [scaled_row(row, _LIMIT_FIRMNESS) for row in limits]
+    relaxed_first = with_margins + [scaled_row(row, _LIMIT_FIRMNESS) for row in speed_rows]
     return relaxed_in_order(wanted_m_s2, relaxed_first, firm, radius)
 
 
@@ -411,12 +410,10 @@ def is_fleeing(own: Own, pairs: list[NeighbourPair], rows: list[HalfPlane]) -> b
 
 
 def next_held_s(held_s: float, own: Own, is_active: bool, dt_s: float) -> float:
-    """Return the next ``LawMemory.held_s``.
+    """Return the next ``LawMemory.held_s``. DEVIATION D4.
 
-    This counts the time for which a vehicle intends to move and the law prevents it. Two parked
-    neighbours with too narrow a gap between them would hold a vehicle for ever, because each of
-    their rows requires a turn that the other row forbids. So after HELD_S the vehicle calls for a
-    roundabout for ROUNDABOUT_S, which leads it around both neighbours. DEVIATION D4.
+    Two parked neighbours with too narrow a gap between them would hold a vehicle for ever: each
+    requires a turn that the other forbids. The roundabout leads the vehicle around both neighbours.
 
     Args:
         held_s: value at the last tick.

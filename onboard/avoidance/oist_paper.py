@@ -1,10 +1,11 @@
 """The paper's law for one moving obstacle: equations (5) to (22), turning as (8) or (9) says.
 
-The paper orders its vehicles in a ring, and each vehicle avoids only its successor.
+README.md beside this file names the paper. The paper orders its vehicles in a ring, and each
+vehicle avoids only its successor.
 
-All forces are per unit of mass, F / m, so that the mass cancels in M_o of (11). Only the horizontal
-x and y are used. Positions, velocities and accelerations are in fleet ENU. The orthoradial velocity
-of (6) is positive when the vehicle turns counter-clockwise about the obstacle as seen from above.
+All forces are per unit of mass, F / m. Positions, velocities and accelerations are in fleet ENU,
+and only their horizontal x and y are used. The orthoradial velocity of (6) is positive when the
+vehicle turns counter-clockwise about the obstacle as seen from above.
 """
 
 from __future__ import annotations
@@ -128,8 +129,7 @@ def _saturate_against(neighbour: Neighbour, own: Own, state: State, params: LawP
     if not _is_known(neighbour):
         return _answer(own.thrust_m_s2, INFEASIBLE, NOBODY)
 
-    # The paper's law has no compensation (line O). It is subtracted before the law and added again
-    # after it.
+    # the paper's law gets the thrust without the compensation, which is added to its result
     s = own.compensation_m_s2
     thrust = Vec2(own.thrust_m_s2.x - s.x, own.thrust_m_s2.y - s.y)
 

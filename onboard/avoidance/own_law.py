@@ -1,7 +1,7 @@
 """A user's own law in the place of Covey's: its inputs, and the check of its answer.
 
 docs/own-law.md is the page for authors of such laws. :mod:`own_law_runner` calls a law at each
-tick. Python interprets it; nothing here is compiled.
+tick.
 """
 
 from __future__ import annotations
@@ -155,7 +155,7 @@ def judged(answer: Any, inputs: LawInputs) -> tuple[Any, Vec3, str]:
 def _three_numbers(numbers: Any) -> Vec3:
     """Return the vector of three numbers; raises an exception for anything else."""
     if isinstance(numbers, str | bytes | dict):
-        raise TypeError  # their characters or keys could be taken for numbers
+        raise TypeError  # characters or keys could be taken for numbers
     return Vec3(*(float(number) for number in numbers))
 
 

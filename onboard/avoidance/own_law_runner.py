@@ -98,8 +98,8 @@ class OwnLawRunner:
                 return after, output
             after, output = flown_instead(thrust, output, after, before, inputs)
 
-        # Covey's law keeps its share of relaxed ticks here. In the returned memory it is 0, because
-        # a jam of Covey's law must not slow down a vehicle that the user's law flies.
+        # the returned share is 0: a jam of Covey's law must not slow down a vehicle that the user's
+        # law flies
         self._relaxed_share = after.relaxed_share
         return after._replace(relaxed_share=0.0), output
 

@@ -19,13 +19,13 @@ from onboard.vectors import Vec2, dot_2, length_2
 
 MAX_OBSTACLES = 6  # number of obstacles that count, the nearest ones
 LARGEST_MARGIN_M = 5.0  # a larger margin counts as this
-LARGEST_RADIUS_M = 5.0  # of a person's circle
+LARGEST_RADIUS_M = 5.0  # a larger circle of a person counts as this
 COINCIDENT_M = 1e-6  # two vehicles nearer than this are at one point: rows would divide by zero
 _STANDING_M_S = 1e-6  # a slower relative velocity has no direction
 SETTLED_M_S = 0.1  # a vehicle that intends to move no faster than this is not part of a crowd
 
 # A climb or descent waits while the horizontal distance from a neighbour above or below is less
-# than _WAITS_FRAC of the distance to keep. It has its full speed from _GOES_FRAC on.
+# than _WAITS_FRAC of the distance to keep. From _GOES_FRAC on, the climb has its full speed.
 _WAITS_FRAC = 0.5
 _GOES_FRAC = 0.9
 
@@ -218,7 +218,7 @@ def sink_limit(own: Own, neighbours: Sequence[Neighbour], params: LawParams) -> 
         away_m = length_2(Vec2(own.position_m.x - other_m.x, own.position_m.y - other_m.y))
         d_m = design_distance(own.margin_2_m2, neighbour, spacing)
         beside_share = (away_m / d_m - _ABOVE_FRAC) / (_BESIDE_FRAC - _ABOVE_FRAC)
-        if not beside_share < 1.0:
+        if not beside_share < 1.0:  # beside the neighbour, or NaN
             continue
 
         above_m_s = sink_limit_m_s(own.climb, neighbour, lead_s, spacing)
@@ -341,7 +341,7 @@ def separated(e: Vec2, w: Vec2) -> Vec2:
 def ascending(keys: list[float]) -> list[int]:
     """Return the indexes that sort numbers in ascending order; equal numbers keep their order.
 
-    It sorts by insertion, because numba takes seconds to compile ``sorted``.
+    This is an insertion sort, because numba takes seconds to compile ``sorted``.
 
     Args:
         keys: numbers, none of them NaN.

@@ -20,7 +20,7 @@ from onboard.config.law import BuiltInLaw, LawConfig
 from onboard.constants import GRAVITY_M_S2, MAX_PLANNED_THRUST_FRAC
 from onboard.vectors import Vec2, cross_2
 
-OPEN_FENCE = (-math.inf, math.inf, -math.inf, math.inf)
+OPEN_FENCE = (-math.inf, math.inf, -math.inf, math.inf)  # x low, x high, y low, y high
 _BRAKE_SHARE = 0.6  # share of the largest horizontal acceleration for braking before static things
 
 # The margin for the accuracy is the floor plus MARGIN_SIGMAS standard deviations of the distance.
@@ -28,7 +28,7 @@ _BRAKE_SHARE = 0.6  # share of the largest horizontal acceleration for braking b
 MARGIN_FLOOR_M = 0.05
 MARGIN_SIGMAS = 5.0
 
-# The law and the policies of LawConfig: the name of each number is at its index.
+# names of the law and the policies in LawConfig, and below them their numbers: the indexes
 LAW_NAMES: tuple[BuiltInLaw, ...] = ("off", "paper", "covey")
 OFF = 0
 PAPER = 1
@@ -74,11 +74,11 @@ class Capsule(NamedTuple):
     # the fields below are used for edges only
     area: int = 0  # number of the edge's area, from 1 on; 0: this is an obstacle
     keep_m: float = 0.0  # distance from the edge that the vehicle's centre keeps
-    # Whether the edge may have a rotation row, because a goal may lie behind it. That is so for an
-    # area to stay out of, and beside a corner that points inwards.
+    # Whether the edge may have a rotation row, because a goal may lie behind the edge: an edge of
+    # an area to stay out of, or beside a corner that points inwards.
     is_turned_about: bool = False
-    is_begin_inwards: bool = False  # whether the corner there points into the allowed space
-    is_end_inwards: bool = False
+    is_begin_inwards: bool = False  # whether the first corner points into the allowed space
+    is_end_inwards: bool = False  # whether the second corner does
     # the edge counts for a vehicle inside this box; the box is infinite for a circle to stay in
     west_m: float = -math.inf
     east_m: float = math.inf

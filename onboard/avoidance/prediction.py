@@ -18,16 +18,14 @@ from onboard.vectors import ZERO_3, Vec2, Vec3, horizontal_within, is_finite
 
 SLOTS = 40  # number of past commands that are kept
 MAX_MESSAGE_AGE_S = 0.30  # extrapolating a silent neighbour for longer than this gains nothing
-# The same limit for a neighbour that cooperates. It is longer, because such a neighbour publishes
-# its prediction. The neighbour table counts a neighbour as silent earlier if its messages are older
-# than the radio explains.
+# the same limit for a neighbour that cooperates, which publishes its prediction
 MAX_PREDICTION_AGE_S = 0.80
-# For how long an acceleration of a neighbour counts. Two vehicles react to each other's commands.
-# If a command counts for long, two vehicles with old messages swing against each other: with 0.25 s
-# and messages of 200 ms the commands changed nearly four times as fast as with 0.08 s.
-MAX_COMMAND_AGE_S = 0.08  # its last command
-MAX_ACCELERATION_AGE_S = 0.25  # its estimated acceleration, if it does not cooperate
-LONGEST_LEAD_S = 1.0
+# Time for which the last command of a neighbour counts. With a longer time, two vehicles that
+# react to each other's old commands swing against each other.
+MAX_COMMAND_AGE_S = 0.08
+# time for which the estimated acceleration of a neighbour counts that does not cooperate
+MAX_ACCELERATION_AGE_S = 0.25
+LONGEST_LEAD_S = 1.0  # a longer lead time of a neighbour counts as this
 # largest error of the configured lag L; twice this error causes violations in every third flight
 LAG_ERROR_S = 0.04
 # positions, velocities and accelerations beyond this are clipped: squares must stay finite
@@ -71,9 +69,9 @@ class Received(NamedTuple):
 
 
 def no_commands() -> list[PastCommand]:
-    """Return a history without commands; the prediction from it has a constant velocity.
+    """Return a history without commands, which predicts a constant velocity.
 
-    It is a list because compiled code copies long tuples slowly. It is never changed in place.
+    The list is never changed in place.
     """
     return [PastCommand(ZERO_3, 0.0)] * SLOTS
 
@@ -123,24 +121,24 @@ def predict_own(
     p_y = p_y + window_s * v_y
     p_z = p_z + window_z_s * v_z
 
-    left_s = 0.0  # r_k
+    since_end_s = 0.0  # r_k, zero for the newest command
     for (u_x, u_y, u_z), duration_s in commands:
-        if left_s >= window_s:
+        if since_end_s >= window_s:
             break
 
-        inside_s = min(window_s - left_s, duration_s)  # l_k
-        weight_s2 = inside_s * (left_s + 0.5 * inside_s)
+        inside_s = min(window_s - since_end_s, duration_s)  # l_k
+        weight_s2 = inside_s * (since_end_s + 0.5 * inside_s)
         v_x = v_x + inside_s * u_x
         v_y = v_y + inside_s * u_y
         p_x = p_x + weight_s2 * u_x
         p_y = p_y + weight_s2 * u_y
 
-        inside_z_s = min(max(window_z_s - left_s, 0.0), duration_s)
-        weight_z_s2 = inside_z_s * (left_s + 0.5 * inside_z_s)
+        inside_z_s = min(max(window_z_s - since_end_s, 0.0), duration_s)
+        weight_z_s2 = inside_z_s * (since_end_s + 0.5 * inside_z_s)
         v_z = v_z + inside_z_s * u_z
         p_z = p_z + weight_z_s2 * u_z
 
-        left_s += duration_s
+        since_end_s += duration_s
 
     p_z = p_z + (window_s - window_z_s) * v_z
     return Motion(Vec3(p_x, p_y, p_z), Vec3(v_x, v_y, v_z))
@@ -211,6 +209,7 @@ def receive(neighbour: Neighbour, own_lead_s: float) -> Received:
     age_s = message_age(neighbour)
     plain_m_s = horizontal_within(neighbour.velocity_enu_m_s, LARGEST)
 
+    # p, v: motion in the message; a: its acceleration, which counts for at most longest_s
     if has_prediction(neighbour):
         is_usable = True
         lead_s = lead_time(neighbour.lead_time_s, own_lead_s)

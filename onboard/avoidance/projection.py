@@ -5,7 +5,7 @@ any number of half-planes. In the plane the nearest feasible point is one of few
 its foot on one edge, the corner of two edges, or a point of the circle. All of these candidates are
 tried. Only the rows that matter take part: the most violated row is added, one at a time, until
 none is violated. The optimum for a part of the rows is the optimum for all rows if it satisfies
-all. So no iteration has to converge, and there is no solver status to interpret.
+all.
 
 The law calls three functions. :func:`pulled` moves the thrust towards rows that need not hold, in a
 few rounds. The projection afterwards is exact for the point at which these rounds end.
@@ -190,16 +190,16 @@ def relaxed_in_order(
     """
     is_firm_possible = nearest(u, [unit_row(row) for row in firm], radius).is_feasible
     if not is_firm_possible:
-        return relaxed(u, firm, radius, largest_bound(firm))
+        return relaxed(u, firm, radius, bound_scale(firm))
 
     # The slack of a row is in the units of its bound. So rows with both sides multiplied by
     # _FIRMNESS are the same half-planes, and a common slack moves their edges by a thousandth.
     stiff = [scaled_row(row, _FIRMNESS) for row in firm]
-    scale = max(largest_bound(yielding), largest_bound(firm))
+    scale = max(bound_scale(yielding), bound_scale(firm))
     return relaxed(u, yielding + stiff, radius, scale)
 
 
-def largest_bound(rows: list[HalfPlane]) -> float:
+def bound_scale(rows: list[HalfPlane]) -> float:
     """Return 1 plus the largest absolute bound, to which rounding errors are relative.
 
     Args:
@@ -218,7 +218,7 @@ def relaxed(u: Vec2, hard: list[HalfPlane], radius: float, scale: float) -> Proj
         u: point to project.
         hard: rows that no point of the disc satisfies together.
         radius: radius of the disc about the origin.
-        scale: size of the bounds.
+        scale: result of :func:`bound_scale`.
     """
     slack, point = least_slack(hard, radius)
 
@@ -246,14 +246,14 @@ def nearest(u: Vec2, rows: list[HalfPlane], radius: float) -> Candidate:
         rows: half-planes with normals of unit length.
         radius: radius of the disc about the origin.
     """
-    taken = rows[:0]
+    taken = rows[:0]  # an empty list whose type compiled code knows
     while True:
         best = nearest_of(u, taken, radius)
         if not best.is_feasible:
             return best
 
         k = most_violated(best.point, rows)
-        if k < 0 or rows[k] in taken:
+        if k < 0 or rows[k] in taken:  # a taken row is violated by rounding only
             return best
 
         taken.append(rows[k])

@@ -8,9 +8,9 @@ by two conditions:
     on the circle, two rows are violated equally (one equation, and the circle);
     on the circle, only one row counts: the point lies in the direction of its normal.
 
-All of these points are tried. The origin is tried as well: if no bound is positive, it satisfies
-all rows. Only the rows that matter take part: the most violated row is added, one at a time, until
-no other row is violated by more.
+All of these points are tried, and the origin, which satisfies all rows if no bound is positive.
+Only the rows that matter take part: the most violated row is added, one at a time, until no other
+row is violated by more.
 """
 
 from __future__ import annotations
@@ -37,11 +37,11 @@ def least_slack(rows: list[HalfPlane], radius: float) -> tuple[float, Vec2]:
     The slack is ``min t >= 0`` such that a point u of the disc has ``n . u >= b - t`` for all rows.
 
     Args:
-        rows: at least one row, of any length. The slack is in the units of their bounds.
+        rows: at least one half-plane, with normals of any length.
         radius: radius of the disc about the origin.
     """
     scale = 0.0
-    first = 0
+    first = 0  # index of the row with the largest bound
     for k in range(len(rows)):
         scale = max(scale, abs(rows[k].bound_m_s2))
         if rows[k].bound_m_s2 > rows[first].bound_m_s2:

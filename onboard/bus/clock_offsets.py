@@ -5,15 +5,12 @@ received the last clock message of each other node, all by its own clock. If ano
 message at t1 by its clock, and it arrives at t2 by our clock, the other clock is ahead of ours by
 at least t1 - t2, because nothing arrives before it is sent. In the same way, the arrival times of
 our messages that the other node publishes bound this offset from above. Both bounds hold for any
-delays, even if the two directions differ; the quickest messages in each direction make them narrow.
-A bound widens as it ages, because clocks drift apart. Nothing is averaged, and no wall clock is
-used, so a wall clock that jumps changes nothing.
+delays, even if the two directions differ. A bound widens as it ages, because clocks drift apart.
 
-Each node also publishes its computer's wall clock. It is only compared with ours, for flights that
+Each node also publishes its computer's wall clock, which is compared with ours for flights that
 start at a time of day; no stamp is converted by it.
 
-Nodes that share a clock (one kernel, one boot, one time namespace) recognise that by their equal
-host ids.
+Nodes that share a clock (one kernel, one boot, one time namespace) have equal host ids.
 
 A message that contradicts the known bounds of its sender may be false. So the known bounds stay in
 use while messages agree with them, and other bounds are collected from the contradicting messages.
@@ -178,13 +175,14 @@ class Clocks:
         contradiction = self._contradiction(message, received_ns)
         if contradiction is None:
             return
-        _, agreeing = contradiction
+        peer, agreeing = contradiction
         self._contradictions[node] = contradiction
 
         is_known_silent = known is None or received_ns - known.received_ns > _SILENT_NS
         if agreeing >= _CONFIRMATIONS and is_known_silent:
             self.restarts += 1
-            self._peers[node], _ = self._contradictions.pop(node)
+            self._peers[node] = peer
+            self._contradictions.pop(node)
 
     def _contradiction(self, message: ClockMessage, received_ns: int) -> tuple[Peer, int] | None:
         """Return the peer according to a contradicting message, and how many messages agree on it.
@@ -210,6 +208,7 @@ class Clocks:
         if peer is not None and peer.host != message.host:
             return None
 
+        # a shared clock needs no earlier bounds
         low_ns = message.sent_ns - received_ns
         if peer is None or message.host == self.host:
             peer = Peer(
@@ -248,8 +247,9 @@ class Clocks:
         If the table is full, a node that was silent for a minute is forgotten.
         """
         if len(self._peers) >= _MAX_NODES:
-            oldest, peer = min(tuple(self._peers.items()), key=lambda item: item[1].received_ns)
-            if now_ns - peer.received_ns < _FORGET_NS:
+            peers = dict(self._peers)
+            oldest = min(peers, key=lambda name: peers[name].received_ns)
+            if now_ns - peers[oldest].received_ns < _FORGET_NS:
                 return False
             self._peers.pop(oldest, None)  # another thread may have removed it already
         return True
@@ -346,10 +346,11 @@ class Clocks:
         errors = {}
         for name, peer in tuple(self._peers.items()):
             if peer.host != self.host and now_ns - peer.received_ns < _FORGET_NS:
+                error_s = math.inf
                 offset = self.offset_s(name, now_ns)
-                errors[name] = math.inf
                 if offset is not None:
-                    _, errors[name] = offset
+                    _, error_s = offset
+                errors[name] = error_s
         return errors
 
 

@@ -94,7 +94,7 @@ class ClockNode:
         Returns:
             the pose; None while the clock of its source is not measured.
         """
-        if not pose.source:
+        if not pose.source:  # the source shares our clock
             return pose
         if not self.clocks.is_measured(pose.source):
             self._warn_of_unknown_clock(pose.source, received_ns)

@@ -155,6 +155,7 @@ class ControlTokens:
         claims = [token for token in self._tokens.values() if token.claim == "operator"]
         claims.sort(key=lambda token: token.node)  # every agent decides in the same order
 
+        # without a holder, begin with the lowest term: each claim by force has the next term
         if self.holder not in claims:
             self.holder = min(claims, key=lambda token: token.term, default=None)
 

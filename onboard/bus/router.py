@@ -19,7 +19,7 @@ def router_endpoint(fleets: Sequence[FleetConfig], endpoint: str | None = None) 
     """Return the endpoint at which the router of this computer listens.
 
     Args:
-        fleets: fleets whose messages it passes on; the files of all of them must name its endpoint.
+        fleets: fleets of the router; each of their files must name its endpoint.
         endpoint: endpoint that a person has chosen; None for the only one in the fleet files that
             is an address of this computer.
     Raises:
@@ -30,7 +30,9 @@ def router_endpoint(fleets: Sequence[FleetConfig], endpoint: str | None = None) 
         own = _only_endpoint_of_this_computer(fleets[0])
     for fleet in fleets:
         if own not in fleet.fleet.routers:
-            routers = ", ".join(fleet.fleet.routers) or "none; add routers = [...] to [fleet]"
+            routers = "none; add routers = [...] to [fleet]"
+            if fleet.fleet.routers:
+                routers = ", ".join(fleet.fleet.routers)
             raise ConfigError(
                 f"{fleet.path}: {own} is no router of this fleet. Its fleet.routers: {routers}."
             )
@@ -43,7 +45,7 @@ def router_settings(
     """Return zenoh's settings for a router of this computer.
 
     Args:
-        fleets: fleets whose messages it passes on.
+        fleets: fleets of the router.
         endpoint: result of :func:`router_endpoint`.
         credentials: credentials of the router, with the access control of all fleets; None without
             keys.

@@ -5,8 +5,8 @@ Fields that many messages have, with the same meaning in all of them:
 * ``vehicle``: the name in the fleet file of the vehicle that the message is about.
 * ``boot_id``: a number of the sender's process. It changes when the sender starts anew, so that
   stamps and sequences from before a restart are never compared with those after it.
-* ``sequence``: grows with each message of this kind by this sender. Agents count their ticks in it,
-  and most of their messages are not sent at every tick.
+* ``sequence``: grows with each message of this kind by this sender. An agent's messages have the
+  number of its tick.
 * ``stamp_ns``: the sender's monotonic clock, in nanoseconds, when the message was made.
 * ``..._enu_...``: east, north, up of the fleet's frame.
 
@@ -165,7 +165,7 @@ class Telemetry(Message, frozen=True, array_like=True, kw_only=True):
     operator: str = ""  # token of the operator, as this vehicle sees it: control_token.py
     roles: tuple[str, ...] = ()  # the other tokens of control_token.py
     loop_lateness_p99_ms: float = 0.0  # how far behind its schedule a tick began
-    missed_ticks: int = 0  # since the start
+    missed_ticks: int = 0  # since the start: ticks that were left out
     # Neighbour that it avoids most, or for which it waits beside a passage; empty: none.
     avoids: str = ""
     doubles: tuple[str, ...] = ()  # vehicles of which two agents publish at the same time
@@ -309,9 +309,9 @@ class PathOrder(msgspec.Struct, frozen=True, array_like=True, kw_only=True):
     path_id: str  # of the whole path: see onboard/control/path.py
 
     # load_path only
-    part: int = 0  # number of this part, from 0
-    parts: int = 1  # of the whole path
-    data: bytes = b""  # of this part
+    part: int = 0  # index of this part, from 0
+    parts: int = 1  # number of parts of the whole path
+    data: bytes = b""  # bytes of this part
 
     # follow_path only
     show_id: str = ""  # equal for all vehicles that follow their paths by the same clock
@@ -424,7 +424,7 @@ class LogRequest(Message, frozen=True, array_like=True, kw_only=True):
 
 
 class LogPieces(Message, frozen=True, array_like=True, kw_only=True):
-    """PX4's answers to such requests, as it sent them."""
+    """PX4's answers to requests for its own logs, as PX4 sent them."""
 
     packets: tuple[bytes, ...]  # whole packets of MAVLink
 

@@ -37,9 +37,9 @@ from onboard.bus.topics import TOPICS, Delivery, Topic, key, topic_and_name
 from onboard.bus.zenoh_settings import Setting, of_client, of_node
 from onboard.native_threads import keep_thread_state
 
-# One thread for all network work: zenoh's other runtimes hand their work over to `net`. By default
-# each runtime has a thread, and for every message one thread wakes up another. That costs more than
-# reading the message. Zenoh reads this variable when the first session opens.
+# One thread for all network work: zenoh's other runtimes hand their work over to `net`. With a
+# thread for each runtime, every message would wake up another thread. Zenoh reads the variable
+# ZENOH_RUNTIME when the first session opens.
 _RUNTIMES = (
     "rx: (handover: net)",
     "tx: (handover: net)",
@@ -236,12 +236,14 @@ class BusSession:
         followed = {(topic, name) for name in names}
 
         dropped: list[_Collector] = []
-        for pair in list(self._followed):
-            if pair[0] is topic and pair not in followed:
+        for followed_topic, name in list(self._followed):
+            pair = (followed_topic, name)
+            if followed_topic is topic and pair not in followed:
                 dropped.append(self._followed.pop(pair))
 
         for pair in sorted(followed - self._followed.keys()):
-            self._followed[pair] = self._collector(topic, pair[1], on_message, _MAX_FOLLOWED)
+            _, name = pair
+            self._followed[pair] = self._collector(topic, name, on_message, _MAX_FOLLOWED)
 
         # replaced before the dropped ones are undeclared, since another thread may call `deliver`
         self._collectors = (*self._collected, *self._followed.values())
@@ -288,7 +290,7 @@ class BusSession:
                 parts = topic_and_name(self.namespace, key_expression)
                 if parts is None:
                     return
-                sender = parts[1]
+                _, sender = parts
                 if len(names) < _MAX_NAMES:
                     names[key_expression] = sender
             on_message(topic, sender, decode(sample.payload.to_bytes(), kind))
@@ -452,7 +454,13 @@ def open_zenoh(settings: Iterable[Setting]) -> zenoh.Session:
 
 def _listed(endpoints: Sequence[str]) -> str:
     """Return endpoints for a sentence, as they are written in the fleet file."""
-    return ", ".join(endpoint.partition("?")[0] for endpoint in endpoints) or "no endpoint"
+    shown = []
+    for endpoint in endpoints:
+        without_options, _, _ = endpoint.partition("?")
+        shown.append(without_options)
+    if not shown:
+        return "no endpoint"
+    return ", ".join(shown)
 
 
 def _reason(error: zenoh.ZError) -> str:

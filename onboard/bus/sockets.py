@@ -17,12 +17,10 @@ import threading
 
 _LINGER = struct.Struct("ii")  # C's struct linger: on or off, seconds
 
-# The link of a silent peer is closed a second after its last message; a search finds its socket
-# earlier. The connection of a program that is no node of the bus is closed at once, and delays all
-# other links until a search finds its socket. One search costs an agent, with about twenty open
-# files, 0.1 ms.
+# A connection that is closed before a search finds its socket delays all other links until then.
+# One search costs an agent 0.1 ms.
 _PERIOD_S = 0.1  # from one search for new sockets to the next
-_SOON_S = 0.01  # this time after a search that found new sockets
+_SOON_S = 0.01  # the same after a search that found new sockets
 
 
 class PromptSockets:

@@ -22,11 +22,8 @@ RETRY = {"period_init_ms": 200, "period_max_ms": 500, "period_increase_factor": 
 # receives nothing, so it must notice soon that it has to change to another router.
 ROUTER_LEASE_MS = 500
 
-# Over QUIC the lease is a tenth longer, so that the link is closed only after the end of an outage
-# of one second. A closed link is opened again at once, and if its first packet is lost, it is
-# repeated only a second later. Keep-alives come every 0.11 s, so the last one came up to 0.11 s
-# before the outage. The link is therefore closed 0.99 s to 1.10 s after the begin of the outage: up
-# to 0.01 s too early in one of ten outages of a second.
+# Over QUIC the lease is a tenth longer, so that a link survives an outage of one second: the last
+# keep-alive may have come up to 0.11 s before the outage.
 QUIC_LEASE_MS = 1100
 _KEEP_ALIVES = 10  # sent on a silent link in one lease
 
@@ -92,7 +89,7 @@ def of_client(
         ("connect/endpoints", [_with_datagrams(endpoint) for endpoint in routers]),
         ("connect/timeout_ms", round(1e3 * timeout_s)),
         *_common(credentials, lease_ms(routers)),
-        ("transport/unicast/open_timeout", open_ms),
+        ("transport/unicast/open_timeout", open_ms),  # in place of the common value
     ]
 
 

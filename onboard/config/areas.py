@@ -127,12 +127,12 @@ def self_crossing(corners: Sequence[Point]) -> tuple[int, int] | None:
     for first, one in enumerate(edges):
         for second in range(first + 1, len(edges)):
             two = edges[second]
-            is_next = second == first + 1
-            is_before = first == 0 and second == len(edges) - 1
+            two_follows = second == first + 1
+            one_follows = first == 0 and second == len(edges) - 1
             # edges that share a corner cross only if one of them goes back over the other
-            if is_next:
+            if two_follows:
                 is_crossing = _folds_back(one, two)
-            elif is_before:
+            elif one_follows:
                 is_crossing = _folds_back(two, one)
             else:
                 is_crossing = do_cross(one, two)
@@ -144,14 +144,14 @@ def self_crossing(corners: Sequence[Point]) -> tuple[int, int] | None:
 
 def _folds_back(before: tuple[Point, Point], after: tuple[Point, Point]) -> bool:
     """Return whether an edge goes back over the edge before it."""
-    begin, shared = before
-    _, end = after
+    (begin_x, begin_y), (shared_x, shared_y) = before
+    _, (end_x, end_y) = after
 
     # both edges as vectors away from the corner that they share
-    x1 = begin[0] - shared[0]
-    y1 = begin[1] - shared[1]
-    x2 = end[0] - shared[0]
-    y2 = end[1] - shared[1]
+    x1 = begin_x - shared_x
+    y1 = begin_y - shared_y
+    x2 = end_x - shared_x
+    y2 = end_y - shared_y
     are_parallel = x1 * y2 - x2 * y1 == 0.0
     have_same_direction = x1 * x2 + y1 * y2 > 0.0
     return are_parallel and have_same_direction
@@ -201,8 +201,9 @@ def nearest(area: Area, x: float, y: float) -> Nearest:
 
 def _nearest_of_circle(area: Area, x: float, y: float) -> Nearest:
     """Return the nearest point of a circle; from its centre, the point in the east."""
-    to_x = x - area.center_enu_m[0]
-    to_y = y - area.center_enu_m[1]
+    center_x, center_y = area.center_enu_m
+    to_x = x - center_x
+    to_y = y - center_y
     distance_m = math.hypot(to_x, to_y)
     outwards_x = 1.0
     outwards_y = 0.0
@@ -212,8 +213,8 @@ def _nearest_of_circle(area: Area, x: float, y: float) -> Nearest:
 
     sign = -1.0 if area.keeps_in else 1.0
     return Nearest(
-        x=area.center_enu_m[0] + area.radius_m * outwards_x,
-        y=area.center_enu_m[1] + area.radius_m * outwards_y,
+        x=center_x + area.radius_m * outwards_x,
+        y=center_y + area.radius_m * outwards_y,
         normal_x=sign * outwards_x,
         normal_y=sign * outwards_y,
         room_m=sign * (distance_m - area.radius_m),
@@ -249,12 +250,15 @@ def _is_polygon_crossed(corners: Sequence[Point], leg: tuple[Point, Point]) -> b
 
     Most edges lie completely north or south of the line, which is checked first.
     """
-    south_m = min(leg[0][1], leg[1][1])
-    north_m = max(leg[0][1], leg[1][1])
+    (_, leg_y1), (_, leg_y2) = leg
+    south_m = min(leg_y1, leg_y2)
+    north_m = max(leg_y1, leg_y2)
     begin = corners[-1]
     for end in corners:
-        is_south = begin[1] < south_m and end[1] < south_m
-        is_north = begin[1] > north_m and end[1] > north_m
+        _, begin_y = begin
+        _, end_y = end
+        is_south = begin_y < south_m and end_y < south_m
+        is_north = begin_y > north_m and end_y > north_m
         if not is_south and not is_north and do_cross((begin, end), leg):
             return True
         begin = end
@@ -282,18 +286,16 @@ def is_crossed(area: Area, begin_enu_m: Xyz, end_enu_m: Xyz) -> bool:
         begin_enu_m: begin of the line.
         end_enu_m: end of the line.
     """
-    if not area.keeps_in:
-        low_m = min(begin_enu_m[2], end_enu_m[2])
-        high_m = max(begin_enu_m[2], end_enu_m[2])
-        if high_m < area.low_m or low_m > area.high_m:
-            return False
+    x1, y1, z1 = begin_enu_m
+    x2, y2, z2 = end_enu_m
+    if not area.keeps_in and (max(z1, z2) < area.low_m or min(z1, z2) > area.high_m):
+        return False
 
-    leg = ((begin_enu_m[0], begin_enu_m[1]), (end_enu_m[0], end_enu_m[1]))
+    leg = ((x1, y1), (x2, y2))
     if area.corners_enu_m:
         return _is_polygon_crossed(area.corners_enu_m, leg)
 
     # a line crosses a circle if its nearest point is inside and one of its ends is outside
-    (x1, y1), (x2, y2) = leg
     center_x, center_y = area.center_enu_m
     length_2 = (x2 - x1) ** 2 + (y2 - y1) ** 2
     leg_share = 0.0  # nearest point of the line, as a share of its length

@@ -28,7 +28,7 @@ BOUNDS: dict[str, tuple[float, float]] = {
     "hold_accuracy_m": (0.02, 0.7),
 }
 
-_HOST_AND_PORT = re.compile(r"(?:[A-Za-z0-9._-]{1,253}|\[[0-9A-Fa-f:.]{2,45}\]):(\d{1,5})")
+_HOST_AND_PORT = re.compile(r"(?:[A-Za-z0-9._-]{1,253}|\[[0-9A-Fa-f:.]{2,45}\]):(?P<port>\d{1,5})")
 _MOUNTPOINT = re.compile(r"[A-Za-z0-9_.-]{1,100}")
 _USER = re.compile(r"[!-9;-~]{1,100}")  # printable, without the colon that ends a user in HTTP
 _OF_NTRIP = ("mountpoint", "user", "password_file", "tls", "sends_position")
@@ -116,7 +116,7 @@ def _source_problems(corrections: CorrectionsConfig, origin: Origin | None) -> I
     source = corrections.source
     if source in ("ntrip", "tcp"):
         match = _HOST_AND_PORT.fullmatch(corrections.address)
-        if match is None or not 0 < int(match[1]) < 65536:
+        if match is None or not 0 < int(match["port"]) < 65536:
             yield (
                 f"'corrections.address' is {corrections.address!r}; {source} needs HOST:PORT, for "
                 'instance address = "caster.example.org:2101".'

@@ -79,8 +79,9 @@ def latitude_longitude_deg(origin: Origin, east_m: float, north_m: float) -> tup
     sine += math.sin(angle) * math.cos(origin_latitude) * north_share
     latitude = math.asin(min(1.0, max(-1.0, sine)))
 
+    # the point in units of the radius: to the east, and away from the Earth's axis
     to_east = math.sin(angle) * east_share
-    to_axis = math.cos(origin_latitude) * math.cos(angle)
-    to_axis -= math.sin(origin_latitude) * math.sin(angle) * north_share
-    longitude_deg = origin.longitude_deg + math.degrees(math.atan2(to_east, to_axis))
+    from_axis = math.cos(origin_latitude) * math.cos(angle)
+    from_axis -= math.sin(origin_latitude) * math.sin(angle) * north_share
+    longitude_deg = origin.longitude_deg + math.degrees(math.atan2(to_east, from_axis))
     return math.degrees(latitude), math.remainder(longitude_deg, 360.0)

@@ -13,7 +13,9 @@ def host_of(endpoint: str) -> str:
     Args:
         endpoint: an endpoint, for instance ``quic/10.0.0.11:7460`` or ``udpin://127.0.0.1:14540``.
     """
-    return endpoint.partition("/")[2].lstrip("/").rpartition(":")[0]
+    _, _, address = endpoint.partition("/")
+    host, _, _ = address.lstrip("/").rpartition(":")
+    return host
 
 
 def split_host_and_port(address: str) -> tuple[str, int]:

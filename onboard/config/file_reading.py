@@ -6,8 +6,8 @@ a traceback. Therefore one table says how large each kind of file may be. Only r
 opened: a pipe has no end, and opening a device may have an effect. TOML, JSON and Python may be
 nested only to a limit, and their numbers must fit a float.
 
-Everything else is a ConfigError. It says which file is wrong, what is wrong with it, and what to
-do. This module knows bytes and values only; the readers of the files check their meaning.
+A file that breaks a limit raises a ConfigError with the name of the file and what to do. This
+module knows bytes and values only; the readers of the files check their meaning.
 """
 
 from __future__ import annotations

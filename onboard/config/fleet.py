@@ -113,8 +113,8 @@ def fleet_from_mapping(
     written_fences = convert(data.get("fences", []), tuple[fences.Fence, ...], path, "fences")
     mocap = convert(data.get("mocap", {}), MocapConfig, path, "mocap")
     people: dict[str, Person] = {}
-    for name, own in tables(data.get("people", {}), path, "people").items():
-        people[name] = convert(own, Person, path, f"people.{name}")
+    for name, own_table in tables(data.get("people", {}), path, "people").items():
+        people[name] = convert(own_table, Person, path, f"people.{name}")
     radio: RadioConfig | None = None
     if "radio" in data:
         radio = convert(data["radio"], RadioConfig, path, "radio")
@@ -125,8 +125,9 @@ def fleet_from_mapping(
     types = tables(data.get("types", {}), path, "types")
     defaults = table(data.get("defaults", {}), path, "defaults")
     vehicles: dict[str, Vehicle] = {}
-    for index, (name, own) in enumerate(tables(data["vehicles"], path, "vehicles").items()):
-        vehicles[name] = vehicle_from_tables(name, index, own, types, defaults, path)
+    own_tables = tables(data["vehicles"], path, "vehicles")
+    for index, (name, own_table) in enumerate(own_tables.items()):
+        vehicles[name] = vehicle_from_tables(name, index, own_table, types, defaults, path)
 
     config = FleetConfig(
         path=path,

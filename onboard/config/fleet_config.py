@@ -35,7 +35,7 @@ _TICKS_PER_S = 50  # rate of the control loop
 _MOST_QUOTED = 40  # characters of a wrong word that a sentence repeats
 # height on top of the vertical separation for hovering above each other: the law acts 0.20 m early,
 # and vehicles hold their heights to some 0.05 m
-_BELOW_SEPARATION_M = 0.25
+_STACKING_MARGIN_M = 0.25
 _ROUNDING_CM = 1e-6  # heights in sentences are rounded up, but not for a rounding error
 # on top of the design distance for hovering side by side: slots nearer than that are reached late
 # or never (measured)
@@ -58,8 +58,11 @@ class Geofence(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
             True for a point in the box, and up to 0.5 m below its floor.
         """
         x, y, z = position_enu_m
-        is_in_plan = self.x[0] <= x <= self.x[1] and self.y[0] <= y <= self.y[1]
-        return is_in_plan and self.z[0] - BELOW_FLOOR_M <= z <= self.z[1]
+        west, east = self.x
+        south, north = self.y
+        floor, top = self.z
+        is_in_plan = west <= x <= east and south <= y <= north
+        return is_in_plan and floor - BELOW_FLOOR_M <= z <= top
 
     def nearest_inside(self, position_enu_m: Xyz, inside_m: float) -> Xyz:
         """Return the nearest point that keeps a distance from every wall, on the inside.
@@ -69,10 +72,13 @@ class Geofence(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
             inside_m: distance to the walls [m].
         """
         x, y, z = position_enu_m
+        west, east = self.x
+        south, north = self.y
+        floor, top = self.z
         return (
-            min(max(x, self.x[0] + inside_m), self.x[1] - inside_m),
-            min(max(y, self.y[0] + inside_m), self.y[1] - inside_m),
-            min(max(z, self.z[0] + inside_m), self.z[1] - inside_m),
+            min(max(x, west + inside_m), east - inside_m),
+            min(max(y, south + inside_m), north - inside_m),
+            min(max(z, floor + inside_m), top - inside_m),
         )
 
 
@@ -349,7 +355,10 @@ class FleetConfig(msgspec.Struct, frozen=True):
         if self.fleet.simulator:
             return self.fleet.simulator
 
-        ports = [int(vehicle.agent.rsplit(":", 1)[1]) for vehicle in self.vehicles.values()]
+        ports = []
+        for vehicle in self.vehicles.values():
+            _, _, port = vehicle.agent.rpartition(":")
+            ports.append(int(port))
         scheme = "quic" if self.has_keys else "tcp"
         return f"{scheme}/127.0.0.1:{min(ports) - 1}"
 
@@ -413,17 +422,17 @@ class FleetConfig(msgspec.Struct, frozen=True):
     def _names_of_span(self, part: str) -> list[str]:
         """Return the names of an index, ``3``, or of several, ``3-5``."""
         order = list(self.vehicles)
-        span = re.fullmatch(r"(\d{1,6})(?:-(\d{1,6}))?", part)
+        span = re.fullmatch(r"(?P<first>\d{1,6})(?:-(?P<last>\d{1,6}))?", part)
         if span is None:
             raise ConfigError(
                 f"'{part[:_MOST_QUOTED]}' is not a vehicle of fleet '{self.fleet.name}': it has "
                 f"{', '.join(order)}."
             )
 
-        first = int(span[1])
+        first = int(span["first"])
         last = first
-        if span[2]:
-            last = int(span[2])
+        if span["last"]:
+            last = int(span["last"])
         if first > last or last >= len(order):
             raise ConfigError(
                 f"'{part}' selects no vehicle: vehicles are counted from 0 to {len(order) - 1}, "
@@ -448,9 +457,7 @@ def above_words(distance_m: float, height_share: float) -> str:
 
 
 def parking_height_share(config: FleetConfig, accuracy_m: float = 0.0) -> float:
-    """Return how many metres of :func:`parking_distance_m` one metre of height counts as.
-
-    It is for vehicles that hover above each other.
+    """Return the metres of :func:`parking_distance_m` that one metre of height counts as.
 
     Args:
         config: the fleet.
@@ -460,7 +467,7 @@ def parking_height_share(config: FleetConfig, accuracy_m: float = 0.0) -> float:
     vertical_m = config.fleet.vertical_separation_m
     if vertical_m is None:
         return 0.0
-    return parking_distance_m(config) / (vertical_m + _BELOW_SEPARATION_M + accuracy_m)
+    return parking_distance_m(config) / (vertical_m + _STACKING_MARGIN_M + accuracy_m)
 
 
 def parking_distance_m(config: FleetConfig) -> float:

@@ -202,7 +202,7 @@ def _refusal(area: Area, position_enu_m: Xyz) -> str:
             return _too_near(area, room_m)
         return ""
 
-    if not areas.counts_at(area, z, z):  # above it or below it by more than its buffer
+    if not areas.counts_at(area, z, z):  # above or below the area and its buffer
         return ""
     if room_m < 0.0:
         if area.low_m <= z <= area.high_m:
@@ -228,11 +228,11 @@ def _moved_inside(area: Area, position_enu_m: Xyz, inside_m: float) -> Xyz:
     has_height = highest_m > area.low_m  # False: the ceiling is too low to keep this distance
     if area.keeps_in and has_height:
         z = min(max(z, area.low_m), highest_m)
-    elif not areas.counts_at(area, z, z):  # above it or below it by more than its buffer
+    elif not areas.counts_at(area, z, z):  # above or below the area and its buffer
         return position_enu_m
 
     nearest = areas.nearest(area, x, y)
     needed_m = area.buffer_m + inside_m  # distance of the moved position from the edge
-    if needed_m - nearest.room_m <= 0.0:
+    if nearest.room_m >= needed_m:
         return x, y, z
     return (nearest.x + needed_m * nearest.normal_x, nearest.y + needed_m * nearest.normal_y, z)

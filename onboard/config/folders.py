@@ -24,24 +24,25 @@ def keys_problems(folder: str) -> Iterator[str]:
     has_certificates = os.path.isfile(os.path.join(folder, "ca.pem"))
     has_mavlink_keys = bool(glob.glob(os.path.join(glob.escape(folder), "*.mavlink.key")))
     holds_keys = has_certificates or has_mavlink_keys
-    yield from _problems("fleet.keys", folder, is_there=holds_keys, example="keys")
+    yield from _problems("fleet.keys", folder, may_be_absolute=holds_keys, example="keys")
 
 
 def law_problems(folder: str) -> Iterator[str]:
     """Yield a sentence if ``law.folder`` cannot be the folder of a law."""
-    yield from _problems("law.folder", folder, is_there=os.path.isdir(folder), example="laws")
+    is_folder = os.path.isdir(folder)
+    yield from _problems("law.folder", folder, may_be_absolute=is_folder, example="laws")
 
 
-def _problems(key: str, folder: str, *, is_there: bool, example: str) -> Iterator[str]:
+def _problems(key: str, folder: str, *, may_be_absolute: bool, example: str) -> Iterator[str]:
     """Yield a sentence about a folder that a fleet file must not name.
 
     Args:
         key: key of the fleet file.
         folder: value of the key.
-        is_there: whether an absolute path is accepted.
+        may_be_absolute: whether an absolute path is accepted.
         example: a right value, for the sentence.
     """
-    if os.path.isabs(folder) and is_there and ".." not in folder.split("/"):
+    if os.path.isabs(folder) and may_be_absolute and ".." not in folder.split("/"):
         return
 
     faults: list[str] = []
@@ -54,7 +55,8 @@ def _problems(key: str, folder: str, *, is_there: bool, example: str) -> Iterato
     if folder.startswith("-"):
         faults.append("begins like an option of a command")
     if faults:
+        _, _, name = key.partition(".")
         yield (
             f"'{key}' is {folder!r}, which {' and '.join(faults)}. Name a folder beside the fleet "
-            f'file or below it, for instance {key.partition(".")[2]} = "{example}".'
+            f'file or below it, for instance {name} = "{example}".'
         )

@@ -16,17 +16,18 @@ _LEAST_BY_PX4_M = 0.5
 
 
 def ground_m(fleet: FleetConfig) -> float:
-    """Return the height [m] of the lowest ground that the fleet file knows.
-
-    It is that of the lowest start, or 0 if all vehicles start higher, for instance on tables.
-    """
-    starts_m = [fleet.vehicles[name].start_enu_m[2] for name in fleet.enabled_names]
-    return min([0.0, *starts_m])
+    """Return the height [m] of the lowest start; 0 if all starts are higher, as on tables."""
+    lowest_m = 0.0
+    for name in fleet.enabled_names:
+        _, _, start_m = fleet.vehicles[name].start_enu_m
+        lowest_m = min(lowest_m, start_m)
+    return lowest_m
 
 
 def floor_m(fleet: FleetConfig) -> float:
     """Return the height [m] of the ground or of the geofence's floor, whichever is higher."""
-    return max(ground_m(fleet), fleet.fleet.geofence_m.z[0])
+    low_m, _ = fleet.fleet.geofence_m.z
+    return max(ground_m(fleet), low_m)
 
 
 def least_height_m(vehicle: Vehicle) -> float:

@@ -183,7 +183,7 @@ def _spec_of(full_name: str, path: Sequence[str] | None) -> ModuleSpec | None:
         try:
             spec = finder.find_spec(full_name, path)
         except KeyError:
-            # a folder without __init__.py in another such folder, which was not imported yet
+            # the package around the module is a folder without __init__.py, not imported yet
             parent_folders: Sequence[str] = ()
             if path is not None:
                 parent_folders = path
@@ -195,7 +195,7 @@ def _spec_of(full_name: str, path: Sequence[str] | None) -> ModuleSpec | None:
 
 def _folder_spec(full_name: str, path: Sequence[str]) -> ModuleSpec | None:
     """Return the spec of a package that is only a folder; None if there is no such folder."""
-    name = full_name.rpartition(".")[2]
+    _, _, name = full_name.rpartition(".")
     folders = [os.path.join(folder, name) for folder in path]
     spec = ModuleSpec(full_name, None, is_package=True)
     spec.submodule_search_locations = [folder for folder in folders if os.path.isdir(folder)]

@@ -45,8 +45,7 @@ class Obstacle(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         Args:
             position_enu_m: position, at least x and y.
         """
-        x = position_enu_m[0]
-        y = position_enu_m[1]
+        x, y, *_ = position_enu_m
         nearest_m = math.inf
         is_inside = False
 

@@ -28,10 +28,12 @@ def separation_m(
         other_enu_m: position of the other vehicle [m], ENU.
         height_share: metres that one metre of height counts as, ``FleetSection.height_share``.
     """
-    horizontal_m = math.dist(one_enu_m[:2], other_enu_m[:2])
+    x1, y1, z1 = one_enu_m
+    x2, y2, z2 = other_enu_m
+    horizontal_m = math.dist((x1, y1), (x2, y2))
     if height_share <= 0.0:
         return horizontal_m
-    return max(horizontal_m, height_share * abs(one_enu_m[2] - other_enu_m[2]))
+    return max(horizontal_m, height_share * abs(z1 - z2))
 
 
 def separations_m(offset_m: Array, height_share: float) -> Array:

@@ -60,7 +60,7 @@ class RadioConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     def state_age_s(self, period_s: float) -> float:
         """Return the age that a neighbour's newest state reaches.
 
-        It is the delay, plus one period for each state that may be lost in a row.
+        The age is the delay, plus one period for each state that may be lost in a row.
 
         Args:
             period_s: time between two states.

@@ -26,7 +26,7 @@ def stand_in_refusal(
     Args:
         fleet: the fleet file.
         spare: name of the vehicle that stands in.
-        replaced: name of the vehicle that it replaces.
+        replaced: name of the vehicle that it replaces; the same name ends a stand-in.
         position_enu_m: position of the spare [m]; None: not known.
     """
     if replaced not in fleet.vehicles:

@@ -94,7 +94,7 @@ def _sentence(text: str, kind: Any, path: str, key: str) -> str:
     message, _, position = text.partition(" - at `")
     tail = position.rstrip("`").lstrip("$")
 
-    unknown = re.search(r"unknown field `(.+?)`", message)
+    unknown = re.search(r"unknown field `(?P<field>.+?)`", message)
     if unknown is None:
         return f"{path}: '{key}{tail}': {message}. Correct the value."
 
@@ -102,7 +102,7 @@ def _sentence(text: str, kind: Any, path: str, key: str) -> str:
     known = ""
     if names:
         known = f" Known keys here: {names}."
-    return f"{path}: unknown key '{key}{tail}.{unknown[1]}'.{known} Remove or correct it."
+    return f"{path}: unknown key '{key}{tail}.{unknown['field']}'.{known} Remove or correct it."
 
 
 def _known_keys(kind: Any, tail: str) -> tuple[str, ...]:
@@ -110,7 +110,7 @@ def _known_keys(kind: Any, tail: str) -> tuple[str, ...]:
     if not tail:
         struct = kind
     elif re.fullmatch(r"\[\d+\]", tail):
-        struct = next(iter(get_args(kind)), None)
+        struct = next(iter(get_args(kind)), None)  # type of the list's items
     else:
         return ()
     return getattr(struct, "__struct_fields__", ())

@@ -203,7 +203,7 @@ def _bus_problems(config: FleetConfig) -> Iterator[str]:
             yield f"'{key}' is {endpoint!r}; write it as quic/10.0.0.5:7447."
         yield from _port_problems(key, endpoint)
 
-        address = endpoint.partition("/")[2]
+        _, _, address = endpoint.partition("/")
         owner = owners.setdefault(address, key)
         if owner != key:
             yield (
@@ -236,7 +236,7 @@ def _bus_problems(config: FleetConfig) -> Iterator[str]:
 
 def _port_problems(key: str, endpoint: str) -> Iterator[str]:
     """Yield a sentence if an endpoint has a port that no computer has."""
-    port = endpoint.rpartition(":")[2]
+    _, _, port = endpoint.rpartition(":")
     if endpoint.startswith("serial://") or not port.isdecimal():
         return
     is_port = len(port) <= len(str(LAST_PORT)) and 1 <= int(port) <= LAST_PORT
@@ -253,7 +253,7 @@ def law_bounds(key: str) -> tuple[float, float]:
         least and largest value.
     """
     least = 1e-3
-    if "margin" in key or "gain" in key:
+    if "margin" in key or "gain" in key:  # margins and the gain of the shortfall may be 0
         least = 0.0
     return least, 100.0
 
@@ -324,7 +324,7 @@ def _vehicle_problems(config: FleetConfig, vehicle: Vehicle) -> Iterator[str]:
 def _name_problems(config: FleetConfig) -> Iterator[str]:
     """Yield a sentence for each vehicle that agents would take for another kind of node."""
     for name in config.vehicles:
-        first_word = name.partition("-")[0]
+        first_word, _, _ = name.partition("-")
         if first_word in _NODE_WORDS:
             yield (
                 f"A vehicle is named '{name}', as nodes of the kind '{first_word}' are. Give it "

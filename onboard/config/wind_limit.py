@@ -51,25 +51,22 @@ def largest_push_m_s2(vehicle: Vehicle) -> float:
 def wind_limit_m_s(fleet: FleetConfig, vehicle: Vehicle) -> float:
     """Return the mean wind in which a vehicle may fly [m/s]; NaN if it has no known drag.
 
-    It is the smaller of the fleet's and the vehicle's ``max_wind_m_s``. If the vehicle has no
-    ``max_wind_m_s``, its limit follows from the drag: the push of the wind with its gusts must not
-    exceed the share _WIND_SHARE of the horizontal acceleration.
+    The limit is the smaller of the fleet's and the vehicle's ``max_wind_m_s``. If the vehicle has
+    none, its limit follows from the drag: the push of the wind with its gusts must not exceed the
+    share _WIND_SHARE of the horizontal acceleration.
 
     Args:
         fleet: the fleet; its ``max_wind_m_s`` holds for all its vehicles.
         vehicle: one of its vehicles.
     """
-    limits_m_s = [
-        limit_m_s
-        for limit_m_s in (fleet.fleet.max_wind_m_s, vehicle.max_wind_m_s)
-        if limit_m_s is not None
-    ]
-
     # without a drag the wind cannot be measured, so a limit in m/s is useless
     if vehicle.drag_1_s <= 0.0:
         return math.nan
 
-    if vehicle.max_wind_m_s is None:
+    limit_m_s = vehicle.max_wind_m_s
+    if limit_m_s is None:
         push_m_s2 = _WIND_SHARE * tilt_acceleration_m_s2(vehicle)
-        limits_m_s.append(push_m_s2 / (vehicle.drag_1_s * GUSTY))
-    return min(limits_m_s)
+        limit_m_s = push_m_s2 / (vehicle.drag_1_s * GUSTY)
+    if fleet.fleet.max_wind_m_s is not None:
+        limit_m_s = min(limit_m_s, fleet.fleet.max_wind_m_s)
+    return limit_m_s

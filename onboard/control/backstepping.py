@@ -2,8 +2,8 @@
 
 The paper takes the baseline's gains from a source that is not public ([18]), so this is our own
 derivation. The vehicle obeys p'' = a, and the setpoint is (p_s, v_s, a_s). The tracking error is
-e = p_s - p. Its radial clamp is s(e) = e inside the radius r, and s(e) = r e/|e| outside. It is the
-gradient of the convex Huber function H(e). Then:
+e = p_s - p. Its radial clamp is s(e) = e inside the radius r, and s(e) = r e/|e| outside. The clamp
+s is the gradient of the convex Huber function H(e). Then:
 
     v_ref = v_s + k1 s(e)                       first step: the velocity that brings e to rest
     z     = v - v_ref                           so e' = v_s - v = -k1 s(e) - z
@@ -19,9 +19,8 @@ velocity to k1 r. Without it the vehicle would tilt fully, first towards the set
 
 There is no integral action here, because a free integrator winds up while the avoidance law holds
 the vehicle back. The disturbance observer (estimation/disturbance_observer.py) compensates static
-errors: tilt bias, weak attitude gain and wind. It knows the command that was really sent, so that
-holding back does not wind it up. The state given here is predicted over the attitude lag. That is
-why gains of 1.5 and 4 1/s are stable with 0.15 s of lag as well as with 0.27 s.
+errors: tilt bias, weak attitude gain and wind. The state given here is predicted over the attitude
+lag.
 """
 
 from __future__ import annotations

@@ -24,7 +24,7 @@ _PARKED_M_S = 0.2  # a neighbour is parked if its speed and its intended speed a
 # a parked vehicle holds this one back if the gap beyond the distance to keep is smaller than this
 _TOUCHING_M = 0.5
 _NEAR_M = 5.0  # only parked vehicles within this distance count
-_MOST = 8  # number of parked vehicles that count, the nearest ones
+_MOST_PILLARS = 8  # number of parked vehicles that count, the nearest ones
 
 # A map that is computed in flight may take only some milliseconds. So it has at most this number of
 # tests (see route_map.MOST_TESTS).
@@ -73,7 +73,7 @@ def pillars(state: State, neighbours: Sequence[Neighbour], spacing: Spacing) -> 
 
     if not is_held:
         return ()
-    nearest = sorted(pillars_by_distance)[:_MOST]
+    nearest = sorted(pillars_by_distance)[:_MOST_PILLARS]
     return tuple(pillar for _, pillar in nearest)
 
 
@@ -84,7 +84,7 @@ def most_pillars(corner_count: int, thing_count: int) -> int:
         corner_count: corners around the static things.
         thing_count: number of these things.
     """
-    for count in range(_MOST, 0, -1):
+    for count in range(_MOST_PILLARS, 0, -1):
         corners = corner_count + CORNERS_PER_END * count  # a pillar has one end
         if corners * corners * (thing_count + count) <= _MOST_TESTS:
             return count

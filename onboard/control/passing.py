@@ -55,6 +55,6 @@ def top_m(fleet: FleetConfig, vehicle_name: str, height_m: float) -> float:
         height_m: height of the level, fleet ENU.
     """
     risen_m = height_m + rise_m(fleet, vehicle_name)
-    if risen_m > highest_m(fleet):
+    if risen_m > highest_m(fleet):  # such a rise is not flown
         return height_m
     return risen_m

@@ -19,13 +19,14 @@ from onboard.arrays import Array
 from onboard.config.config_error import ConfigError
 from onboard.vectors import ZERO_3, Vec3
 
-# numbers of a piece: its duration, then eight coefficients each of x, y, z and yaw, the constant
-# coefficient first
-NUMBERS = 33
+# number of numbers of a piece: its duration, then eight coefficients each of x, y, z and yaw, the
+# constant coefficient first
+NUMBER_COUNT = 33
+_DURATION = 0  # index of the duration
 MOST_BYTES = 262_144  # largest path: nearly two thousand pieces
 PART_BYTES = 24_576  # a path is sent in parts of this size: a message has at most 65536 bytes
 LONGEST_S = 3600.0
-_ROW = struct.Struct(f"<{NUMBERS}f")  # one piece as little-endian 32-bit floats
+_ROW = struct.Struct(f"<{NUMBER_COUNT}f")  # one piece as little-endian 32-bit floats
 MOST_PIECES = MOST_BYTES // _ROW.size
 
 
@@ -33,7 +34,7 @@ class Path(NamedTuple):
     """Pieces of a path; the first piece begins at the time 0."""
 
     ends_s: tuple[float, ...]  # time at which each piece ends
-    pieces: tuple[tuple[float, ...], ...]  # NUMBERS each, lengths in metres ENU, yaw in radians
+    pieces: tuple[tuple[float, ...], ...]  # lengths in metres ENU, yaw in radians
 
     @property
     def duration_s(self) -> float:
@@ -51,7 +52,7 @@ class PathPoint(NamedTuple):
 
 
 def path_of(pieces: Sequence[Sequence[float]]) -> Path:
-    """Return the path of these pieces of NUMBERS numbers, rounded to 32-bit floats.
+    """Return the path of these pieces, rounded to 32-bit floats.
 
     Raises:
         ConfigError: There is no piece; or a piece has another number of values, a value that is not
@@ -61,7 +62,7 @@ def path_of(pieces: Sequence[Sequence[float]]) -> Path:
         rows = [_ROW.pack(*piece) for piece in pieces]
     except (struct.error, OverflowError):
         raise ConfigError(
-            f"A piece has other than {NUMBERS} numbers, or one that is too large for 32 bits."
+            f"A piece has other than {NUMBER_COUNT} numbers, or one that is too large for 32 bits."
         ) from None
     return from_bytes(b"".join(rows))
 
@@ -86,7 +87,7 @@ def from_bytes(data: bytes) -> Path:
         )
 
     pieces = tuple(_ROW.iter_unpack(data))
-    durations_s = [piece[0] for piece in pieces]
+    durations_s = [piece[_DURATION] for piece in pieces]
     ends_s = tuple(itertools.accumulate(durations_s))
 
     is_finite = np.isfinite(np.array(pieces)).all()
@@ -107,14 +108,13 @@ def point_at(path: Path, time_s: float) -> PathPoint:
     """Return the motion at a time of the path; before its begin and after its end it is at rest."""
     if time_s >= path.duration_s:
         last = path.pieces[-1]
-        last_duration_s = last[0]
-        return _rest(last, last_duration_s)
+        return _rest(last, last[_DURATION])
     if not time_s > 0.0:  # or NaN
         return _rest(path.pieces[0], 0.0)
 
     index = bisect_right(path.ends_s, time_s)
     piece = path.pieces[index]
-    begin_s = path.ends_s[index] - piece[0]
+    begin_s = path.ends_s[index] - piece[_DURATION]
     since_s = time_s - begin_s
 
     x, v_x, a_x = horner(piece, 0, since_s)
@@ -131,7 +131,10 @@ def point_at(path: Path, time_s: float) -> PathPoint:
 
 def _rest(piece: Sequence[float], since_s: float) -> PathPoint:
     """Return the position and yaw at a time of a piece, with zero velocity and acceleration."""
-    x, y, z, yaw_rad = (horner(piece, axis, since_s)[0] for axis in range(4))
+    x, _, _ = horner(piece, 0, since_s)
+    y, _, _ = horner(piece, 1, since_s)
+    z, _, _ = horner(piece, 2, since_s)
+    yaw_rad, _, _ = horner(piece, 3, since_s)
     return PathPoint(
         position_enu_m=Vec3(x, y, z),
         velocity_enu_m_s=ZERO_3,
@@ -148,7 +151,7 @@ def horner(piece: Sequence[float], axis: int, t: float) -> tuple[float, float, f
         axis: 0 to 3 for x, y, z, yaw.
         t: time since the begin of the piece [s], or an array.
     """
-    # the number 0 is the duration; the coefficients of the axes follow
+    # the coefficients follow the duration
     c0, c1, c2, c3, c4, c5, c6, c7 = piece[1 + 8 * axis : 9 + 8 * axis]
     value = c0 + t * (c1 + t * (c2 + t * (c3 + t * (c4 + t * (c5 + t * (c6 + t * c7))))))
     first = c1 + t * (
@@ -169,10 +172,10 @@ def sampled(path: Path, times_s: Array) -> Array:
     # the end of the path belongs to its last piece
     clipped_s = np.clip(times_s, 0.0, path.duration_s)
     index = np.minimum(np.searchsorted(ends_s, clipped_s, side="right"), len(pieces) - 1)
-    begins_s = ends_s[index] - pieces[index, 0]
+    begins_s = ends_s[index] - pieces[index, _DURATION]
     since_s = clipped_s - begins_s
 
-    numbers = pieces[index].T  # (NUMBERS, T): the numbers of each time's piece
+    numbers = pieces[index].T  # (NUMBER_COUNT, T): the numbers of each time's piece
     by_axis = [horner(numbers, axis, since_s) for axis in range(4)]  # type: ignore[arg-type]
     motion = np.array(by_axis).transpose(1, 2, 0)  # from (axis, derivative, time)
 

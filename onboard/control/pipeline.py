@@ -60,16 +60,16 @@ _ACTIVE_M_S2 = 0.05  # the law is active if it changes the thrust by more than t
 _ACTIVE_FACTOR = 2.0  # the clock slows fully if the law is active in half of the recent past
 _LEAST_CLAMP_M = 0.15  # smallest clamp of the position error, for the fastest setpoint
 
-# While the landing gear still touches the ground, tilt turns the vehicle over instead of moving it.
-_LIFTOFF_CLAMP_M = 0.1
-_LIFTOFF_M_S2 = 1.0
+# At lift-off, tilt turns the vehicle over while the landing gear still touches the ground.
+_LIFTOFF_CLAMP_M = 0.1  # clamp of the position error
+_LIFTOFF_M_S2 = 1.0  # largest horizontal acceleration
 
 _NOWHERE = Vec3(math.nan, math.nan, math.nan)
 _WEIGHT = Vec3(0.0, 0.0, -GRAVITY_M_S2)
 _LEVEL = Thrust(Vec3(0.0, 0.0, GRAVITY_M_S2))
 
 
-# arguments and results of :func:`onboard.avoidance.oist.step`
+# type of :func:`onboard.avoidance.oist.step`
 LawStep = Callable[..., tuple[oist.LawMemory, LawOutput]]
 
 
@@ -433,12 +433,12 @@ def _activity(
     activity: float, intervention_m_s2: float, params: PipelineParams, dt_s: float
 ) -> float:
     """Return the share of the recent past in which the law was active, after this tick."""
-    is_active = 1.0 if intervention_m_s2 > _ACTIVE_M_S2 else 0.0
-    return activity + (1.0 - math.exp(-dt_s / params.activity_time_s)) * (is_active - activity)
+    active = 1.0 if intervention_m_s2 > _ACTIVE_M_S2 else 0.0
+    return activity + (1.0 - math.exp(-dt_s / params.activity_time_s)) * (active - activity)
 
 
 def _turned(yaw_rad: float, goal: Goal, params: PipelineParams, dt_s: float) -> float:
-    """Return the heading to hold after this tick; it turns in the shorter sense to the goal's."""
+    """Return the heading to hold after this tick, turned the shorter way to the goal's."""
     if not math.isfinite(goal.yaw_rad):
         return yaw_rad
 

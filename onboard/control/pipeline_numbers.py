@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-from onboard.avoidance.params import COVEY, PAPER, LawParams, law_params
+from onboard.avoidance.params import COVEY, LawParams, law_params
 from onboard.config.fleet import FleetConfig
 from onboard.config.ground import floor_m
 from onboard.config.wind_limit import largest_push_m_s2
@@ -75,11 +75,6 @@ def pipeline_params(
     max_acceleration_m_s2 = GRAVITY_M_S2 * math.tan(max_tilt_rad)
     lift_reserve_m_s2 = (1.0 / hover_frac - 1.0) * GRAVITY_M_S2
 
-    # the paper's law evaluates its rows at the present time
-    lead_s = 0.0
-    if law_numbers.law != PAPER:
-        lead_s = law_numbers.lead_time_s
-
     rise_m = 0.0  # without Covey's law the legs are straight
     if law_numbers.law == COVEY:
         rise_m = passing.rise_m(fleet, vehicle_name)
@@ -88,7 +83,7 @@ def pipeline_params(
         trajectory=trajectory.TrajectoryParams(
             max_speed_m_s=law_numbers.max_speed_m_s,
             max_acceleration_m_s2=float(vehicle.max_acceleration_m_s2),
-            lead_s=lead_s,
+            lead_s=law_numbers.lead_time_s,
             rise_m=rise_m,
             highest_m=passing.highest_m(fleet),
         ),

@@ -22,10 +22,11 @@ def no_way(around: Surroundings, vehicle_name: str, begin_enu_m: Xyz, goal_enu_m
     if not around.still:
         return ""
 
-    things = in_the_way(around.still, begin_enu_m[2], goal_enu_m[2])
-    route_map = map_of(things, around)
-    begin = Vec2(float(begin_enu_m[0]), float(begin_enu_m[1]))
-    goal = Vec2(float(goal_enu_m[0]), float(goal_enu_m[1]))
+    begin_x, begin_y, begin_z = begin_enu_m
+    goal_x, goal_y, goal_z = goal_enu_m
+    begin = Vec2(float(begin_x), float(begin_y))
+    goal = Vec2(float(goal_x), float(goal_y))
+    route_map = map_of(in_the_way(around.still, begin_z, goal_z), around)
     clearance_m = around.spacing.clearance_m
 
     room_m = route_map.room_m(goal)
@@ -35,6 +36,7 @@ def no_way(around: Surroundings, vehicle_name: str, begin_enu_m: Xyz, goal_enu_m
             f"{vehicle_name} keeps {clearance_m:.2f} m clear"
         )
 
+    # an incomplete map finds not every route
     if route_map.route(begin, goal) or not route_map.is_complete:
         return ""
 

@@ -106,7 +106,7 @@ class RouteMap:
         corners = _corners(ends, free_standing, walls)
         is_complete = len(corners) ** 2 * len(self._things.keep_m) <= MOST_TESTS
         if not is_complete:
-            corners = corners[:0]
+            corners = corners[:0]  # none
 
         # lengths of the free pieces between two corners
         between_m = np.full((len(corners), len(corners)), np.inf)
@@ -138,8 +138,8 @@ class RouteMap:
             Only the goal if the straight line is free. Empty if there is no route.
         """
         begin = np.array(begin_m)
-        counts = self._counting_things(begin)
-        if self._are_free(begin, np.array(goal_m), counts):
+        is_relevant = self._relevant_things(begin)
+        if self._are_free(begin, np.array(goal_m), is_relevant):
             return [goal_m]
 
         # corners by the length of the route through them, the shortest first
@@ -149,9 +149,9 @@ class RouteMap:
         order = np.argsort(total_m)
         order = order[np.isfinite(total_m[order])]
 
-        first = self._first_in_sight(begin, order[:_FIRST_TRIES], counts)
+        first = self._first_in_sight(begin, order[:_FIRST_TRIES], is_relevant)
         if first is None:
-            first = self._first_in_sight(begin, order[_FIRST_TRIES:], counts)
+            first = self._first_in_sight(begin, order[_FIRST_TRIES:], is_relevant)
         if first is None:
             return []
 
@@ -159,14 +159,16 @@ class RouteMap:
         present = self._index_of(present_m)
         if present is not None and total_m[present] < total_m[first] + _SHORTER_M:
             is_other_side = not np.isfinite(self._routes.pieces_m[present, first])
-            if is_other_side and self._are_free(begin, corners[present], counts):
+            if is_other_side and self._are_free(begin, corners[present], is_relevant):
                 first = present
         last = int(from_corners.last[first])
         return [*self._corners_between(first, last), goal_m]
 
-    def _first_in_sight(self, begin: Array, indices: IntArray, counts: BoolArray) -> int | None:
+    def _first_in_sight(
+        self, begin: Array, indices: IntArray, is_relevant: BoolArray
+    ) -> int | None:
         """Return the index of the first of some corners to which the straight line is free."""
-        is_free = self._are_free(begin, self._routes.corners_m[indices], counts)
+        is_free = self._are_free(begin, self._routes.corners_m[indices], is_relevant)
         if not is_free.any():
             return None
         return int(indices[int(is_free.argmax())])
@@ -197,12 +199,12 @@ class RouteMap:
         total_m = self._routes.length_m + last_m[None]
         return _GoalRoutes(total_m.min(1, initial=np.inf), _nearest_column(total_m))
 
-    def _counting_things(self, point_m: Array) -> BoolArray:
-        """Return whether each thing (O,) counts for a piece from a point.
+    def _relevant_things(self, point_m: Array) -> BoolArray:
+        """Return whether each thing (O,) matters for a piece from a point.
 
-        If the point is beyond an area's edges, these do not count: every route back crosses one.
+        The edges of an area that the point is beyond do not: every route back crosses one.
         """
-        is_beyond = _areas_left(point_m, self._things)
+        is_beyond = _is_beyond_areas(point_m, self._things)
         return np.asarray(~is_beyond[self._things.area])
 
     def lengths_past(self, begin_m: Vec2, other_m: Vec2, keep_m: float) -> list[float]:
@@ -222,7 +224,7 @@ class RouteMap:
         # routes of one piece
         kept_m = min(keep_m, math.dist(begin_m, other_m)) - _PIECE_ROUNDING_M
         is_open = _point_distances(other, begin, corners) >= kept_m
-        is_open &= self._are_free(begin, corners, self._counting_things(begin))
+        is_open &= self._are_free(begin, corners, self._relevant_things(begin))
         lengths_m = np.where(is_open, _lengths(corners - begin), np.inf)
 
         # longer routes, by the algorithm of Bellman and Ford
@@ -250,7 +252,7 @@ class RouteMap:
         return bool(_is_inside(end, self._walls) and self._are_free(np.array(begin_m), end))
 
     def _are_free(
-        self, begins_m: Array, ends_m: Array, counts: BoolArray | None = None
+        self, begins_m: Array, ends_m: Array, is_relevant: BoolArray | None = None
     ) -> BoolArray:
         """Return whether each straight piece, (..., 2) to (..., 2), keeps its distances.
 
@@ -258,7 +260,7 @@ class RouteMap:
 
         Args:
             begins_m, ends_m: ends of the pieces.
-            counts: whether each thing counts (O,); None: all of them.
+            is_relevant: whether each thing matters (O,); None: all of them do.
         """
         things = self._things
         begins = begins_m[..., None, :]
@@ -270,8 +272,8 @@ class RouteMap:
         allowed_m = np.minimum(things.keep_m - _PIECE_SPARE_M, from_begin_m)
         allowed_m = np.minimum(allowed_m, from_end_m)
         is_far = distance_m >= allowed_m - _PIECE_ROUNDING_M
-        if counts is not None:
-            is_far = is_far | ~counts
+        if is_relevant is not None:
+            is_far = is_far | ~is_relevant
         return np.asarray(is_far.all(-1))
 
 
@@ -282,7 +284,7 @@ def _nearest_column(lengths_m: Array) -> IntArray:
     return np.asarray(lengths_m.argmin(1))
 
 
-def _areas_left(point_m: Array, things: _Things) -> BoolArray:
+def _is_beyond_areas(point_m: Array, things: _Things) -> BoolArray:
     """Return for each area, by its number, whether a point (2,) is beyond its edges.
 
     The allowed side of an edge is on its left. So the allowed space is inside an outline that
@@ -296,14 +298,14 @@ def _areas_left(point_m: Array, things: _Things) -> BoolArray:
 
     # an upward edge that the ray crosses has the point on its left, a downward one on its right
     is_upward = end[:, 1] > begin[:, 1]
-    is_level = (begin[:, 1] > 0.0) == (end[:, 1] > 0.0)  # the edge is above the ray or below it
-    is_crossed = ~is_level & (is_upward == (doubled_m2 > 0.0))
+    is_above_or_below = (begin[:, 1] > 0.0) == (end[:, 1] > 0.0)  # the edge, of the ray's line
+    is_crossed = ~is_above_or_below & (is_upward == (doubled_m2 > 0.0))
 
     crossings = np.bincount(things.area, weights=is_crossed)
     is_inside = crossings % 2 == 1
     is_left_turn = np.bincount(things.area, weights=doubled_m2) > 0.0
     is_beyond = is_inside != is_left_turn
-    is_beyond[:1] = False
+    is_beyond[:1] = False  # a slice, because without things there is no entry
     return np.asarray(is_beyond)
 
 

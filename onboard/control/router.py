@@ -173,7 +173,9 @@ def _searched(
     route = route_map.route(here, goal_m, memory.corner)
 
     if memory.refuge is None:
-        whole_route = [here, *(route or [goal_m])]
+        whole_route = [here, goal_m]
+        if route:
+            whole_route = [here, *route]
         memory = _yielded(memory, state, whole_route, neighbours, route_map, around.spacing)
     else:
         memory = _waiting(memory, [here, *route], neighbours, around.spacing)
@@ -219,12 +221,12 @@ def _yielded(
     spacing: Spacing,
 ) -> RouteMemory:
     """Return the memory with a refuge to wait at, if the vehicle has to give way."""
-    here = route[0]
-    ahead_m = math.dist(here, route[1])
+    here, ahead, *_ = route
+    ahead_m = math.dist(here, ahead)
     if ahead_m < _SAME_POINT_M:
         return memory
 
-    direction = Vec2((route[1].x - here.x) / ahead_m, (route[1].y - here.y) / ahead_m)
+    direction = Vec2((ahead.x - here.x) / ahead_m, (ahead.y - here.y) / ahead_m)
     opponent = yielding.opponent_of(state, direction, neighbours, spacing)
     if opponent is None:
         return memory._replace(met_s=0.0)
@@ -312,9 +314,11 @@ def route_length_m(around: Surroundings, begin_enu_m: Xyz, goal_enu_m: Xyz) -> f
     if not around.still:
         return math.dist(begin_enu_m, goal_enu_m)
 
-    begin = Vec2(begin_enu_m[0], begin_enu_m[1])
-    goal = Vec2(goal_enu_m[0], goal_enu_m[1])
-    still = in_the_way(around.still, begin_enu_m[2], goal_enu_m[2])
+    begin_x, begin_y, begin_z = begin_enu_m
+    goal_x, goal_y, goal_z = goal_enu_m
+    begin = Vec2(begin_x, begin_y)
+    goal = Vec2(goal_x, goal_y)
+    still = in_the_way(around.still, begin_z, goal_z)
     route = map_of(still, around).route(begin, goal)
     if not route:
         route = [goal]
@@ -322,7 +326,7 @@ def route_length_m(around: Surroundings, begin_enu_m: Xyz, goal_enu_m: Xyz) -> f
     level_m = 0.0
     for here, there in pairwise([begin, *route]):
         level_m += math.dist(here, there)
-    return math.hypot(level_m, goal_enu_m[2] - begin_enu_m[2])
+    return math.hypot(level_m, goal_z - begin_z)
 
 
 def in_the_way(
@@ -355,9 +359,9 @@ def _by_height(still: tuple[Capsule, ...]) -> set[tuple[Capsule, ...]]:
 
 
 def _behind(here: Vec2, corner: Vec2, route_map: RouteMap) -> Vec2:
-    """Return a point behind a corner, on the line from here, that is in sight of the corner.
+    """Return a point behind a corner, on the line from here; the corner itself if there is no room.
 
-    It is the corner itself if there is no room.
+    The point is in sight of the corner.
     """
     away_m = math.dist(here, corner)
     if away_m < _SAME_POINT_M:

@@ -386,7 +386,9 @@ def _planned(memory: TrajectoryMemory, goal: Goal, params: TrajectoryParams) -> 
     # to the setpoint's height.
     if _leads_past(p.z, v.z, target.z, params):
         now_m = p.z - params.lead_s * v.z
-        p = Vec3(p.x, p.y, min(max(target.z, min(now_m, p.z)), max(now_m, p.z)))
+        low_m = min(now_m, p.z)
+        high_m = max(now_m, p.z)
+        p = Vec3(p.x, p.y, min(max(target.z, low_m), high_m))
         v = Vec3(v.x, v.y, 0.0)
         a = Vec3(a.x, a.y, 0.0)
 

@@ -35,7 +35,7 @@ _BESIDE_M = 0.15  # a refuge is farther from that route than necessary by this
 _ASIDE_M = (0.0, 0.5, 1.0)  # distances from a corner at which a refuge is tried
 
 _REJOIN_M = 2.5  # length of the own route that must be free before the vehicle goes on
-_REJOIN_SPARE_M = 0.3  # other vehicles must be farther from it than necessary by this
+_REJOIN_SPARE_M = 0.3  # other vehicles must be farther from that length than necessary by this
 
 # West, turned by 20 degrees. In a passage across this direction, neither vehicle would be further
 # west; few passages have this direction.
@@ -140,19 +140,19 @@ def is_route_free(route: Sequence[Vec2], neighbours: Sequence[Neighbour], spacin
         spacing: distances to keep.
     """
     least_m = spacing.safety_distance_m + spacing.margin_m + _REJOIN_SPARE_M
-    left_m = _REJOIN_M
+    unchecked_m = _REJOIN_M
     for begin, end in pairwise(route):
         piece = Vec2(end.x - begin.x, end.y - begin.y)
         piece_m = length_2(piece)
-        share = min(1.0, left_m / max(piece_m, 1e-6))  # 1e-6: no division by zero
+        share = min(1.0, unchecked_m / max(piece_m, 1e-6))  # 1e-6: no division by zero
         until = Vec2(begin.x + share * piece.x, begin.y + share * piece.y)
         for neighbour in neighbours:
             is_going = length_2(horizontal(neighbour.intent_enu_m_s)) > _SLOW_M_S
             away_m = _piece_distance_m(horizontal(neighbour.position_enu_m), begin, until)
             if is_going and away_m < least_m:
                 return False
-        left_m -= piece_m
-        if left_m <= 0.0:
+        unchecked_m -= piece_m
+        if unchecked_m <= 0.0:
             break
     return True
 

@@ -94,8 +94,9 @@ class BaseWatch:
         if surveyed_deg is None:
             return 0.0
 
+        latitude_deg, longitude_deg = surveyed_deg
+        surveyed = Origin(latitude_deg=latitude_deg, longitude_deg=longitude_deg, altitude_m=0)
         latitude_deg, longitude_deg, height_m = position.latitude_longitude_height
-        surveyed = Origin(latitude_deg=surveyed_deg[0], longitude_deg=surveyed_deg[1], altitude_m=0)
         east_m, north_m = east_north_m(surveyed, latitude_deg, longitude_deg)
         up_m = 0.0
         if self._corrections.base_height_m is not None:

@@ -25,21 +25,22 @@ _RESERVED_BITS = 0xFC  # the bits of the second byte that are zero
 
 # Numbers of the messages of the standard. Numbers from 4001 on belong to makers of receivers, and
 # only receivers of the same maker understand them; an example is the heading of a moving base.
-_NUMBERS = range(1001, 1231)
+_STANDARD_NUMBERS = range(1001, 1231)
 _OBSERVATIONS = (range(1001, 1005), range(1009, 1013), range(1071, 1138))
 _WITH_STATION = (range(1001, 1014), range(1033, 1034), range(1071, 1138), range(1230, 1231))
 _BASE_POSITION = (1005, 1006)
 
 # Positions of parts of a message: first bits, and lengths.
 _STATION_BIT = 12
+_STATION_WIDTH = 12
 _STATION_BYTES = 3  # least length of a message with a station
 _AXIS_BITS = (34, 74, 114)  # X, Y and Z of the base
 _AXIS_WIDTH = 38  # bits of each
 _AXIS_UNIT_M = 1e-4
 _BASE_BYTES = 19  # length of message 1005
 
-# Observations of GLONASS have a shorter time. The bit after the time says whether more observations
-# of the same moment follow.
+# The bit after the time of observations says whether more observations of the same moment follow.
+# The time is shorter in these messages of GLONASS.
 _GLONASS = (range(1009, 1013),)
 _MORE_BIT = 54
 _MORE_BIT_GLONASS = 51
@@ -92,9 +93,10 @@ def frame_bytes(header: bytes | bytearray) -> int:
     Args:
         header: three bytes or more.
     """
-    if header[0] != PREAMBLE or header[1] & _RESERVED_BITS:
+    preamble, high_byte, low_byte = header[:HEADER_BYTES]
+    if preamble != PREAMBLE or high_byte & _RESERVED_BITS:
         return 0
-    message_bytes = (header[1] << 8) | header[2]
+    message_bytes = (high_byte << 8) | low_byte
     if message_bytes < 2:  # shorter than the number of a message
         return 0
     return HEADER_BYTES + message_bytes + CHECKSUM_BYTES
@@ -115,7 +117,7 @@ def number_of(frame: bytes) -> int:
     Args:
         frame: whole frame.
     """
-    return frame[3] << 4 | frame[4] >> 4
+    return _bits(frame, 0, 12)
 
 
 def is_for_receivers(number: int) -> bool:
@@ -124,7 +126,7 @@ def is_for_receivers(number: int) -> bool:
     Args:
         number: number of the message.
     """
-    return number in _NUMBERS
+    return number in _STANDARD_NUMBERS
 
 
 def is_observation(number: int) -> bool:
@@ -145,7 +147,7 @@ def station_of(frame: bytes) -> int | None:
     is_long_enough = len(frame) >= HEADER_BYTES + _STATION_BYTES + CHECKSUM_BYTES
     if not is_long_enough or not _is_in(number_of(frame), _WITH_STATION):
         return None
-    return _bits(frame, _STATION_BIT, 12)
+    return _bits(frame, _STATION_BIT, _STATION_WIDTH)
 
 
 def base_of(frame: bytes) -> BasePosition | None:
@@ -161,7 +163,7 @@ def base_of(frame: bytes) -> BasePosition | None:
         return None
 
     x, y, z = (_AXIS_UNIT_M * _signed_bits(frame, bit, _AXIS_WIDTH) for bit in _AXIS_BITS)
-    return BasePosition(station=_bits(frame, _STATION_BIT, 12), ecef_m=(x, y, z))
+    return BasePosition(station=_bits(frame, _STATION_BIT, _STATION_WIDTH), ecef_m=(x, y, z))
 
 
 def ends_epoch(frame: bytes) -> bool:

@@ -152,7 +152,7 @@ def _horizontal(
 ) -> _Axis:
     """Return a horizontal axis after a tick of its second-order response.
 
-    It is integrated by the implicit midpoint rule, which is stable for every length of the tick.
+    The response is integrated by the implicit midpoint rule, which is stable for every tick.
     """
     wn = params.wn_rad_s
     half = 0.5 * dt_s

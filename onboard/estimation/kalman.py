@@ -114,7 +114,7 @@ def gust_time_s(lag_s: float) -> float:
 def largest_bias_m_s2(largest_push_m_s2: float) -> float:
     """Return the bound of the bias per axis [m/s^2].
 
-    It is twice the largest push of the wind that the vehicle can compensate, so that the filter
+    The bound is twice the largest push that the vehicle can compensate, so that the filter
     recognises a stronger wind.
 
     Args:

@@ -26,8 +26,7 @@ _LASTING_TIME_S = 30.0  # averaging time of the gusts of the last half minute
 
 _KNOWN_AFTER_S = 1.0  # the wind is known after this time of flight
 
-# The usual margin covers gusts up to this standard deviation. In calm air the filter's bias varies
-# by 0.03 m/s^2.
+# the usual margin covers gusts up to this standard deviation
 COVERED_M_S2 = 0.15
 
 
@@ -89,9 +88,9 @@ def step(memory: WindMemory, bias_enu_m_s2: Vec3, dt_s: float, is_on_ground: boo
 
 
 def wind_enu_m_s(memory: WindMemory, drag_1_s: float) -> tuple[float, float]:
-    """Return the mean velocity of the air, east and north [m/s]; NaN while it is not known.
+    """Return the mean velocity of the air, east and north [m/s].
 
-    It is not known on the ground, in the first second of a flight, and for an unknown drag.
+    NaN on the ground, in the first second of a flight, and for an unknown drag.
 
     Args:
         memory: present memory.
@@ -115,8 +114,8 @@ def gust_std_m_s2(memory: WindMemory) -> float:
 def strongest_gust_std_m_s2(memory: WindMemory) -> float:
     """Return the standard deviation of the gusts to expect, per axis [m/s^2].
 
-    It is the largest of three: that of the present gusts, that of the last half minute, and the
-    usual one in the mean wind.
+    The largest of three is returned: of the present gusts, of the last half minute, and of the
+    usual gusts in the mean wind.
 
     Args:
         memory: present memory.

@@ -161,19 +161,32 @@ def flows(count: int, near: int, states_hz: float, has_mocap: bool) -> list[Flow
         all_poses_1_s = rate_hz[Topic.ALL_POSES]
 
     to_vehicles = [
-        Flow("states to near vehicles", near * states_hz, STATE_BYTES, True),
-        Flow("states to far vehicles", far * rate_hz[Topic.FAR], STATE_BYTES, True),
+        Flow("states to near vehicles", near * states_hz, STATE_BYTES, is_to_vehicles=True),
+        Flow("states to far vehicles", far * rate_hz[Topic.FAR], STATE_BYTES, is_to_vehicles=True),
         Flow(
-            "telemetry to vehicles", others * rate_hz[Topic.SLOW_TELEMETRY], TELEMETRY_BYTES, True
+            "telemetry to vehicles",
+            others * rate_hz[Topic.SLOW_TELEMETRY],
+            TELEMETRY_BYTES,
+            is_to_vehicles=True,
         ),
-        Flow("clock to vehicles", others * rate_hz[Topic.CLOCK], CLOCK_BYTES, True),
+        Flow("clock to vehicles", others * rate_hz[Topic.CLOCK], CLOCK_BYTES, is_to_vehicles=True),
     ]
     with_the_ground = [
-        Flow("states to the record", states_hz, STATE_BYTES, False),
-        Flow("ticks to the record", TICK_PACKETS * rate_hz[Topic.TICK], TICK_BYTES, False),
-        Flow("telemetry to the ground", rate_hz[Topic.TELEMETRY], TELEMETRY_BYTES, False),
-        Flow("own poses", own_poses_1_s, POSE_BYTES, False),
-        Flow("poses of all", all_poses_1_s, count * POSE_BYTES, False),
+        Flow("states to the record", states_hz, STATE_BYTES, is_to_vehicles=False),
+        Flow(
+            "ticks to the record",
+            TICK_PACKETS * rate_hz[Topic.TICK],
+            TICK_BYTES,
+            is_to_vehicles=False,
+        ),
+        Flow(
+            "telemetry to the ground",
+            rate_hz[Topic.TELEMETRY],
+            TELEMETRY_BYTES,
+            is_to_vehicles=False,
+        ),
+        Flow("own poses", own_poses_1_s, POSE_BYTES, is_to_vehicles=False),
+        Flow("poses of all", all_poses_1_s, count * POSE_BYTES, is_to_vehicles=False),
     ]
     return to_vehicles + with_the_ground
 

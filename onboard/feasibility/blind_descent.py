@@ -43,8 +43,9 @@ def blind_descent_findings(
 def _finding(fleet: FleetConfig, name: str, spot: Xyz, label: str) -> Finding:
     """Return the finding about one vehicle."""
     vehicle = fleet.vehicles[name]
-    top_m = top_of_moves_m(fleet, name, spot[2])
-    height_m = max(0.0, top_m - vehicle.start_enu_m[2])
+    _, _, spot_m = spot
+    _, _, ground_m = vehicle.start_enu_m
+    height_m = max(0.0, top_of_moves_m(fleet, name, spot_m) - ground_m)
     params = sinking_params(
         float(vehicle.max_acceleration_m_s2), float(vehicle.hover_thrust_frac), has_mocap=True
     )

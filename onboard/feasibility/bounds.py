@@ -134,9 +134,7 @@ def braking_m_s2(
 
 
 def largest_equal_kappa_1_s(lag_s: float) -> float:
-    """Return the largest kappa_1 = kappa_2 that does not overshoot: 4 / (27 lag) [1/s].
-
-    It holds for a law that does not predict over the lag.
+    """Return the largest kappa_1 = kappa_2 without overshoot and prediction: 4 / (27 lag) [1/s].
 
     Args:
         lag_s: lag from command to acceleration.
@@ -168,7 +166,7 @@ def loop_growth_1_s(
 ) -> float:
     """Return the largest growth rate [1/s] of a motion under a distance row that is always active.
 
-    It is negative if every motion dies out. The model is one axis, sampled at 50 Hz. The law
+    The rate is negative if every motion dies out. The model is one axis, sampled at 50 Hz. The law
     predicts the state over the configured lag with the vehicle's past commands, and evaluates the
     row there. The acceleration follows the row's command with a dead time and a second-order
     response. Simulating one tick from each unit state gives the matrix of a tick. The largest
@@ -247,8 +245,8 @@ def available_acceleration_m_s2(max_tilt_deg: float, hover_thrust_frac: float) -
 def delay_margin_m(age_s: float) -> float:
     """Return the margin [m] for old states, in addition to the margin for the estimates' errors.
 
-    It is 0 up to :data:`USUAL_AGE_S`. It is a fit over simulated flights (8 and 16 vehicles, 200
-    and 300 ms of delay, 0 and 30 % lost), and not a theorem.
+    The margin is 0 up to :data:`USUAL_AGE_S`. It is a fit over simulated flights, and not a
+    theorem.
 
     Args:
         age_s: largest age of a neighbour's newest state.

@@ -12,7 +12,8 @@ from onboard.feasibility.finding import Finding, at_least
 
 _LEAST_BRAKE_M_S2 = 0.05  # no division by zero where the wind takes all of the tilt
 _GUST_SIGMAS = 3.0  # strongest gust, in standard deviations
-_ERRORS_M = 0.10  # measured in light air with the weak drones of paper.toml
+# errors of lag, gain and position, measured in light air with the weak drones of paper.toml
+_ERRORS_M = 0.10
 
 # A buffer that is too narrow is a warning and never a refusal, because the whole buffer is needed
 # only in a wind as strong as max_wind_m_s.

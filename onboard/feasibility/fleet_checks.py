@@ -327,9 +327,12 @@ def _fence_finding(fleet: FleetConfig, name: str, spot: Xyz, label: str) -> Find
     vehicle = fleet.vehicles[name]
     fence = fleet.fleet.geofence_m
 
-    # the fence's lower limit z[0] does not count, because vehicles stop on the ground
+    # the floor of the fence does not count, because vehicles stop on the ground
     x, y, z = spot
-    room_m = min(x - fence.x[0], fence.x[1] - x, y - fence.y[0], fence.y[1] - y, fence.z[1] - z)
+    west, east = fence.x
+    south, north = fence.y
+    _, top = fence.z
+    room_m = min(x - west, east - x, y - south, north - y, top - z)
     limit_words = "the fence"
     remedy = "Move the spot inwards, widen fleet.geofence_m, or lower max_speed_m_s."
     to_area_m, area_name = flight_space_of(fleet).room_m(spot)

@@ -257,7 +257,7 @@ def _remedy(here: MapCell, cells: Sequence[MapCell]) -> str:
 
 
 def _distance(here: MapCell, cell: MapCell) -> float:
-    """Return the distance of two cells; one step of the map is about 1 in each axis."""
+    """Return the distance of two cells: a class counts 10, a step of another axis about 1."""
     classes = _CLASSES.index(here.errors) - _CLASSES.index(cell.errors)
     return (
         10.0 * abs(classes)

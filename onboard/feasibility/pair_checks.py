@@ -1,8 +1,7 @@
 """Findings about pairs of vehicles under the law. Pure.
 
-They are about margin, range, delay, the inequality, lag, the gains kappa_1 and kappa_2 ("kappas"),
-and braking. Each check computes its quantity with :mod:`onboard.feasibility.bounds` and the fleet's
-values, and adds the sentence.
+The findings are about margin, range, delay, the inequality, lag, the gains kappa_1 and kappa_2
+("kappas"), and braking.
 """
 
 from __future__ import annotations
@@ -435,8 +434,9 @@ def crowding(fleet: FleetConfig, vehicles: list[Vehicle]) -> Finding:
         )
 
     # in the densest packing, a circle takes sqrt(3)/2 = sqrt(0.75) times its squared diameter
-    fence = fleet.fleet.geofence_m
-    area_m2 = (fence.x[1] - fence.x[0]) * (fence.y[1] - fence.y[0])
+    west, east = fleet.fleet.geofence_m.x
+    south, north = fleet.fleet.geofence_m.y
+    area_m2 = (east - west) * (north - south)
     for area in flight_space_of(fleet).areas:
         if area.keeps_in:
             area_m2 = min(area_m2, areas.size_m2(area))

@@ -51,7 +51,7 @@ _BLIND_UNDER_GROUND_M = -1.0  # no error explains so low a height: the vehicle h
 
 
 class ContactSigns(Struct, frozen=True):
-    """Times since which the signs of contact hold: the last time [ns] a sign did not hold."""
+    """Signs of contact; each time [ns] is the last one at which the sign did not hold."""
 
     height_m: float = 0.0  # height at which the vehicle has been still
     still_ns: int = 0  # the vehicle does not move vertically
@@ -72,21 +72,21 @@ def observe(
         sinks_blind: whether the vehicle descends without poses; single poses may still come.
     """
     now_ns = view.now_ns
-    height_m = view.position_enu_m[2]
+    _, _, height_m = view.position_enu_m
+    _, _, sinking_m_s = view.snapshot.velocity_local_ned_m_s
 
     is_blind = view.is_blind or sinks_blind
     if has_mocap and not is_blind:
         is_still = abs(height_m - signs.height_m) < _STILL_M
         still_height_m = signs.height_m if is_still else height_m
     else:
-        sinking_m_s = view.snapshot.velocity_local_ned_m_s[2]
         is_still = abs(sinking_m_s) < _STILL_PX4_M_S
         if is_blind:
             is_still = sinking_m_s < _BLIND_SINKS_M_S
         still_height_m = height_m
 
     is_light = view.thrust_share < _LIGHT_SHARE
-    is_slow = abs(view.snapshot.velocity_local_ned_m_s[2]) < _LIGHT_SLOW_M_S
+    is_slow = abs(sinking_m_s) < _LIGHT_SLOW_M_S
     return ContactSigns(
         height_m=still_height_m,
         still_ns=signs.still_ns if is_still else now_ns,
@@ -110,7 +110,8 @@ def is_agreed(signs: ContactSigns, view: FlightView, ground_z_m: float, is_late:
     is_light = signs.light_ns < since_ns
     is_reported = signs.reported_ns < since_ns
 
-    height_m = view.position_enu_m[2] - ground_z_m
+    _, _, z_m = view.position_enu_m
+    height_m = z_m - ground_z_m
     is_low = height_m < LOW_M and view.thrust_share < _HOVERS_SHARE
     if (is_light or is_low) and (is_still or is_reported):
         return True
@@ -145,7 +146,8 @@ def is_agreed_blind(signs: ContactSigns, view: FlightView, ground_z_m: float) ->
         view: what the flight sees at this tick.
         ground_z_m: height of the ground where it took off [m].
     """
-    height_m = view.position_enu_m[2] - ground_z_m
+    _, _, z_m = view.position_enu_m
+    height_m = z_m - ground_z_m
     if height_m < _BLIND_UNDER_GROUND_M:
         return True
     return _has_stood_low(signs, view, height_m, _BLIND_STANDS_S)
@@ -162,7 +164,8 @@ def seems_to_stand_blind(signs: ContactSigns, view: FlightView, ground_z_m: floa
         view: what the flight sees at this tick.
         ground_z_m: height of the ground where it took off [m].
     """
-    height_m = view.position_enu_m[2] - ground_z_m
+    _, _, z_m = view.position_enu_m
+    height_m = z_m - ground_z_m
     return _has_stood_low(signs, view, height_m, _BLIND_TOUCHES_S)
 
 

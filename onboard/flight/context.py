@@ -1,6 +1,6 @@
 """The memory of one vehicle's flight: its step, its order and its goal.
 
-All of the agent may read it. Only the state machine and the effects that it calls write it. What
+Every part of the agent may read the memory. Only the state machine and its effects write it. What
 depends on the step alone (situation, control mode, whether setpoints are sent) is a property of the
 step: ``flight.step``.
 """
@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
+from typing import Literal
 
 from onboard.agent_commands import Command, Publish
 from onboard.bus.schema import AgentState, Event, Order, OrderOutcome, Severity
@@ -40,7 +41,7 @@ _PX4_HEIGHT_RISEN_M = 1.5
 
 _CAN_FOLLOW = (FlightStep.LEG, FlightStep.ARRIVED, FlightStep.HOLDING, FlightStep.COASTING)
 _NEAR_THE_GROUND = (FlightStep.LIFTOFF, FlightStep.DESCENT, FlightStep.SINKING)
-_NO_GOAL = Goal(ZERO_3, 0.0, 0)
+_NO_GOAL = Goal(position_enu_m=ZERO_3, duration_s=0.0, sequence=0)
 
 
 @dataclass(slots=True)
@@ -113,7 +114,9 @@ class FlightContext:
     @property
     def slot_owner(self) -> str:
         """Name of the vehicle whose start, slots and paths this one uses: usually its own."""
-        return self.stands_in_for or self.vehicle.name
+        if self.stands_in_for:
+            return self.stands_in_for
+        return self.vehicle.name
 
     @property
     def followed(self) -> str:
@@ -151,7 +154,8 @@ class FlightContext:
 
     def _height_m(self, view: FlightView) -> float:
         """Return the height above the ground where the vehicle took off [m]."""
-        return view.position_enu_m[2] - self.ground_z_m
+        _, _, z_m = view.position_enu_m
+        return z_m - self.ground_z_m
 
     def route_length_m(self, view: FlightView, goal_enu_m: Xyz) -> float:
         """Return the length [m] of the route to a goal, around everything that stands still."""
@@ -178,7 +182,8 @@ class FlightContext:
             limit_m = _PX4_HEIGHT_RISEN_M
             if self.vehicle.mocap_required:
                 limit_m = _RISEN_M
-            risen_m = view.position_enu_m[2] - self.lowest_m
+            _, _, z_m = view.position_enu_m
+            risen_m = z_m - self.lowest_m
             if is_height_known and risen_m > limit_m:
                 return f"it has risen by {risen_m:.2f} m"
 
@@ -197,7 +202,7 @@ class FlightContext:
         code: str,
         sentence: str,
         order_id: str = "",
-        outcome: OrderOutcome | None = None,
+        outcome: OrderOutcome | Literal[""] = "",
     ) -> None:
         """Publish an event for people and programs."""
         event = Event(
@@ -207,7 +212,7 @@ class FlightContext:
             code=code,
             sentence=sentence,
             order_id=order_id,
-            order_outcome=outcome or "",
+            order_outcome=outcome,
         )
         self.commands.append(Publish(Topic.EVENT, event))
 

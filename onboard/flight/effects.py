@@ -59,7 +59,7 @@ def takeoff_height_m(order: Order | None) -> float:
 
 def stay_on_ground(flight: FlightContext, view: FlightView) -> None:
     """Take the present position as the ground and as the goal."""
-    flight.ground_z_m = view.position_enu_m[2]
+    _, _, flight.ground_z_m = view.position_enu_m
     flight.has_fallen = False
     flight.was_killed = False
     flight.goal = flight.goal._replace(position_enu_m=Point(*view.position_enu_m))
@@ -71,7 +71,7 @@ def lift_off(flight: FlightContext, view: FlightView) -> None:
     A longer climb would begin more slowly. Near the ground a vehicle cannot tilt much against the
     wind, so it has to leave the ground soon.
     """
-    flight.ground_z_m = view.position_enu_m[2]
+    _, _, flight.ground_z_m = view.position_enu_m
     top_m = min(takeoff_height_m(flight.order), flight.ground_z_m + LIFT_M)
     _climb_above(flight, view, view.position_enu_m, top_m)
 
@@ -87,7 +87,7 @@ def take_over(flight: FlightContext, view: FlightView) -> None:
     This agent was not in control at the take-off, so it does not know the height of the ground.
     """
     flight.was_killed = False
-    flight.ground_z_m = flight.fleet.vehicles[flight.slot_owner].start_enu_m[2]
+    _, _, flight.ground_z_m = flight.fleet.vehicles[flight.slot_owner].start_enu_m
     _set_goal(flight, stop_point(view, flight.vehicle, flight.fleet), 0.0)
 
 
@@ -124,8 +124,8 @@ def stop_here(flight: FlightContext, view: FlightView) -> None:
     The height of the stop is kept between the vehicle's and the ordered one.
     """
     x, y, stop_z_m = stop_point(view, flight.vehicle, flight.fleet)
-    own_z_m = view.position_enu_m[2]
-    goal_z_m = flight.goal_position_enu_m[2]
+    _, _, own_z_m = view.position_enu_m
+    _, _, goal_z_m = flight.goal_position_enu_m
     _, middle_z_m, _ = sorted((own_z_m, goal_z_m, stop_z_m))
     _set_goal(flight, (x, y, middle_z_m), 0.0)
 
@@ -183,7 +183,8 @@ def descend(flight: FlightContext, view: FlightView) -> None:
     x, y, _ = stop_point(view, flight.vehicle, flight.fleet)
 
     goal_z_m = _end_of_descent_m(flight, view)
-    height_m = view.position_enu_m[2] - max(flight.ground_z_m, goal_z_m)
+    _, _, own_z_m = view.position_enu_m
+    height_m = own_z_m - max(flight.ground_z_m, goal_z_m)
     down_s = vertical_s(height_m, flight.vehicle.max_speed_m_s)
     speed_m_s = math.hypot(*view.velocity_enu_m_s)
     braking_s = 2.0 * speed_m_s / flight.vehicle.max_acceleration_m_s2
@@ -200,7 +201,7 @@ def _end_of_descent_m(flight: FlightContext, view: FlightView) -> float:
     may be, and the vehicle sinks on slowly from there (:func:`feel_for_ground`).
     """
     # the end is never above the vehicle: a height that reads too low must not make it climb
-    own_m = view.position_enu_m[2]
+    _, _, own_m = view.position_enu_m
     if flight.vehicle.mocap_required:
         return min(flight.ground_z_m, own_m) - _UNDER_GROUND_M
 
@@ -213,7 +214,7 @@ def feel_for_ground(flight: FlightContext, view: FlightView) -> None:
     """Sink on at a low constant speed, also below the expected ground."""
     goal = flight.goal
     sequence = goal.sequence
-    if not goal.is_on_path:  # still the goal of the planned part: the slow part begins now
+    if not goal.is_on_path:  # the goal of the planned part: the slow part begins now
         sequence += 1
 
     speed_m_s = min(_FEEL_M_S, -goal.velocity_enu_m_s.z + _FEEL_M_S2 * view.period_s)
@@ -237,14 +238,15 @@ def descend_here(flight: FlightContext, view: FlightView) -> None:
 def descend_further(flight: FlightContext, view: FlightView) -> None:
     """Descend slowly by another step, because the ground is lower than expected."""
     x, y, goal_z_m = flight.goal_position_enu_m
-    lower_z_m = min(goal_z_m, view.position_enu_m[2]) - _LOWER_BY_M
+    _, _, own_z_m = view.position_enu_m
+    lower_z_m = min(goal_z_m, own_z_m) - _LOWER_BY_M
     _set_goal(flight, (x, y, lower_z_m), 1.0)
 
 
 def expect_contact(flight: FlightContext, view: FlightView) -> None:
     """Reset the lowest height, and take the present height as that of the contact."""
     flight.lowest_m = math.inf
-    flight.contact_z_m = view.position_enu_m[2]
+    _, _, flight.contact_z_m = view.position_enu_m
 
 
 def note_fall(flight: FlightContext, view: FlightView) -> None:
@@ -308,7 +310,8 @@ def _climb_above(
 ) -> None:
     """Go to a height above a position."""
     x, y, _ = position_enu_m
-    up_s = vertical_s(top_m - view.position_enu_m[2], flight.vehicle.max_speed_m_s)
+    _, _, own_z_m = view.position_enu_m
+    up_s = vertical_s(top_m - own_z_m, flight.vehicle.max_speed_m_s)
     _set_goal(flight, (x, y, top_m), max(_LEAST_CLIMB_S, up_s))
 
 

@@ -131,7 +131,10 @@ def _refusal_to_stand_in(order: Order, flight: FlightContext, facts: OrderFacts)
     position_enu_m = None
     if facts.view.has_position:
         position_enu_m = facts.view.position_enu_m
-    return stand_in_refusal(facts.fleet, name, order.stands_in_for, position_enu_m) or None
+    reason = stand_in_refusal(facts.fleet, name, order.stands_in_for, position_enu_m)
+    if not reason:
+        return None
+    return reason
 
 
 def _refusal_to_enable(flight: FlightContext, others: Mapping[str, Telemetry]) -> str | None:
@@ -312,7 +315,8 @@ def _refusal_to_start(order: Order, flight: FlightContext, facts: OrderFacts) ->
 
     for name, other in facts.others.items():
         # the point of the climb that is nearest to the other vehicle
-        nearest_z_m = min(max(other.position_enu_m[2], z), height_m)
+        _, _, other_z_m = other.position_enu_m
+        nearest_z_m = min(max(other_z_m, z), height_m)
         nearest_enu_m = (x, y, nearest_z_m)
         distance_m = separation_m(other.position_enu_m, nearest_enu_m, limits.height_share)
         if not other.is_position_valid or distance_m >= limits.safety_distance_m:
@@ -322,7 +326,7 @@ def _refusal_to_start(order: Order, flight: FlightContext, facts: OrderFacts) ->
             beside_m = math.dist(other.position_enu_m[:2], (x, y))
             return (
                 f"{name} flies {beside_m:.2f} m beside the way up, at a height of "
-                f"{other.position_enu_m[2]:.2f} m: move {name} away, or order a lower take-off."
+                f"{other_z_m:.2f} m: move {name} away, or order a lower take-off."
             )
         return (
             f"{name} stands {distance_m:.2f} m away, nearer than the safety distance "
@@ -384,7 +388,8 @@ def _refusal_to_move(order: Order, flight: FlightContext, facts: OrderFacts) -> 
 
     ground_m = floor_m(facts.fleet)
     least_m = least_height_m(vehicle)
-    if goal[2] < ground_m + least_m:
+    _, _, goal_z_m = goal
+    if goal_z_m < ground_m + least_m:
         why = ""
         if not vehicle.mocap_required:
             why = " (its height is PX4's own, which errs by that much)"
@@ -406,7 +411,7 @@ def _refusal_to_move(order: Order, flight: FlightContext, facts: OrderFacts) -> 
 
         x, y, z = other.position_enu_m
         if other.is_airborne:
-            z = min(z, goal[2])  # a landing neighbour takes the whole column below it
+            z = min(z, goal_z_m)  # a landing neighbour takes the whole column below it
         distance_m = separation_m((x, y, z), goal, limits.height_share)
         if other.is_position_valid and distance_m < limits.safety_distance_m:
             return (

@@ -156,7 +156,8 @@ def px4_flies_without_agent(flight: FlightContext, view: FlightView) -> bool:
 
 def lifted_off(flight: FlightContext, view: FlightView) -> bool:
     """Return whether it has clearly left the ground."""
-    return view.position_enu_m[2] > flight.ground_z_m + _LIFTED_M
+    _, _, z_m = view.position_enu_m
+    return z_m > flight.ground_z_m + _LIFTED_M
 
 
 def climbs_on(flight: FlightContext, view: FlightView) -> bool:
@@ -165,8 +166,10 @@ def climbs_on(flight: FlightContext, view: FlightView) -> bool:
     In the middle the leg is at its top speed and does not accelerate. The second leg continues with
     that speed.
     """
-    is_above = takeoff_height_m(flight.order) > flight.goal_position_enu_m[2]
-    return is_above and view.position_enu_m[2] > flight.ground_z_m + 0.5 * LIFT_M
+    _, _, z_m = view.position_enu_m
+    _, _, goal_z_m = flight.goal_position_enu_m
+    has_second_leg = takeoff_height_m(flight.order) > goal_z_m
+    return has_second_leg and z_m > flight.ground_z_m + 0.5 * LIFT_M
 
 
 def lift_off_late(flight: FlightContext, view: FlightView) -> bool:
@@ -312,8 +315,9 @@ def sees_again_for_long(flight: FlightContext, view: FlightView) -> bool:
 
 def falls(flight: FlightContext, view: FlightView) -> bool:
     """Return whether it falls below the height of its contact, which was no contact then."""
-    fallen_m = flight.contact_z_m - view.position_enu_m[2]
-    return fallen_m > _FALLEN_M and view.velocity_enu_m_s[2] < _FALLING_M_S
+    _, _, z_m = view.position_enu_m
+    _, _, climbing_m_s = view.velocity_enu_m_s
+    return flight.contact_z_m - z_m > _FALLEN_M and climbing_m_s < _FALLING_M_S
 
 
 def is_kept_off(flight: FlightContext, view: FlightView) -> bool:
@@ -328,7 +332,8 @@ def feels_for_ground(flight: FlightContext, view: FlightView) -> bool:
     if flight.goal.is_on_path:
         return True
 
-    above_m = view.position_enu_m[2] - flight.goal.position_enu_m.z
+    _, _, z_m = view.position_enu_m
+    above_m = z_m - flight.goal.position_enu_m.z
     return flight.seconds(view) > flight.goal.duration_s and above_m < _FEELS_WITHIN_M
 
 
@@ -336,7 +341,8 @@ def floor_is_lower(flight: FlightContext, view: FlightView) -> bool:
     """Return whether the descent has ended above the ground, which is lower than at take-off."""
     if not flight.vehicle.mocap_required:
         return False
-    is_high = view.position_enu_m[2] - flight.ground_z_m > _CONTACT_HEIGHT_M
+    _, _, z_m = view.position_enu_m
+    is_high = z_m - flight.ground_z_m > _CONTACT_HEIGHT_M
     return is_high and flight.seconds(view) > flight.goal.duration_s + _LOWER_FLOOR_S
 
 
@@ -412,7 +418,8 @@ def px4_landing_late(flight: FlightContext, view: FlightView) -> bool:
     """Return whether PX4's landing has taken too long, given the height that is left."""
     left_m = 0.0
     if view.has_position:
-        left_m = max(0.0, view.position_enu_m[2] - flight.ground_z_m)
+        _, _, z_m = view.position_enu_m
+        left_m = max(0.0, z_m - flight.ground_z_m)
     return flight.seconds(view) > _PX4_LANDING_TIMEOUT_S + left_m / _PX4_SINKS_M_S
 
 
@@ -442,5 +449,6 @@ def _is_kept_beside_its_goal(flight: FlightContext, view: FlightView) -> bool:
     x, y, _ = view.position_enu_m
     goal_x, goal_y, _ = flight.goal_position_enu_m
     is_beside = math.hypot(goal_x - x, goal_y - y) > _KEPT_OFF_M
-    is_standing = is_at_rest(view, flight.vehicle) and view.velocity_enu_m_s[2] > _SINKS_M_S
+    _, _, climbing_m_s = view.velocity_enu_m_s
+    is_standing = is_at_rest(view, flight.vehicle) and climbing_m_s > _SINKS_M_S
     return is_beside and is_standing

@@ -41,7 +41,9 @@ def killed_in_the_air(flight: FlightContext, view: FlightView) -> str:
     order = flight.order
     if order is None:
         return ""
-    node = order.node[:60] or "an unnamed ground"
+    node = "an unnamed ground"
+    if order.node:
+        node = order.node[:60]
     return f"Killed in the air by order of {order.author[:60]} (from {node})."
 
 
@@ -69,7 +71,7 @@ def lands_unless_killed(flight: FlightContext) -> str:
 
 def left_its_hold(flight: FlightContext, view: FlightView) -> str:
     """Return the reason why a takeover has ended."""
-    mode = view.snapshot.mode or "unknown"
+    mode = _mode_words(view)
     return f"PX4 left its hold before it was taken over (now {mode}): it flies without this agent."
 
 
@@ -124,7 +126,8 @@ def _px4_words(flight: FlightContext, view: FlightView) -> str:
 
 def at_height(flight: FlightContext, view: FlightView) -> str:
     """Return the end of a take-off."""
-    return f"At {view.position_enu_m[2]:.2f} m."
+    _, _, z_m = view.position_enu_m
+    return f"At {z_m:.2f} m."
 
 
 def not_at_height(flight: FlightContext, view: FlightView) -> str:
@@ -202,10 +205,19 @@ def landed_as_ordered(flight: FlightContext, view: FlightView) -> str:
 
 def why_landed(flight: FlightContext, view: FlightView) -> str:
     """Return the reason why an order other than `land` ended with a landing."""
-    return flight.reason or "Landed."
+    if not flight.reason:
+        return "Landed."
+    return flight.reason
 
 
 def px4_does_not_land(flight: FlightContext, view: FlightView) -> str:
     """Return the reason why PX4's landing has failed."""
-    mode = view.snapshot.mode or "unknown"
+    mode = _mode_words(view)
     return f"PX4 does not land; its mode is {mode}: land it with the transmitter."
+
+
+def _mode_words(view: FlightView) -> str:
+    """Return PX4's mode; "unknown" before the first heartbeat."""
+    if not view.snapshot.mode:
+        return "unknown"
+    return view.snapshot.mode

@@ -69,7 +69,7 @@ def locate(flight: FlightContext, view: FlightView, order: Order) -> None:
     """Play a tune that shows which vehicle this is. The flight goes on unchanged."""
     flight.commands.append(PlayTune())
 
-    # PX4 does not acknowledge a tune, so the sentence cannot say that it was played
+    # PX4 does not acknowledge a tune; "identify" is the former name of the order
     flight.say(view, "info", "identify", sentences.LOCATED, order.order_id, "done")
 
 
@@ -128,7 +128,9 @@ def change_service(flight: FlightContext, view: FlightView, order: Order) -> Non
     The others see and avoid a vehicle that is out of service, too.
     """
     if order.kind == "disable":
-        flight.disabled_by = order.author or "nobody named"
+        flight.disabled_by = "nobody named"
+        if order.author:
+            flight.disabled_by = order.author
         sentence = sentences.disabled(flight)
     elif order.kind == "stand_in":
         is_other = order.stands_in_for != flight.vehicle.name
@@ -193,9 +195,9 @@ def advance(flight: FlightContext, view: FlightView) -> None:
         sinks_blind=flight.step is FlightStep.SINKING,
     )
 
-    height_m = view.position_enu_m[2]
-    is_sinking = view.velocity_enu_m_s[2] <= 0.0
-    if is_sinking or flight.seconds(view) > _STILL_CLIMBING_S:
+    _, _, height_m = view.position_enu_m
+    _, _, climbing_m_s = view.velocity_enu_m_s
+    if climbing_m_s <= 0.0 or flight.seconds(view) > _STILL_CLIMBING_S:
         flight.lowest_m = min(flight.lowest_m, height_m)
 
     if not is_steady(flight, view):

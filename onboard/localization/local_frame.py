@@ -77,12 +77,15 @@ class LocalFrame:
             self._offset_enu_m = anchored_m
         elif is_parked:
             # after a flight, only the height of the ground is known
-            self._offset_enu_m = (self._offset_enu_m[0], self._offset_enu_m[1], anchored_m[2])
+            x, y, _ = self._offset_enu_m
+            _, _, anchored_z = anchored_m
+            self._offset_enu_m = (x, y, anchored_z)
         elif last is not None:
             self._offset_enu_m = self._absorbed_m(self._offset_enu_m, last, local, anchored_m)
 
         x, y, z = self._offset_enu_m
-        return local.position_m[0] + x, local.position_m[1] + y, local.position_m[2] + z
+        local_x, local_y, local_z = local.position_m
+        return local_x + x, local_y + y, local_z + z
 
     def vertical(self, snapshot: Snapshot, now_ns: int) -> VerticalMotion | None:
         """Return the present height in the fleet frame, and the vertical speed.
@@ -99,10 +102,11 @@ class LocalFrame:
         if self._offset_enu_m is None or age_s > LOCAL_POSITION_FRESH_S:
             return None
 
-        climbing_m_s = enu_from_ned(snapshot.velocity_local_ned_m_s)[2]
-        local_m = enu_from_ned(snapshot.position_local_ned_m)[2]
+        climbing_m_s = enu_from_ned(snapshot.velocity_local_ned_m_s).z
+        local_m = enu_from_ned(snapshot.position_local_ned_m).z
+        _, _, offset_m = self._offset_enu_m
         return VerticalMotion(
-            height_m=local_m + age_s * climbing_m_s + self._offset_enu_m[2],
+            height_m=local_m + age_s * climbing_m_s + offset_m,
             climbing_m_s=climbing_m_s,
         )
 
@@ -147,17 +151,19 @@ class LocalFrame:
         reach_m = _JUMP_M + _JUMP_M_S2 * dt_s * max(1.0, dt_s)
         if math.hypot(*jump_m) > reach_m:
             self.jumps += 1
-            x = x - jump_m[0]
-            y = y - jump_m[1]
-            z = z - jump_m[2]
+            jump_x, jump_y, jump_z = jump_m
+            x = x - jump_x
+            y = y - jump_y
+            z = z - jump_z
 
         # return slowly towards the true offset
         if self.origin is not None:
-            remaining_m = math.hypot(anchored_m[0] - x, anchored_m[1] - y)
+            true_x, true_y, _ = anchored_m
+            remaining_m = math.hypot(true_x - x, true_y - y)
             moved_share = 0.0
             if remaining_m > 0.0:
                 moved_share = min(1.0, _RETURN_M_S * dt_s / remaining_m)
-            x = x + moved_share * (anchored_m[0] - x)
-            y = y + moved_share * (anchored_m[1] - y)
+            x = x + moved_share * (true_x - x)
+            y = y + moved_share * (true_y - y)
 
         return x, y, z

@@ -343,8 +343,8 @@ class OwnState:
         motion = self.px4_check.motion(now_ns)
         if motion is None:
             return None
-        position_enu_m, velocity_enu_m_s = motion
-        return VerticalMotion(height_m=position_enu_m[2], climbing_m_s=velocity_enu_m_s[2])
+        (_, _, height_m), (_, _, climbing_m_s) = motion
+        return VerticalMotion(height_m=height_m, climbing_m_s=climbing_m_s)
 
     def to_px4(self, setpoint: AttitudeSetpoint) -> AttitudeSetpoint:
         """Convert an attitude setpoint from the fleet frame to PX4's heading."""
@@ -404,15 +404,16 @@ class OwnState:
     @property
     def gust_m_s(self) -> float:
         """Standard deviation of the present gusts as a velocity; NaN while no wind is known."""
-        if math.isnan(self.wind_enu_m_s[0]):
+        east_m_s, _ = self.wind_enu_m_s
+        if math.isnan(east_m_s):
             return math.nan
         return self.gust_m_s2 / self.vehicle.drag_1_s
 
     @property
     def position_std_m(self) -> float:
-        """Standard deviation of the estimate along one axis [m]; infinite before the first sample.
+        """Standard deviation of the filter's position per axis [m], also during dead reckoning.
 
-        It is that of the filter, even during dead reckoning.
+        Infinite before the first sample.
         """
         state = self._state(is_reckoned=False)
         if state is None:

@@ -88,7 +88,7 @@ class Px4PositionCheck:
         elif self._is_up:
             motion = self.motion(now_ns)
             if motion is not None:
-                self._landed_m = motion[0]
+                self._landed_m, _ = motion
             self._landed_blind_s = (now_ns - self._learned_ns) * _NS
         self._is_up = is_up
 
@@ -99,11 +99,13 @@ class Px4PositionCheck:
         x, y, z = trusted_enu_m
         east, north, up = self._position_m
         offset = (east - x, north - y, up - z)
+        new_x, new_y, new_z = offset
         last_offset = self._offset_m
 
         if is_reckoned:
             if last_offset is not None:  # dead reckoning corrects only the horizontal part
-                self._offset_m = (offset[0], offset[1], last_offset[2])
+                _, _, last_z = last_offset
+                self._offset_m = (new_x, new_y, last_z)
             return
 
         # a large change means that PX4 has moved its origin
@@ -111,10 +113,11 @@ class Px4PositionCheck:
             self._offset_m = offset
         else:
             weight = min(1.0, dt_s / _OFFSET_TIME_S)
+            last_x, last_y, last_z = last_offset
             self._offset_m = (
-                last_offset[0] + weight * (offset[0] - last_offset[0]),
-                last_offset[1] + weight * (offset[1] - last_offset[1]),
-                last_offset[2] + weight * (offset[2] - last_offset[2]),
+                last_x + weight * (new_x - last_x),
+                last_y + weight * (new_y - last_y),
+                last_z + weight * (new_z - last_z),
             )
         self._learned_ns = now_ns
 
@@ -150,4 +153,5 @@ class Px4PositionCheck:
         if self._landed_m is not None:
             blind_s = self._landed_blind_s
         error_m = _ERROR_M + _ERROR_M_S2 * blind_s * blind_s
-        return math.dist(motion[0], position_enu_m) > error_m
+        px4_enu_m, _ = motion
+        return math.dist(px4_enu_m, position_enu_m) > error_m

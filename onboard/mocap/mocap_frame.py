@@ -1,6 +1,6 @@
 """Conversion from the coordinates of a motion capture to those of the fleet.
 
-It is written in plain floats, because it runs for every body in every frame of the cameras.
+The conversion uses plain floats, because it runs for every body in every frame of the cameras.
 """
 
 from __future__ import annotations

@@ -56,7 +56,7 @@ def main(argv: list[str]) -> int:
     # The package holds Python's lock while it connects, so only the kernel can end this process
     # when its parent ends.
     ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
-    # The agent gets these signals too, and still needs the poses to land. So they are ignored here.
+    # The agent gets these signals too, and still needs the poses to land.
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, signal.SIG_IGN)
 
@@ -71,9 +71,10 @@ def main(argv: list[str]) -> int:
     except BrokenPipeError:
         return EXIT_OK
     except ModuleNotFoundError:
-        write_frame(pipe, RawFrame(0, {}, NOT_INSTALLED))
+        write_frame(pipe, RawFrame(arrived_ns=0, bodies={}, problem=NOT_INSTALLED))
     except (RuntimeError, OSError, ValueError) as error:
-        write_frame(pipe, RawFrame(0, {}, _sentence(settings, error)))
+        problem = _sentence(settings, error)
+        write_frame(pipe, RawFrame(arrived_ns=0, bodies={}, problem=problem))
     return EXIT_WRONG_INPUT
 
 

@@ -140,8 +140,10 @@ class SdkMocap:
             options["hostname"] = mocap.hostname
         for key, value in mocap.options.items():
             options[key] = _text(value)
-        self._settings = Settings(mocap.type or "", options)
-        self._system = f"{mocap.type} at {mocap.hostname or 'this computer'}"
+        system_type = "" if mocap.type is None else mocap.type
+        hostname = mocap.hostname if mocap.hostname else "this computer"
+        self._settings = Settings(system_type, options)
+        self._system = f"{mocap.type} at {hostname}"
 
         self._stopped = threading.Event()
         self._thread: threading.Thread | None = None

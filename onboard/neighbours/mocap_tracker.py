@@ -1,7 +1,7 @@
 """Estimates the motion of a neighbour from its mocap poses, by an alpha-beta-gamma filter.
 
-It is used for overdue and watched neighbours. Three constants say which share of the innovation
-corrects position, velocity and acceleration.
+The estimate is used for overdue and watched neighbours. Three constants say which share of the
+innovation corrects position, velocity and acceleration.
 """
 
 from __future__ import annotations
@@ -102,11 +102,11 @@ class BodyTracker:
             sample_enu_m,
             strict=True,
         )
-        east, north, up = (corrected(*axis, gap_s) for axis in axes)
+        (x, vx, ax), (y, vy, ay), (z, vz, az) = (corrected(*axis, gap_s) for axis in axes)
 
-        self.position_enu_m = (east[0], north[0], up[0])
-        self.velocity_enu_m_s = (east[1], north[1], up[1])
-        self.acceleration_enu_m_s2 = (east[2], north[2], up[2])
+        self.position_enu_m = (x, y, z)
+        self.velocity_enu_m_s = (vx, vy, vz)
+        self.acceleration_enu_m_s2 = (ax, ay, az)
 
     def _expected(self, gap_s: float) -> Xyz:
         """Return where the body would be at constant velocity."""

@@ -35,7 +35,9 @@ from onboard.tuples import Xyz
 UNSEEN_S = 0.25  # a person whose newest pose is older is unseen
 GONE_S = 10.0  # a person whose newest pose is older is gone
 
-_Z = 2  # column of the height in a row
+# columns in a row
+_HEIGHT = 2
+_VERTICAL_VELOCITY = 5
 
 
 class People:
@@ -52,7 +54,7 @@ class People:
         self.bodies = tuple(fleet.people_bodies.values())
         self._indices = {body: index for index, body in enumerate(self.bodies)}
         self._radii_m = [person.radius_m for person in fleet.people.values()]
-        self._top_m = fleet.fleet.geofence_m.z[1]
+        _, self._top_m = fleet.fleet.geofence_m.z
         self._late_s = fleet.expected_radio.lateness_s
         self._trackers = [BodyTracker() for _ in self.names]
 
@@ -72,8 +74,8 @@ class People:
             return False
 
         numbers = list(tracked_numbers(tracker))
-        numbers[_Z] = self._top_m
-        numbers[_Z + 3] = 0.0  # the vertical velocity
+        numbers[_HEIGHT] = self._top_m
+        numbers[_VERTICAL_VELOCITY] = 0.0
         stamp_ns = min(tracker.stamp_ns, received_ns)
         flags = (True, False, False)  # in the air, not cooperative, announces nothing
         self._arrays.set_state(index, stamp_ns, tuple(numbers), flags)

@@ -278,7 +278,8 @@ class NeighbourTable:
         if silence_s < OVERDUE_S + self.watched_bodies.late_s:
             return True
 
-        is_airborne = not self._may_stand(index, tracker.position_enu_m[2])
+        _, _, height_m = tracker.position_enu_m
+        is_airborne = not self._may_stand(index, height_m)
         stamp_ns = min(tracker.stamp_ns, received_ns)
         arrays.set_state(index, stamp_ns, tracked_numbers(tracker), (is_airborne, False, False))
         self.watched_bodies.located.add(index)
@@ -287,7 +288,7 @@ class NeighbourTable:
 
     def _may_stand(self, index: int, height_m: float) -> bool:
         """Return whether a body at a height may stand on the ground, or on what it started from."""
-        start_m = self.fleet.vehicles[self.names[index]].start_enu_m[2]
+        _, _, start_m = self.fleet.vehicles[self.names[index]].start_enu_m
         is_at_start = abs(height_m - start_m) <= _ON_FLOOR_M
         return is_at_start or height_m <= self._floor_m + _ON_FLOOR_M
 

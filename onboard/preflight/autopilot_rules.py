@@ -81,17 +81,19 @@ def _version(facts: PreflightFacts, fleet: FleetConfig, vehicle: Vehicle) -> Jud
         return "nonsense", {"version": _dotted(version)}
 
     oldest, newest = MEASURED_VERSIONS
+    type_words = vehicle.type if vehicle.type else "the vehicle"
     words: dict[str, object] = {
         "version": _dotted(version),
         "oldest": _dotted(oldest),
         "newest": _dotted(newest),
         "file": vehicle.px4_version,
-        "type": vehicle.type or "the vehicle",
+        "type": type_words,
     }
     if not oldest <= version <= newest:
         return "unmeasured", words
 
-    file_version: Version = (1, int(vehicle.px4_version.partition(".")[2]))
+    major, minor = vehicle.px4_version.split(".")
+    file_version: Version = (int(major), int(minor))
     expected_s = lag_s(file_version, vehicle.px4_params)
     actual_s = lag_s(version, vehicle.px4_params)
     words |= {"expected": expected_s, "actual": actual_s}
@@ -123,11 +125,13 @@ def _link(facts: PreflightFacts, fleet: FleetConfig, vehicle: Vehicle) -> Judgem
 def _port(facts: PreflightFacts, fleet: FleetConfig, vehicle: Vehicle) -> Judgement:
     if facts.has_autopilot and facts.newest_refused:
         refused = facts.refused
+        source = "it"  # an unknown source: the sentence says "from it", from the port
+        if refused.source:
+            source = refused.source
         return "strangers", {
             "count": refused.count,
             "reason": _REASONS[refused.newest],
-            # The sentence says "from {source}"; with an unknown source, "it" is the port.
-            "source": refused.source or "it",
+            "source": source,
         }
 
     listens = vehicle.autopilot.startswith("udpin://")

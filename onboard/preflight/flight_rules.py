@@ -1,6 +1,6 @@
 """Rules of preflight about the flight to come. Pure.
 
-They are about neighbours, fleet file, law, throttle, battery, loop and record.
+The rules are about neighbours, fleet file, law, throttle, battery, loop and record.
 
 Each rule returns a key and values for a sentence. The key names a sentence in ``preflight.toml``,
 under ``[RULE.refuses]`` if the fault refuses a take-off, under ``[RULE.advises]`` if it is advice.

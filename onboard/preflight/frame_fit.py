@@ -4,8 +4,8 @@ All positions are measured in the fleet frame: that of the motion capture, or of
 If this frame is turned by a few degrees, each vehicle is still seen near its spot, but a vehicle
 that flies far from the origin may hit a wall. Only all vehicles together show such an error. The
 fit gives the turn and the shift that map the spots of the fleet file to the seen positions (least
-squares in the plane; Arun, Huang and Blostein 1987). They are compared with the accuracy with which
-people put vehicles on their spots.
+squares in the plane; Arun, Huang and Blostein 1987). Turn and shift are compared with the accuracy
+with which people put vehicles on their spots.
 """
 
 from __future__ import annotations
@@ -110,4 +110,6 @@ def _mean(points_m: Sequence[XY]) -> XY:
 
 
 def _minus(point_m: XY, centre_m: XY) -> XY:
-    return (point_m[0] - centre_m[0], point_m[1] - centre_m[1])
+    x, y = point_m
+    centre_x, centre_y = centre_m
+    return (x - centre_x, y - centre_y)

@@ -1,6 +1,6 @@
 """Rules of preflight about position. Pure.
 
-They are about freshness, clock, agreement with PX4, rest, take-off spot and geofence.
+The rules are about freshness, clock, agreement with PX4, rest, take-off spot and geofence.
 
 Each rule returns a key and values for a sentence. The key names a sentence in ``preflight.toml``,
 under ``[RULE.refuses]`` if the fault refuses a take-off, under ``[RULE.advises]`` if it is advice.
@@ -165,8 +165,8 @@ def _frame(facts: PreflightFacts, fleet: FleetConfig, vehicle: Vehicle) -> Judge
     planned_m = []
     seen_m = []
     for name, (east_m, north_m, _) in facts.spots_seen_enu_m.items():
-        spot_enu_m = fleet.vehicles[name].start_enu_m
-        planned_m.append((spot_enu_m[0], spot_enu_m[1]))
+        spot_east_m, spot_north_m, _ = fleet.vehicles[name].start_enu_m
+        planned_m.append((spot_east_m, spot_north_m))
         seen_m.append((east_m, north_m))
 
     fence = fleet.fleet.geofence_m

@@ -73,7 +73,7 @@ class PreflightInputs:
 
     def _has(self, role: str) -> bool:
         """Return whether a node whose name begins with this word is on the bus."""
-        return any(node.partition("-")[0] == role for node in self._nodes)
+        return any(_first_word(node) == role for node in self._nodes)
 
     def pose_sources(self, now_ns: int) -> int:
         """Return the number of programs that have sent poses of the own body lately."""
@@ -97,7 +97,7 @@ class PreflightInputs:
                 self.clock_bounds_s = {
                     node: bound_s
                     for node, bound_s in bounds_s.items()
-                    if node.partition("-")[0] not in (GROUND, WATCHER)
+                    if _first_word(node) not in (GROUND, WATCHER)
                 }
             case NodeChanged(node, is_alive):
                 if is_alive:
@@ -142,3 +142,9 @@ class PreflightInputs:
         }
         recent[pose.boot_id] = received_ns
         self._pose_sources = recent
+
+
+def _first_word(node: str) -> str:
+    """Return the first word of a node's name, which says what kind of node it is."""
+    word, _, _ = node.partition("-")
+    return word

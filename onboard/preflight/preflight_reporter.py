@@ -123,7 +123,7 @@ class PreflightReporter:
             self._slot_owner = slot_owner
         if people_m is None:
             people_m = {}
-        facts = self._gather(view, is_airborne, hover_frac)
+        facts = self._gather(view, hover_frac, is_airborne=is_airborne)
         self._facts = replace(
             facts,
             conditions=frozenset(conditions),
@@ -149,7 +149,7 @@ class PreflightReporter:
 
     def reasons_in_air(self, view: FlightView, hover_frac: float) -> tuple[str, ...]:
         """Return the sentences that refuse to take over a flying vehicle."""
-        facts = self._gather(view, True, hover_frac)
+        facts = self._gather(view, hover_frac, is_airborne=True)
         return all_rules.reasons(facts, self._fleet, self._vehicle, takeover.RULES)
 
     def due(self, now_ns: int) -> PreflightReport | None:
@@ -178,7 +178,7 @@ class PreflightReporter:
             px4_version=facts.px4_version,
         )
 
-    def _gather(self, view: FlightView, is_airborne: bool, hover_frac: float) -> PreflightFacts:
+    def _gather(self, view: FlightView, hover_frac: float, *, is_airborne: bool) -> PreflightFacts:
         """Return the facts of this tick."""
         now_ns = view.now_ns
         snapshot = view.snapshot

@@ -72,9 +72,10 @@ class PreflightRule:
             **values,
         }
         if key == OK:
-            return PreflightCheck(self.name, True, self.passes.format(**words))
+            return PreflightCheck(self.name, is_ok=True, sentence=self.passes.format(**words))
         if key == SKIP:
-            return PreflightCheck(self.name, True, "Not judged {reason}.".format(**words))
+            sentence = "Not judged {reason}.".format(**words)
+            return PreflightCheck(self.name, is_ok=True, sentence=sentence)
 
         fault = self.faults[key]
         return PreflightCheck(

@@ -178,7 +178,8 @@ def deployment(fleet: FleetConfig, name: str, arguments: argparse.Namespace) -> 
 
     if arguments.wheel:
         commands.append(["scp", "--", *arguments.wheel, f"{target}:{_FOLDER}/"])
-        commands.append(_ssh(fleet, name, arguments, _installation(arguments.wheel[0])))
+        covey_wheel, *_ = arguments.wheel
+        commands.append(_ssh(fleet, name, arguments, _installation(covey_wheel)))
 
     if arguments.user:
         sudo = ""

@@ -345,8 +345,9 @@ def verify(service: Service, text: str) -> str:
 
 def _run(command: Sequence[str]) -> str:
     """Run a command line, and return its failure in a sentence; empty if it succeeded."""
-    if shutil.which(command[0]) is None:
-        return f"This computer has no systemd ({command[0]} is not found)."
+    program, *_ = command
+    if shutil.which(program) is None:
+        return f"This computer has no systemd ({program} is not found)."
     ended = subprocess.run(command, capture_output=True, text=True, check=False)
     if ended.returncode == 0:
         return ""
@@ -420,8 +421,13 @@ def main(argv: Sequence[str]) -> int:
     if len(names) != 1:
         return _fail(f"--vehicle {options.vehicle} must name one vehicle.")
 
-    fleet_path = str(Path(options.fleet).resolve())
-    service = Service(fleet_path, fleet.fleet.name, names[0], options.user)
+    (name,) = names
+    service = Service(
+        fleet_path=str(Path(options.fleet).resolve()),
+        fleet_name=fleet.fleet.name,
+        vehicle=name,
+        is_user=options.user,
+    )
     match options.verb:
         case "install":
             flags = {"--apply-params": options.apply_params, "--realtime": options.realtime}

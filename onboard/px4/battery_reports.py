@@ -41,11 +41,12 @@ class BatteryReports:
         if not _is_connected(report):
             return {}
 
+        first, *_ = connected
         charges_frac = [newest["battery_frac"] for newest in connected]
         known_frac = [charge_frac for charge_frac in charges_frac if not math.isnan(charge_frac)]
         return {
             "battery_frac": min(known_frac, default=math.nan),
-            "battery_voltage_v": connected[0]["battery_voltage_v"],
+            "battery_voltage_v": first["battery_voltage_v"],
             "battery_ns": now_ns,
         }
 

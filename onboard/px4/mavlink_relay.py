@@ -16,7 +16,7 @@ from typing import NamedTuple
 from msgspec.structs import replace
 
 from onboard.autopilot import AUTOPILOT_COMPONENT, LinkError, Refused
-from onboard.px4.packets import Packet, cut, is_read, packed
+from onboard.px4.packets import Packet, Remainder, cut, is_read, packed
 from onboard.px4.signing import SignatureVerdict, Signer
 from onboard.px4.transport import Address, Transport, open_transport
 from onboard.security.mavlink_key import signing_time
@@ -64,7 +64,8 @@ class MavlinkRelay:
 
         self._transport: Transport | None = None  # while it is open
         self._thread: threading.Thread | None = None
-        self._sending = threading.Lock()  # needed because several threads send
+        # protects sequence, transport and signer, because several threads send
+        self._sending = threading.Lock()
         self._sequence = 0  # sequence of the next packet that is sent
 
         # the first bytes of a packet whose other bytes a serial device has not delivered yet
@@ -140,38 +141,29 @@ class MavlinkRelay:
                 self._greet(self._peer)
 
     def _take(self, data: bytes, address: Address | None) -> None:
-        """Take a datagram, or bytes from a serial device, which may end within a packet.
-
-        Bytes after the last whole packet are either the begin of a packet, or junk.
-        """
+        """Take a datagram, or bytes from a serial device, which may end within a packet."""
         is_serial = address is None
         pending = self._begun + data
         self._begun = b""
 
         while pending:
-            left_bytes = 0  # number of bytes after the last packet; negative: they are junk
-            for packet_or_left in cut(pending):
-                if isinstance(packet_or_left, Packet):
-                    self._judge(packet_or_left, address)
+            remainder = Remainder(b"", is_junk=False)
+            for piece in cut(pending):
+                if isinstance(piece, Packet):
+                    self._judge(piece, address)
                 else:
-                    left_bytes = packet_or_left
-            begun = b""
-            junk = b""
-            if left_bytes > 0:
-                begun = pending[-left_bytes:]
-            elif left_bytes < 0:
-                junk = pending[left_bytes:]
+                    remainder = piece
 
             # a serial device delivers the rest of a packet later; a datagram has no rest
-            if begun and is_serial:
-                self._begun = begun
-            elif begun or junk:
+            if is_serial and not remainder.is_junk:
+                self._begun = remainder.data
+            elif remainder.data:
                 self._refuse("malformed", address)
 
             # on a serial device more packets may follow after junk
             pending = b""
-            if junk and is_serial:
-                pending = _from_next_magic(junk)
+            if is_serial and remainder.is_junk:
+                pending = _from_next_magic(remainder.data)
 
     def _judge(self, packet: Packet, address: Address | None) -> None:
         """Accept a packet, or count it as refused."""
@@ -194,7 +186,8 @@ class MavlinkRelay:
             self._refuse("other_address", address)
         elif self._is_fresh(packet, address):
             if address != self._peer:
-                log.info("PX4 sends from %s", _in_words(address) or self._endpoint)
+                source = self._endpoint if address is None else _in_words(address)
+                log.info("PX4 sends from %s", source)
             self._peer = address
             self._peer_ns = now_ns
             self.is_signed = packet.is_signed
@@ -252,4 +245,5 @@ def _in_words(address: Address | None) -> str:
     """Return an address for people; empty for a serial device, which has none."""
     if address is None:
         return ""
-    return f"{address[0]} port {address[1]}"
+    host, port = address
+    return f"{host} port {port}"

@@ -116,9 +116,8 @@ _ATTEMPTS = 2  # number of attempts to set a parameter
 
 def _pose_covariance(std_m: float) -> list[float]:
     """Return the upper triangle of the covariance of north, east, down, roll, pitch and yaw."""
-    # index in the upper triangle of 6 x 6 -> variance; all covariances are 0
     variance_m2 = std_m**2
-    # index in the triangle, which is written row by row -> variance
+    # index in the triangle, which is written row by row -> variance; all covariances are 0
     diagonal = {
         0: variance_m2,
         6: variance_m2,
@@ -190,8 +189,8 @@ class Px4Link:
         self._newest = Snapshot()
         self._clock_ms = 0  # PX4's clock in its newest messages; 0 before the first
 
-        # last standard deviation of a pose, and the covariance that follows from it
-        self._covariance: tuple[float, list[float]] = (math.nan, [])
+        self._std_m = math.nan  # standard deviation of the last pose
+        self._covariance: list[float] = []  # covariance that follows from it
         self._start_ns = 0
         # time of the last pose that was sent to PX4; at first the start, because another program
         # may have sent poses before
@@ -324,14 +323,15 @@ class Px4Link:
     def _read(self, known: Snapshot) -> Snapshot:
         """Return the snapshot with all messages that have come since the known one."""
         changes: dict[str, Any] = {}
-        oldest_ns = 0
-        newest_ns = 0
+        arrivals_ns = []
         clocks_ms = []  # PX4's clock in the messages that carry it
         while self._unread:  # the relay's thread may add messages meanwhile
             (name, _), (payload, arrived_ns) = self._unread.popitem()
             try:
-                fields: dict[str, Any] = {"text": payload}
-                if name != "STATUSTEXT":
+                fields: dict[str, Any]
+                if name == "STATUSTEXT":
+                    fields = {"text": payload}
+                else:
                     fields = fields_of(name, payload)
                 change = PARSERS[name](fields, arrived_ns)
             except ValueError:
@@ -339,21 +339,21 @@ class Px4Link:
             if name == "BATTERY_STATUS":
                 change = self._batteries.changes(fields["id"], change)
             changes |= change
-            newest_ns = max(newest_ns, arrived_ns)
-            oldest_ns = min(oldest_ns or arrived_ns, arrived_ns)
+            arrivals_ns.append(arrived_ns)
             if "time_boot_ms" in fields:
                 clocks_ms.append(int(fields["time_boot_ms"]))
 
-        if newest_ns == 0:
+        if not arrivals_ns:
             return known
         if clocks_ms and self._has_restarted(min(clocks_ms)):
             changes.setdefault("global_origin", None)
             changes["restarts"] = known.restarts + 1
-        if known.last_packet_ns and oldest_ns - known.last_packet_ns > _SILENT_NS:
+        if known.last_packet_ns and min(arrivals_ns) - known.last_packet_ns > _SILENT_NS:
             changes["returns"] = known.returns + 1
         if "sticks_ns" in changes:
             changes["sticks_before_ns"] = self._sticks_before_ns
-        return replace(known, last_packet_ns=newest_ns, system_id=self.system_id, **changes)
+        changes["last_packet_ns"] = max(arrivals_ns)
+        return replace(known, system_id=self.system_id, **changes)
 
     def _has_restarted(self, clock_ms: int) -> bool:
         """Return whether PX4's clock has restarted; then the known origin is no longer valid.
@@ -445,8 +445,9 @@ class Px4Link:
         norm = math.hypot(w, x, y, z)
         unit_quaternion = (w / norm, x / norm, y / norm, z / norm)
 
-        if std_m != self._covariance[0]:
-            self._covariance = (std_m, _pose_covariance(std_m))
+        if std_m != self._std_m:
+            self._std_m = std_m
+            self._covariance = _pose_covariance(std_m)
 
         self._send(
             "ODOMETRY",
@@ -454,7 +455,7 @@ class Px4Link:
             *ned_from_enu(position_enu_m),
             *ned_frd_from_enu_flu(unit_quaternion),
             *_UNKNOWN_VELOCITY,
-            *self._covariance[1],
+            *self._covariance,
             *_UNKNOWN_COVARIANCE,
             _FRAME_LOCAL_NED,
             _FRAME_LOCAL_FRD_VELOCITY,

@@ -123,7 +123,8 @@ def _battery(fields: dict[str, Any], arrival_ns: int) -> dict[str, Any]:
 def _status_text(fields: dict[str, Any], arrival_ns: int) -> dict[str, Any]:
     text = fields["text"]
     if isinstance(text, bytes):
-        text = text.partition(b"\0")[0].decode("ascii", "replace")
+        written, _, _ = text.partition(b"\0")
+        text = written.decode("ascii", "replace")
     return {"status_text": text.strip(), "status_text_ns": arrival_ns}
 
 

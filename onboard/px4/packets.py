@@ -174,6 +174,13 @@ class Packet(NamedTuple):
         return checksum(self.data[1:end], seed) == self.data[end : end + _CHECKSUM_BYTES]
 
 
+class Remainder(NamedTuple):
+    """Bytes after the last whole packet."""
+
+    data: bytes
+    is_junk: bool  # True: they cannot be the begin of a packet
+
+
 def is_read(number: int) -> bool:
     """Whether the agent or its MAVSDK reads this kind of message, or the agent passes it on."""
     return number in NAMES or number in MAVSDK_READS or number in LOG_ANSWERS
@@ -182,8 +189,8 @@ def is_read(number: int) -> bool:
 def checksum(data: bytes, seed: int) -> bytes:
     """Return the two bytes of MAVLink's checksum.
 
-    It is CRC-16/MCRF4XX. The standard library has the CRC with mirrored bits, so bytes are mirrored
-    before and after.
+    The checksum is CRC-16/MCRF4XX. The standard library has the CRC with mirrored bits, so bytes
+    are mirrored before and after.
 
     Args:
         data: bytes of a packet, without its first byte and its checksum.
@@ -193,14 +200,13 @@ def checksum(data: bytes, seed: int) -> bytes:
     return mirrored.to_bytes(2, "big").translate(_REVERSED)
 
 
-def cut(data: bytes) -> Iterator[Packet | int]:
+def cut(data: bytes) -> Iterator[Packet | Remainder]:
     """Cut bytes into packets.
 
     Args:
         data: a datagram, or bytes from a serial device, which may begin anywhere.
     Yields:
-        Each packet. If the bytes do not end with a whole packet, the number of the remaining bytes
-        comes last. It is negative if these bytes cannot be the begin of a packet.
+        Each packet, and at last the bytes after the last packet, if there are any.
     """
     start = 0
     while start < len(data):
@@ -210,15 +216,15 @@ def cut(data: bytes) -> Iterator[Packet | int]:
         elif magic == _MAGIC_2:
             header_bytes = _HEADER_2_BYTES
         else:
-            yield start - len(data)
+            yield Remainder(data[start:], is_junk=True)
             return
 
         header = data[start : start + header_bytes]
         if len(header) < header_bytes:
             break
 
-        is_signed = magic == _MAGIC_2 and bool(header[2] & _SIGNED)
-        payload_bytes = header[1]
+        _, payload_bytes, flags = header[:3]
+        is_signed = magic == _MAGIC_2 and bool(flags & _SIGNED)
         size = header_bytes + payload_bytes + _CHECKSUM_BYTES
         if is_signed:
             size += SIGNATURE_BYTES
@@ -230,10 +236,11 @@ def cut(data: bytes) -> Iterator[Packet | int]:
         ids = header[3:]  # system, component, number
         if magic == _MAGIC_2:
             ids = header[5:]
+        system_id, component_id, *number = ids
         yield Packet(
-            system_id=ids[0],
-            component_id=ids[1],
-            number=int.from_bytes(ids[2:], "little"),
+            system_id=system_id,
+            component_id=component_id,
+            number=int.from_bytes(number, "little"),
             payload=whole[header_bytes : header_bytes + payload_bytes],
             is_signed=is_signed,
             data=whole,
@@ -241,7 +248,7 @@ def cut(data: bytes) -> Iterator[Packet | int]:
         start += size
 
     if start < len(data):
-        yield len(data) - start
+        yield Remainder(data[start:], is_junk=False)
 
 
 def fields_of(name: str, payload: bytes) -> dict[str, Any]:

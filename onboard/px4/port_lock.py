@@ -75,7 +75,8 @@ def _is_bound(endpoint: str) -> bool:
     host = udp["host"].strip("[]")
     try:
         resolved = socket.getaddrinfo(host, int(udp["port"]), type=socket.SOCK_DGRAM)
-        family, _, _, _, address = resolved[0]
+        first, *_ = resolved
+        family, _, _, _, address = first
         with socket.socket(family, socket.SOCK_DGRAM) as probe:
             probe.bind(address)
     except OSError as error:
@@ -101,7 +102,8 @@ def _key(endpoint: str) -> str:
     """
     kind, _, address = endpoint.partition("://")
     if kind == "udpin":
-        return f"udp-{address.rpartition(':')[2]}-{_network_namespace()}"
+        _, _, port = address.rpartition(":")
+        return f"udp-{port}-{_network_namespace()}"
     if kind.startswith("serial"):
         device, _, rate = address.rpartition(":")
         if not device or not rate.isdigit():

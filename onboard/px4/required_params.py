@@ -1,7 +1,7 @@
 """PX4 parameters that the fleet requires, with their reasons, and the differences of a vehicle.
 
 The parameters of PX4's own failsafes come from ``own_failsafes.toml``. The preflight check refuses
-a take-off with wrong ones, and ``covey px4 params`` lists and sets them.
+a take-off with wrong values, and ``covey px4 params`` lists and sets the parameters.
 """
 
 from __future__ import annotations
@@ -273,7 +273,9 @@ def required_params(
 
 def silence_s(vehicle: Vehicle) -> float:
     """Return the time [s] for which PX4 follows the last setpoint before it lands."""
-    return float(vehicle.px4_params.get(_SILENCE, _OWN[_SILENCE].demand or 0.0))
+    demand = _OWN[_SILENCE].demand
+    assert demand is not None
+    return float(vehicle.px4_params.get(_SILENCE, demand))
 
 
 def unmet(

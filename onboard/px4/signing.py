@@ -31,9 +31,8 @@ class SignatureVerdict(Enum):
 class Signer:
     """Signs packets of one sender, and checks packets that others signed with the same key.
 
-    The timestamps of its signatures follow the clock, but never decrease, and are greater than
-    every timestamp that it has checked. So PX4 accepts its packets even if this computer's clock is
-    behind.
+    The timestamps that it writes are greater than all before, and greater than every timestamp that
+    it has checked. So PX4 accepts its packets even if this computer's clock is behind.
 
     Args:
         key: key of 32 bytes.
@@ -76,8 +75,8 @@ class Signer:
             return SignatureVerdict.FORGED
 
         signature = packet.data[-SIGNATURE_BYTES:]
-        link_id = signature[0]
-        stamp = int.from_bytes(signature[1 : 1 + _STAMP_BYTES], "little")
+        link_id, *stamp_and_digest = signature
+        stamp = int.from_bytes(stamp_and_digest[:_STAMP_BYTES], "little")
 
         stream = (packet.system_id, packet.component_id, link_id)
         last_stamp = self._streams.get(stream)

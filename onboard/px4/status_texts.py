@@ -27,7 +27,7 @@ class StatusTexts:
         Args:
             fields: fields of the STATUSTEXT.
         """
-        piece = fields["text"].partition(b"\0")[0]
+        piece, _, _ = fields["text"].partition(b"\0")
         number = fields["chunk_seq"]
         if number == 0 or fields["id"] != self._id or number != len(self._pieces):
             self._pieces = []

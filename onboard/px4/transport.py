@@ -20,7 +20,7 @@ from onboard.config.endpoints import LAST_PORT
 from onboard.serial_device import open_serial
 
 Address = tuple[str, int]  # host and port
-_LARGEST = 65_535  # number of bytes that are received at once
+_LARGEST_BYTES = 65_535  # number of bytes that are received at once
 _SOCKET_WAIT = struct.pack("ll", 1, 0)  # one second, as C's struct timeval (s, us)
 _SERIAL_WAIT_MS = 200  # short, because closing a serial device does not end a waiting read
 _CLOSED = -1  # in place of a descriptor
@@ -59,22 +59,24 @@ def open_transport(endpoint: str) -> Transport:
         ValueError: The endpoint is written wrongly.
         OSError: The endpoint cannot be opened.
     """
-    match = re.fullmatch(r"(udpin|udpout)://(.+):(\d+)", endpoint)
+    match = re.fullmatch(r"(?P<kind>udpin|udpout)://(?P<host>.+):(?P<port>\d+)", endpoint)
     if match is None:
         return _Serial(endpoint)
 
-    port = int(match[3])
+    port = int(match["port"])
     if port > LAST_PORT:
         raise ValueError(f"{port} is no port")
-    address = (match[2].strip("[]"), port)
-    return _Datagrams(address, listens=match[1] == "udpin")
+    host = match["host"].strip("[]")
+    return _Datagrams((host, port), listens=match["kind"] == "udpin")
 
 
 class _Datagrams:
     """A UDP socket that listens to all senders, or is connected to one address."""
 
     def __init__(self, address: Address, *, listens: bool) -> None:
-        family, _, _, _, resolved = socket.getaddrinfo(*address, type=socket.SOCK_DGRAM)[0]
+        host, port = address
+        first, *_ = socket.getaddrinfo(host, port, type=socket.SOCK_DGRAM)
+        family, _, _, _, resolved = first
         self._socket = socket.socket(family, socket.SOCK_DGRAM)
         self._is_connected = not listens
         try:
@@ -89,7 +91,7 @@ class _Datagrams:
 
     def receive(self) -> tuple[bytes, Address | None]:
         try:
-            data, address = self._socket.recvfrom(_LARGEST)
+            data, address = self._socket.recvfrom(_LARGEST_BYTES)
         except OSError:  # nothing came, the peer does not exist (ICMP), or the socket was closed
             return b"", None
         if self._is_connected or not address:
@@ -121,7 +123,8 @@ class _Serial:
     def __init__(self, endpoint: str) -> None:
         self._endpoint = endpoint
         self._descriptor = open_serial(endpoint)
-        # protects the descriptor: once closed, its number may belong to another file
+        # No thread closes or replaces the descriptor while another one writes to it: the number of
+        # a closed descriptor may belong to another file.
         self._lock = threading.Lock()
         self._is_stopped = False
 
@@ -132,7 +135,7 @@ class _Serial:
             poll.register(descriptor, select.POLLIN)
             if not poll.poll(_SERIAL_WAIT_MS):
                 return b"", None
-            data = os.read(descriptor, _LARGEST)
+            data = os.read(descriptor, _LARGEST_BYTES)
         except BlockingIOError:  # nothing has come after all
             return b"", None
         except (OSError, ValueError):  # unplugged; ValueError: closed

@@ -375,8 +375,7 @@ def is_compiled() -> bool:
 def warm_up() -> bool:
     """Compile all functions of batches, or load them from numba's cache.
 
-    It takes about a second from the cache, and some twenty seconds of a processor the first time on
-    a machine.
+    Loading takes about a second, compiling some twenty.
 
     Returns:
         False if nothing is compiled.
@@ -423,7 +422,7 @@ def _step_rows(
     All arrays have one row for each of F N vehicles; only ``params`` has N rows.
     """
     states, goals, neighbours, is_present, modes = inputs
-    walls = [_read_obstacle(obstacles[k]) for k in range(obstacles.shape[0])]
+    read_obstacles = [_read_obstacle(obstacles[k]) for k in range(obstacles.shape[0])]
 
     for m in range(memories.shape[0]):
         near = [
@@ -437,7 +436,7 @@ def _step_rows(
             _read_state(states[m]),
             _read_goal(goals[m]),
             near,
-            walls,
+            read_obstacles,
             modes[m],
             own_params,
             dt_s,
@@ -453,9 +452,10 @@ def _estimate_rows(
 
     All arrays have one row for each of F N vehicles; only ``params`` has N rows.
     """
+    is_on_ground = False
     for m in range(memories.shape[0]):
         own_params = _read_filter_params(params[m % params.shape[0]])
-        row = inputs[m]  # columns as in FleetEstimator.step
+        row = inputs[m]  # columns as they are filled in FleetEstimator.step
         quaternion = (row[0], row[1], row[2], row[3])
         thrust_frac = row[4]
         hover_frac = row[5]
@@ -464,10 +464,10 @@ def _estimate_rows(
 
         memory = _read_filter(memories[m])
         motion = kalman.drive(
-            memory.motion, quaternion, thrust_frac, hover_frac, own_params, dt_s, False
+            memory.motion, quaternion, thrust_frac, hover_frac, own_params, dt_s, is_on_ground
         )
         motion = kalman.correct(motion, sample, age_s, own_params)
-        wind_memory = wind.step(memory.wind, motion.bias_enu_m_s2, dt_s, False)
+        wind_memory = wind.step(memory.wind, motion.bias_enu_m_s2, dt_s, is_on_ground)
 
         _write_filter(EstimatorMemory(motion, wind_memory), memories[m])
         state = kalman.state(motion, yaw_rad, 0.0, 0.0)
@@ -538,7 +538,7 @@ def _functions() -> list[FunctionType]:
 def _digest() -> int:
     """Return a number that changes with any function or constant that compiled code uses.
 
-    It is needed because numba's cache notices only changes of the file of the compiled function.
+    numba's cache by itself notices only changes of the file of the compiled function.
     """
     constants = []
     for module in _MODULES:

@@ -81,7 +81,8 @@ class FleetRoutes:
             self._is_idle[flight, vehicle] = router.is_idle(memory)
             self._is_led[flight, vehicle] = bool(around.still) or router.is_led(memory)
             if routed_goal is not goal:
-                routed_goals[flight, vehicle] = _GOAL.packed([routed_goal])[0]
+                (row,) = _GOAL.packed([routed_goal])
+                routed_goals[flight, vehicle] = row
         return routed_goals
 
     def keep(self, flights: IntArray) -> None:

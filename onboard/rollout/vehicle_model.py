@@ -22,6 +22,11 @@ from onboard.types import TICK_S
 _SUBSTEPS = 4  # integration steps of the motion in one control tick
 _NOISE_BLOCK_TICKS = 100  # ticks for which random numbers are drawn at once
 
+# indices of a vehicle's constant random numbers; the last two are not used, but drawing fewer
+# would change all later numbers of a seed
+_LAG, _GAIN, _DRAG, _HOVER, _BIAS_EAST, _BIAS_NORTH = range(6)
+_CONSTANT_COUNT = 8
+
 
 @dataclass(frozen=True, slots=True)
 class Plant:
@@ -82,9 +87,7 @@ class Noise:
         self.generators = [np.random.default_rng(seed) for seed in seeds]
         self.count = count
 
-        # Eight properties of each vehicle. `VehicleModels` uses the first six, but drawing fewer
-        # would change all later numbers of a seed.
-        constants = [rng.uniform(-1.0, 1.0, (8, count)) for rng in self.generators]
+        constants = [rng.uniform(-1.0, 1.0, (_CONSTANT_COUNT, count)) for rng in self.generators]
         self.constants = np.stack(constants, axis=1)
         self.starts = np.stack(
             [rng.normal(size=(count, 2)) for rng in self.generators]
@@ -93,7 +96,7 @@ class Noise:
         self.tick = _NOISE_BLOCK_TICKS
 
     def constant(self, index: int) -> Array:
-        """Return the uniform numbers (F, N) in [-1, 1) of the property with this index."""
+        """Return uniform numbers (F, N) in [-1, 1), which stay the same during a flight."""
         return np.asarray(self.constants[index])
 
     def next(self) -> tuple[Array, Array, Array]:
@@ -136,23 +139,23 @@ class VehicleModels:
         # motion
         self.position = start.copy()
         self.velocity = np.zeros_like(start)
-        self.drag = values("drag_1_s") * (1.0 + p.drag_share * noise.constant(2))
+        self.drag = values("drag_1_s") * (1.0 + p.drag_share * noise.constant(_DRAG))
         self.gust = np.zeros_like(start)
 
         # horizontal response: the slopes of the thrust to east and north (tangents of the tilt)
         # follow the slopes of the attitude setpoint
-        self.wn = values("wn_rad_s") * (1.0 + p.lag_share * noise.constant(0))
+        self.wn = values("wn_rad_s") * (1.0 + p.lag_share * noise.constant(_LAG))
         self.zeta = values("zeta")
-        self.gain = values("static_gain") * (1.0 + p.gain_share * noise.constant(1))
+        self.gain = values("static_gain") * (1.0 + p.gain_share * noise.constant(_GAIN))
         bias = np.tan(np.radians(values("tilt_bias_deg")))
-        bias_x = bias * np.sign(noise.constant(4))
-        bias_y = bias * np.sign(noise.constant(5))
+        bias_x = bias * np.sign(noise.constant(_BIAS_EAST))
+        bias_y = bias * np.sign(noise.constant(_BIAS_NORTH))
         self.bias = np.stack([bias_x, bias_y], axis=-1)
         self.slope = np.zeros((*shape, 2))
         self.slope_rate = np.zeros((*shape, 2))
 
         # vertical response
-        self.hover = values("hover_thrust_frac") * (1.0 + p.hover_share * noise.constant(3))
+        self.hover = values("hover_thrust_frac") * (1.0 + p.hover_share * noise.constant(_HOVER))
         self.motor_lag = values("motor_lag_s")
         self.thrust = np.full(shape, GRAVITY_M_S2)
 

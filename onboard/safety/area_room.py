@@ -51,9 +51,9 @@ def rooms_m(area: Area, positions_enu_m: Array) -> Array:
 
         # a position is inside if a ray to the east crosses the outline an odd number of times
         if y1 != y2:
-            is_level = (y1 > y) != (y2 > y)
+            spans_y = (y1 > y) != (y2 > y)
             is_west_of_edge = x < x1 + (y - y1) / (y2 - y1) * along_x
-            is_within ^= is_level & is_west_of_edge
+            is_within ^= spans_y & is_west_of_edge
 
     return np.asarray(np.where(is_within, inside_sign, -inside_sign) * least_m)
 

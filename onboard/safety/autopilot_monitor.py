@@ -1,8 +1,8 @@
 """Detects a PX4 that is silent, frozen, rebooted, or running again after a standstill. Pure.
 
-The monitor compares the ages of messages and PX4's own clock. If the link repeats old messages, or
-if PX4's scheduler stands still, packets come but their clock does not advance. A PX4 that stood
-still and runs again has a clock that has lost time against ours.
+If the link repeats old messages, or if PX4 stands still, packets come but the time of PX4's clock
+in them does not advance. A PX4 that stood still and runs again has a clock that has lost time
+against ours.
 """
 
 from __future__ import annotations
@@ -32,8 +32,7 @@ _CREEP = 0.2
 class AutopilotMonitor:
     """Memory of one PX4; call :meth:`update` every tick.
 
-    The first three booleans describe one tick. The condition table decides whether they last long
-    enough to matter.
+    The first three booleans describe one tick only.
     """
 
     is_silent: bool = False  # no packet comes
@@ -77,16 +76,17 @@ class AutopilotMonitor:
         self.is_back = now_ns < self._back_until_ns
 
     def _take_clock(self, now_ns: int, attitude_ns: int, boot_ms: int) -> None:
-        """Take a new time of PX4's clock."""
+        """Take a time of PX4's clock that differs from the last one."""
         if boot_ms + REBOOT_MS < self._boot_ms:
             self._rebooted_until_ns = now_ns + _REPORTED_NS
             self._offset_ns = 0.0
-        self._compare_clocks(now_ns, attitude_ns - 1e6 * boot_ms)
+        offset_ns = attitude_ns - 1e6 * boot_ms
+        self._compare_clocks(now_ns, offset_ns)
         self._boot_ms = boot_ms
         self._moved_ns = now_ns
 
     def _compare_clocks(self, now_ns: int, offset_ns: float) -> None:
-        """Compare both clocks, to detect a PX4 that has lost time.
+        """Compare our clock minus PX4's with the earlier offset: has PX4 lost time?
 
         A delay of the link shifts the offset for a moment. Time that PX4 has lost shifts the offset
         permanently. A delay makes an offset larger, so the smallest offset is nearest to the truth.

@@ -31,10 +31,9 @@ class BatteryMonitor:
 
     Call :meth:`update` some times a second in flight, :meth:`reset` on the ground.
 
-    In ordinary flight the charge falls by about 0.2 % a second. The battery counts as falling if,
-    at the present rate, less than half of the landing level would be left after the descent and a
-    reserve. PX4's simulated battery loses 1.7 % a second, but only down to a floor. So while its
-    charge is above the floor, at least the floor will be left.
+    The battery counts as falling if, at the present rate, less than half of the landing level would
+    be left after the descent and a reserve. PX4's simulated battery falls fast, but only down to a
+    floor, which will be left in any case.
     """
 
     is_falling: bool = False  # once True, it stays True until the reset
@@ -61,17 +60,18 @@ class BatteryMonitor:
             time_s: present time, on any clock.
             remaining_frac: remaining charge, 0 to 1; NaN while PX4 does not report it.
             voltage_v: voltage; NaN while PX4 does not report it.
-            land_frac: charge at which the vehicle lands in any case.
+            land_frac: landing level, the charge at which the vehicle lands in any case.
             descent_s: duration of a landing from here.
             floor_frac: charge at which a simulated battery stops emptying (PX4's SIM_BAT_MIN_PCT);
                 0 for a real one.
         """
         past = self._past
         past.append(_BatterySample(time_s, remaining_frac, voltage_v))
-        while time_s - past[0].time_s > _WINDOW_S:
-            past.popleft()
-
         oldest = past[0]
+        while time_s - oldest.time_s > _WINDOW_S:
+            past.popleft()
+            oldest = past[0]
+
         over_s = time_s - oldest.time_s
         if over_s < _LEAST_S:
             return
@@ -83,6 +83,7 @@ class BatteryMonitor:
         if remaining_frac >= floor_frac:
             left_frac = max(left_frac, floor_frac)
 
+        # comparisons with NaN are False: a charge that is not reported does not run out
         runs_out = left_frac < _LANDING_SHARE * land_frac and fallen_frac > _LEAST_FALL_FRAC
         if runs_out or _sags(oldest.voltage_v, voltage_v):
             self.is_falling = True

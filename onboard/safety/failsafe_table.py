@@ -1,17 +1,11 @@
 """The failsafe table: the action for every pair of a situation and a condition. Pure data.
 
-This table decides beforehand, for all cases, what the agent does when something fails. Of all
-conditions that hold, the one with the strongest action counts. The action is kept until a stronger
-one or an operator's order replaces it (:func:`latched`).
+Of all conditions that hold, the one with the strongest action counts. The action is kept until a
+stronger action or an operator's order replaces it (:func:`latched`).
 
-The rank of an action says how much of the flight it takes away from this agent: first the speed,
-then the goal, then the flight itself, then the controls. A lower rank relies on more parts of the
-agent. The table uses a higher rank only if one of these parts may fail.
-
-A higher rank is not gentler. PX4's landing does not avoid the others, and after silence PX4's own
-failsafe lands. Both rank above the landing under the avoidance law, for cases in which that landing
-cannot be trusted. LEVEL is a hold for ticks whose result cannot be used: the setpoints are level
-for as long as that lasts, and afterwards the vehicle holds.
+A strong action takes much of the flight away from the agent. It is used only where a part of the
+agent that a weaker action needs may have failed. For example, PX4's own landing does not avoid the
+other vehicles, so it is used only if the agent's landing cannot be trusted.
 """
 
 from __future__ import annotations
@@ -131,7 +125,7 @@ class Action(IntEnum):
     REFUSE = 1  # no take-off while it lasts
     SLOW = 2  # the order goes on at reduced speed
     HOLD = 3  # stop here; the order has failed
-    LEVEL = 4  # hold without a usable tick: level attitude at hover thrust while it lasts
+    LEVEL = 4  # while ticks give no usable setpoint: level attitude at hover thrust
     LAND = 5  # land by setpoint, under the avoidance law
     PX4_LAND = 6  # command PX4's landing, then silence
     DISARM = 7  # on the ground only
@@ -168,17 +162,15 @@ _ROWS: dict[Condition, tuple[Action, ...]] = {
     #                                                                          LANDING
 
     # -- own motion
-    # Own dead reckoning is better than PX4's for some seconds, and the others get its positions.
-    # PX4's landing avoids nobody, was 1 to 2.3 m off after 4 s, and ended two flights of five in a
-    # collision. Whatever else holds, a flight without a position brakes and sinks (docs/flight.md).
-    # If the poses are back in time, its order goes on.
+    # For some seconds the agent's dead reckoning is better than PX4's landing, which avoids nobody.
+    # Meanwhile the vehicle brakes and sinks (docs/flight.md). If the poses are back in time, its
+    # order goes on.
     C.POSITION_STALE:          (REFUSE,  GO_ON,  GO_ON,    GO_ON,    GO_ON,    GO_ON, GO_ON),
     C.POSITION_LOST:           (REFUSE,  DISARM, LAND,     LAND,     LAND,     GO_ON, GO_ON),
     C.POSITION_LOST_LONG:      (REFUSE,  DISARM, PX4_LAND, PX4_LAND, PX4_LAND, GO_ON, GO_ON),
-    # On the ground a jump may be true, because somebody has carried the vehicle: it does not take
-    # off yet. In the air the samples after a jump are not used. The estimate continues by attitude
-    # and thrust, which is good enough for the 0.2 s until it counts as stale. Braking under the law
-    # is better than flying on.
+    # On the ground somebody may have carried the vehicle. In the air the samples after a jump are
+    # not used: the vehicle brakes, with an estimate by attitude and thrust, until the estimate
+    # counts as stale.
     C.POSITION_JUMPED:         (REFUSE,  DISARM, LAND,     HOLD,     GO_ON,    GO_ON, GO_ON),
     C.MOCAP_SWAPPED:           (REFUSE,  DISARM, LAND,     HOLD,     GO_ON,    GO_ON, GO_ON),
     C.MOCAP_FROZEN:            (REFUSE,  GO_ON,  LAND,     HOLD,     GO_ON,    GO_ON, GO_ON),
@@ -190,8 +182,8 @@ _ROWS: dict[Condition, tuple[Action, ...]] = {
     # The error is larger than the margins that the others keep. The vehicle lands before the error
     # grows, under the law, by the position that it has.
     C.POSITION_INACCURATE:     (REFUSE,  DISARM, LAND,     LAND,     GO_ON,    GO_ON, GO_ON),
-    # Late positions make a vehicle circle. They count as half a second old from now on, which stops
-    # the circling. How late they really are is not known, so the flight does not go on.
+    # Late positions make a vehicle circle. Counting them as half a second old stops the circling,
+    # but how late they really are is not known.
     C.POSITION_UNFIT:          (REFUSE,  DISARM, LAND,     LAND,     GO_ON,    GO_ON, GO_ON),
     # The others receive the new standard deviation at once, and keep larger margins. If it is
     # larger than the fleet was planned with, the vehicle stops: its goal may be elsewhere now.
@@ -202,11 +194,9 @@ _ROWS: dict[Condition, tuple[Action, ...]] = {
     C.CORRECTIONS_OLD:         (GO_ON,   GO_ON,  GO_ON,    GO_ON,    GO_ON,    GO_ON, GO_ON),
 
     # -- PX4
-    # A pilot whose sticks PX4 hears is not overruled: he flies, and PX4's own failsafes stay. He
-    # may take the vehicle out of any landing, also out of one that a person has ordered for it.
+    # A pilot whose sticks PX4 hears is not overruled, not even during a landing.
     C.FLOWN_BY_HAND:           (GO_ON,   DISARM, STOP,     STOP,     STOP,     STOP,  GO_ON),
-    # Somebody has taken the controls, and flies. If PX4 was landing, that landing is over as well:
-    # the agent does not command it again.
+    # Somebody has taken the controls. A landing by PX4 that this ended is not commanded again.
     C.LEFT_OFFBOARD:           (GO_ON,   DISARM, STOP,     STOP,     STOP,     STOP,  GO_ON),
     C.PX4_FAILSAFE:            (GO_ON,   DISARM, STOP,     STOP,     STOP,     GO_ON, GO_ON),
     # The kill switch was used: the agent does not arm again. At the end of a landing PX4 disarms.
@@ -244,13 +234,11 @@ _ROWS: dict[Condition, tuple[Action, ...]] = {
     C.LOOP_STALLED:            (GO_ON,   DISARM, LAND,     HOLD,     GO_ON,    GO_ON, GO_ON),
     # PX4 has begun to land meanwhile: new setpoints would interrupt its landing.
     C.LOOP_STALLED_LONG:       (GO_ON,   DISARM, PX4_LAND, PX4_LAND, PX4_LAND, GO_ON, GO_ON),
-    # Ages that are wrong after a jump have rows of their own. The jump itself changes nothing in
-    # flight.
+    # Data that look old after a jump have rows of their own.
     C.CLOCK_JUMPED:            (REFUSE,  GO_ON,  GO_ON,    GO_ON,    GO_ON,    GO_ON, GO_ON),
     C.NOT_FINITE:              (REFUSE,  GO_ON,  LAND,     LEVEL,    LEVEL,    GO_ON, GO_ON),
     C.NOT_FINITE_LONG:         (REFUSE,  DISARM, PX4_LAND, PX4_LAND, PX4_LAND, GO_ON, GO_ON),
-    # Covey's law was computed at every tick as well, so it takes over at once. The next flight
-    # begins with the user's own law again.
+    # Covey's law takes over at once. The next flight begins with the user's own law again.
     C.OWN_LAW_REFUSED:         (GO_ON,   GO_ON,  GO_ON,    GO_ON,    GO_ON,    GO_ON, GO_ON),
     # No flight begins without a record. A flight that has begun goes on without one.
     C.DISK_FULL:               (REFUSE,  GO_ON,  GO_ON,    GO_ON,    GO_ON,    GO_ON, GO_ON),
@@ -335,8 +323,9 @@ TABLE: dict[tuple[Situation, Condition], Action] = {
 }
 
 _INDEX = {condition: index for index, condition in enumerate(Condition)}
-# An action lasts until an order, except these two. After LEVEL the order has failed, so the vehicle
-# holds at the next tick. REFUSE lasts only as long as its condition.
+
+# Action -> what is left of it at the next tick; all others stay. After LEVEL the order has failed,
+# so the vehicle holds. REFUSE lasts only as long as its condition.
 _NEXT_TICK = {Action.REFUSE: Action.GO_ON, Action.LEVEL: Action.HOLD}
 
 

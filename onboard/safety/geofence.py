@@ -87,12 +87,13 @@ class FenceBox:
         if not math.isfinite(sum(position_enu_m)):
             return box_status
 
+        _, _, height_m = position_enu_m
         stop_enu_m = self._stop(position_enu_m, velocity_enu_m_s)
         is_near = box_status.is_near
         is_outside = box_status.is_outside
         is_above = box_status.is_above
         for area in fleet_areas:
-            if area.keeps_in and position_enu_m[2] > area.high_m:
+            if area.keeps_in and height_m > area.high_m:
                 is_above = True
             elif not areas.is_allowed(area, position_enu_m):
                 is_outside = True
@@ -103,17 +104,16 @@ class FenceBox:
     def _stop(self, position_enu_m: Xyz, velocity_enu_m_s: Xyz) -> Xyz:
         """Return the position at which a vehicle stops if it brakes now."""
         vx, vy, vz = velocity_enu_m_s
-        speed_m_s = math.hypot(vx, vy)
-        horizontal_s = self._equivalent_s(speed_m_s, min(self.brake_m_s2[0], self.brake_m_s2[1]))
-        vertical_s = self._equivalent_s(abs(vz), self.brake_m_s2[2])
+        brake_x, brake_y, brake_z = self.brake_m_s2
+        horizontal_s = self._equivalent_s(math.hypot(vx, vy), min(brake_x, brake_y))
+        vertical_s = self._equivalent_s(abs(vz), brake_z)
         x, y, z = position_enu_m
         return (x + horizontal_s * vx, y + horizontal_s * vy, z + vertical_s * vz)
 
     def _equivalent_s(self, speed_m_s: float, brake_m_s2: float) -> float:
-        """Return the stopping distance divided by the speed [s].
+        """Return the time in which the speed, if it were kept, would cover the stopping distance.
 
-        The stopping distance is v t for the reaction and v^2 / 2a for the braking. The result times
-        the velocity is the vector to the point where the vehicle stops.
+        The stopping distance is v t for the reaction and v^2 / 2a for the braking.
         """
         return self.reaction_s + speed_m_s / (2.0 * brake_m_s2)
 
@@ -148,7 +148,8 @@ class FenceBox:
 
 def _leaves(area: Area, position_enu_m: Xyz, stop_enu_m: Xyz) -> bool:
     """Return whether the line from an allowed position to the stop leaves the allowed space."""
-    if area.keeps_in and stop_enu_m[2] > area.high_m:
+    _, _, stop_height_m = stop_enu_m
+    if area.keeps_in and stop_height_m > area.high_m:
         return True
     if areas.is_crossed(area, position_enu_m, stop_enu_m):
         return True
@@ -164,9 +165,12 @@ def fence_of(box: Geofence, vehicle: Vehicle) -> FenceBox:
     """
     tilt_rad = math.radians(vehicle.max_tilt_deg)
     brake_m_s2 = _BRAKE_SHARE * GRAVITY_M_S2 * math.tan(tilt_rad)
+    west, east = box.x
+    south, north = box.y
+    floor, top = box.z
     return FenceBox(
-        low_enu_m=(box.x[0], box.y[0], box.z[0]),
-        high_enu_m=(box.x[1], box.y[1], box.z[1]),
+        low_enu_m=(west, south, floor),
+        high_enu_m=(east, north, top),
         brake_m_s2=(brake_m_s2, brake_m_s2, _VERTICAL_BRAKE_G * GRAVITY_M_S2),
         reaction_s=vehicle.lag_s,
     )

@@ -9,16 +9,15 @@ import math
 
 # own position
 POSITION_STALE_S = 0.2  # without poses for longer, a vehicle flies by dead reckoning
-POSITION_KNOWN_S = 0.5  # without poses for longer, and without dead reckoning, it is not known
+POSITION_KNOWN_S = 0.5  # without poses for longer, and without dead reckoning, no position is known
 POSITION_LOST_S = 0.6  # without poses for longer, a vehicle lands
 # Poses that come and go: the times without them add up, and shrink by this share while poses come.
 # Above this sum a vehicle lands.
 FLICKER_S = 0.6
 FLICKER_FORGOTTEN_SHARE = 0.2
-NEIGHBOUR_BLIND_S = 0.25  # a neighbour is blind without poses for longer, as its telemetry says
-RECKONING_S = 6.0  # for longer, PX4's own landing is as good as dead reckoning
-# Near others dead reckoning is better for longer: PX4 avoids nobody, and its reckoning is worse.
-RECKONING_AMONG_OTHERS_S = 12.0
+NEIGHBOUR_BLIND_S = 0.25  # a neighbour that reports no poses for longer is blind
+RECKONING_S = 6.0  # after this time of dead reckoning PX4 lands
+RECKONING_AMONG_OTHERS_S = 12.0  # the same near other vehicles, because PX4 avoids nobody
 AMONG_OTHERS_M = 5.0  # a vehicle nearer than this to another one is among others
 
 # PX4
@@ -29,4 +28,5 @@ LOCAL_POSITION_FRESH_S = 0.25  # PX4's local position arrives at 10 Hz
 # the other vehicles out of the fence.
 LARGEST_POSITION_STD_M = 0.5
 LARGEST_VELOCITY_STD_M_S = 0.5
-LARGEST_PX4_ACCURACY_M = math.sqrt(2.0) * LARGEST_POSITION_STD_M  # PX4 reports that of two axes
+# PX4 reports the deviation of both horizontal axes together
+LARGEST_PX4_ACCURACY_M = math.sqrt(2.0) * LARGEST_POSITION_STD_M

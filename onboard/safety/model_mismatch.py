@@ -8,8 +8,7 @@ measured attitude is regressed on it:
 
 Here ``response`` is the model's acceleration, ``rate`` its derivative, and ``delay`` the time by
 which the vehicle is slower than configured. The equation is linear in the unknowns theta = (gain,
-gain delay, bias_x, bias_y). They come from least squares over the last half minute. Ten samples a
-second are enough. ``covey identify`` measures the delay and the hover throttle more accurately.
+gain delay, bias_x, bias_y). They come from least squares over the last half minute.
 
 In the code a is the response, r the rate and s the measured acceleration, each along x and y.
 """
@@ -136,22 +135,21 @@ def lag_difference(memory: ResponseMemory) -> LagDifference:
 
     inverse = np.linalg.inv(normal) / scales
     theta = inverse @ memory.right
-    gain = theta[0]
-    gain_delay = theta[1]
+    gain, gain_delay, _, _ = theta
     if gain < _LEAST_GAIN:
         return _UNKNOWN
 
-    # each sample has two measurements: normal[2, 2] and normal[3, 3] both count the samples
-    sample_count = memory.normal[2, 2]
-    measurement_count = sample_count + memory.normal[3, 3]
+    sample_count = memory.normal[2, 2]  # sum of the ones in the third column
+    measurement_count = 2.0 * sample_count  # along x and y
     residuals = max(memory.energy - float(theta @ memory.right), _LEAST_SQUARE)
     variance = residuals / measurement_count
+    gain_delay_variance = variance * inverse[1, 1]
 
     # the samples within one correlation time carry the information of one sample
     correlated_count = max(1.0, _CORRELATED_S * sample_count / memory.time_s)
     return LagDifference(
         slower_s=float(gain_delay / gain) - _ATTITUDE_AGE_S,
-        std_s=math.sqrt(correlated_count * variance * inverse[1, 1]) / gain,
+        std_s=math.sqrt(correlated_count * gain_delay_variance) / gain,
     )
 
 

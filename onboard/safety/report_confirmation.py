@@ -1,10 +1,9 @@
 """Confirmation of PX4's reports: a surprising report counts only when later ones agree. Pure.
 
-MAVLink does not authenticate a sender: anybody who reaches the agent's port and knows the system id
-can pretend to be its PX4. Therefore a single datagram must not decide anything that cannot be
-undone. A surprising report waits for the next report of its kind, and meanwhile the earlier report
-counts. If the next report does not agree with the waiting report, that is a contradiction. A
-contradiction is reported, and not decided by the number of reports.
+Anybody who reaches the agent's port can send a MAVLink packet in PX4's name, so a single packet
+must not decide anything that cannot be undone. A surprising report waits for the next report of its
+kind, and meanwhile the earlier report counts. If the next report does not agree with the waiting
+report, that is a contradiction.
 
 :data:`KINDS` lists the three kinds of reports. For each it says which fields belong together, which
 report is a surprise, and how many reports have to agree over which time.
@@ -254,7 +253,7 @@ class ReportConfirmation:
         waiting.seen_ns = stamp_ns
         unconfirmed = waiting.report
         if not is_new and unconfirmed is None:
-            return False
+            return False  # this report was accepted already
 
         is_first_ever = not getattr(self._believed, kind.stamp)
         if is_first_ever or not kind.surprises(self._believed, new, expected):
@@ -265,7 +264,7 @@ class ReportConfirmation:
             return False
 
         if not is_new:
-            return True
+            return True  # this report is the one that waits
         if unconfirmed is None:
             waiting.first_ns = stamp_ns
             waiting.count = 0

@@ -12,24 +12,24 @@ from dataclasses import dataclass
 
 from onboard.tuples import Wxyz
 
-# the attitude does not follow if the low-passed difference is larger than this angle for this time
-_MISS_TIME_S = 0.3  # time constant of the low-pass
+# the attitude does not follow if the low-passed difference is larger than 9 degrees
+_LOW_PASS_S = 0.3  # time constant
 _MISS_SIN = math.sin(math.radians(9.0))
-_MISS_FOR_S = 0.2
+_MISS_FOR_S = 0.2  # for longer than this
 
-# the vehicle is upset if its tilt is larger than this angle for this time
+# the vehicle is upset if its tilt is larger than 60 degrees
 _UPSET_COS = math.cos(math.radians(60.0))
-_UPSET_FOR_S = 0.1
+_UPSET_FOR_S = 0.1  # for longer than this
 
-# the thrust is saturated at this share of the largest throttle, for this time
+# the thrust is saturated at this share of the largest throttle
 _FULL_SHARE = 0.99
-_FULL_FOR_S = 0.5
+_FULL_FOR_S = 0.5  # for longer than this
 
-# with full thrust the vehicle does not climb if, for this time, it is farther below its trajectory
-# than _BELOW_M and climbs more slowly than _CLIMB_M_S
+# the vehicle does not climb if with full thrust it is farther below its trajectory than _BELOW_M,
+# and climbs more slowly than _CLIMB_M_S
 _BELOW_M = 0.15
 _CLIMB_M_S = 0.05
-_SINKING_FOR_S = 1.0
+_SINKING_FOR_S = 1.0  # for longer than this
 
 _SHORTEST_LAG_S = 0.02  # a shorter configured lag counts as this
 
@@ -96,7 +96,7 @@ class TrackingMonitor:
             climb_m_s: vertical velocity, up.
             dt_s: time since the last call.
         """
-        # the commanded direction of thrust, after the lag; it is the last column of the rotation
+        # commanded direction of thrust (last column of the rotation), after the lag
         w, x, y, z = commanded_wxyz
         up_x = 2.0 * (x * z + w * y)
         up_y = 2.0 * (y * z - w * x)
@@ -108,7 +108,7 @@ class TrackingMonitor:
         w, x, y, z = measured_wxyz
         miss_x = 2.0 * (x * z + w * y) - self._commanded_x
         miss_y = 2.0 * (y * z - w * x) - self._commanded_y
-        share = dt_s / (_MISS_TIME_S + dt_s)
+        share = dt_s / (_LOW_PASS_S + dt_s)
         self._miss_x += share * (miss_x - self._miss_x)
         self._miss_y += share * (miss_y - self._miss_y)
         squared_miss = self._miss_x * self._miss_x + self._miss_y * self._miss_y

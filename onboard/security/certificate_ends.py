@@ -42,14 +42,14 @@ def first_end(fleet: FleetConfig, own: str) -> CertificateEnd | None:
 
     nodes = [own]
     for node in (*fleet.vehicles, *(role.value for role in NodeRole), ROUTER):
-        _, _, key = files_of(node)
+        key = files_of(node).key
         if node != own and os.path.exists(os.path.join(fleet.keys_folder, key)):
             nodes.append(node)
 
     files: dict[str, str] = {}  # holder of a certificate -> its file
     for node in nodes:
-        _, files[node], _ = files_of(node)
-    files[AUTHORITY], _, _ = files_of(own)
+        files[node] = files_of(node).certificate
+    files[AUTHORITY] = files_of(own).authority
 
     ends = []
     for holder, file in files.items():

@@ -1,7 +1,7 @@
 """Reads certificates and private keys from files, and checks that they fit together.
 
 A certificate contains the name of its holder, and the addresses at which other nodes connect to
-that holder. The fleet's certificate authority has signed it. It is valid for a limited time.
+that holder. It is signed by the fleet's certificate authority.
 """
 
 from __future__ import annotations
@@ -99,6 +99,7 @@ def check_hosts(certificate: str, node: str, hosts: Iterable[str]) -> None:
         if host.strip("[]") in issued:
             continue
 
+        # the certificate lists the holder's own name beside the addresses
         addresses = ", ".join(name for name in issued if name != node)
         if not addresses:
             addresses = "no address"

@@ -12,6 +12,7 @@ import datetime
 import os
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 from onboard.bus.protocol import OrderSignatures
 from onboard.config.endpoints import host_of
@@ -45,9 +46,17 @@ class Credentials:
         )
 
 
-def files_of(node: str) -> tuple[str, str, str]:
-    """Return the names of a node's files: certificate authority, certificate, private key."""
-    return "ca.pem", f"{node}.pem", f"{node}.key"
+class NodeFiles(NamedTuple):
+    """Names of a node's files in the folder of keys."""
+
+    authority: str  # certificate of the fleet's certificate authority
+    certificate: str  # node's own certificate
+    key: str  # node's private key
+
+
+def files_of(node: str) -> NodeFiles:
+    """Return the names of a node's files."""
+    return NodeFiles(authority="ca.pem", certificate=f"{node}.pem", key=f"{node}.key")
 
 
 def credentials_of(
@@ -68,7 +77,7 @@ def credentials_of(
     if not fleet.has_keys:
         return None
 
-    authority, certificate, key = (os.path.join(fleet.keys_folder, name) for name in files_of(node))
+    authority, certificate, key = [os.path.join(fleet.keys_folder, name) for name in files_of(node)]
     for path in (authority, certificate, key):
         if not os.path.isfile(path):
             raise ConfigError(

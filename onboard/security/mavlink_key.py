@@ -26,7 +26,7 @@ TOOL_LINK_ID = 11  # tools for parameters and calibration
 
 # Ground computers send to PX4 directly, without the agent.
 _FIRST_GROUND_LINK_ID = 64
-_GROUND_LINK_IDS = 128  # number of link ids for ground computers
+_GROUND_LINK_ID_COUNT = 128
 
 _EPOCH_S = 1_420_070_400  # begin of 2015, from which timestamps count [s since 1970]
 _STEPS_PER_S = 100_000  # timestamps count in steps of 10 us
@@ -109,7 +109,7 @@ def ground_link_id(host: str) -> int:
     Args:
         host: name of the computer.
     """
-    return _FIRST_GROUND_LINK_ID + zlib.crc32(host.encode()) % _GROUND_LINK_IDS
+    return _FIRST_GROUND_LINK_ID + zlib.crc32(host.encode()) % _GROUND_LINK_ID_COUNT
 
 
 def signing_time(unix_ns: int) -> int:

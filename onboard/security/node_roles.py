@@ -42,8 +42,8 @@ class Grant:
     """
 
     publishes: Mapping[Topic, tuple[str, ...]]  # topic -> names under which the role may publish
-    answers: Mapping[Topic, tuple[str, ...]]  # topic -> names whose queries it may answer
-    asks: Mapping[Topic, tuple[str, ...]]  # topic -> names that it may query
+    answers: Mapping[Topic, tuple[str, ...]]  # topic -> names under which it may answer queries
+    asks: Mapping[Topic, tuple[str, ...]]  # topic -> names to which it may send queries
     tokens: tuple[str, ...]  # names of the liveliness tokens that it may declare
     reads: frozenset[Topic]  # topics that it may subscribe to
 

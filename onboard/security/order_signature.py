@@ -7,10 +7,9 @@ certificate beside the order: the order's seal.
 The signature also covers the order's key on the bus, which contains the fleet and the vehicle. So
 an order for one vehicle is not valid for another.
 
-To verify an order costs time, and somebody could send a flood of false orders. So within a second
-only a limited number of false orders is verified. This limit holds for each ground that has sent a
-valid order before, and for all other senders together. So a flood from other senders does not block
-such a ground.
+Verifying costs time, so within a second only a limited number of false orders is verified. False
+orders are counted separately for each ground that has sent a valid order before, so that a flood
+from other senders does not block such a ground.
 """
 
 from __future__ import annotations
@@ -30,9 +29,7 @@ from onboard.security.certificates import common_name, issued_by, read_certifica
 from onboard.security.node_roles import NodeRole
 
 _CONTEXT = b"covey order 1\0"  # signed too, so that no signature for another purpose fits an order
-# number of false orders that are verified within a second: of each ground that has sent a valid
-# order before, and of all other senders together
-MOST_FALSE_PER_S = 200
+MOST_FALSE_PER_S = 200  # false orders of one counted sender that are verified within a second
 _BEGIN_FLIGHTS = ("arm", "takeoff")  # orders that are refused after the end of a certificate
 _MAX_KNOWN = 16  # number of certificates, and of grounds with valid orders, that are remembered
 _UNKNOWN_NODE = ""  # name under which the false orders of all other senders are counted
@@ -184,9 +181,10 @@ class SealCheck:
             )
 
         fault = self._fault(key_expression, order, seal, now)
-        # an order without a seal costs no verification, so it does not count
-        if fault is not None and fault[0] != "unsigned":
-            self._false_counts[counted_node] += 1
+        if fault is not None:
+            code, _ = fault
+            if code != "unsigned":  # an order without a seal costs no verification
+                self._false_counts[counted_node] += 1
         return fault
 
     def _fault(

@@ -69,7 +69,7 @@ PUSHED_ABOUT_S = 0.5
 DISTURBANCE_BOUND_S = 0.5
 
 INFEASIBLE_S = 0.1
-# When all vehicles have poses again, each learns of the others' poses only after about this time.
+# after a gap in all poses, a vehicle learns this much later that the others have poses again, too
 NEIGHBOUR_BLIND_OVER_S = 0.15
 BATTERY_UNKNOWN_S = 5.0  # on top of the 5 s after which a report counts as old
 
@@ -122,8 +122,6 @@ def _names(field: str) -> Callable[[TickFacts], str]:
 
 
 def _is_lost(facts: TickFacts) -> bool:
-    # LIVE_CHECKS adds a tenth of a second, so that a vehicle does not land if its poses are back
-    # and confirmed after 0.6 s
     if facts.position_age_s > POSITION_LOST_S or facts.position_stale_s > STALE_FOR_S:
         return True
     # if poses come and go, the vehicle drifts and sinks a little in each gap
@@ -143,17 +141,17 @@ def _is_accuracy_unusable(facts: TickFacts) -> bool:
     return is_unusable and not facts.is_in_contact
 
 
-def _is_accuracy_not_covered(facts: TickFacts) -> bool:
-    # comparisons with NaN are False, so that NaN is not covered
-    is_covered = 0.0 < facts.slow.px4_accuracy_m <= LARGEST_PX4_ACCURACY_M
-    return not is_covered and not facts.mocap_required
+def _is_accuracy_out_of_range(facts: TickFacts) -> bool:
+    # comparisons with NaN are False, so that NaN is out of range
+    is_in_range = 0.0 < facts.slow.px4_accuracy_m <= LARGEST_PX4_ACCURACY_M
+    return not is_in_range and not facts.mocap_required
 
 
 def _accuracy(facts: TickFacts) -> str:
     return f"PX4 says {facts.slow.px4_accuracy_m:.1f} m"
 
 
-def _accuracy_beside_the_covered(facts: TickFacts) -> str:
+def _accuracy_and_its_limit(facts: TickFacts) -> str:
     accuracy = "PX4 does not say how accurate it is"
     if facts.slow.px4_accuracy_m:
         accuracy = _accuracy(facts)
@@ -177,6 +175,10 @@ def _is_down(facts: TickFacts) -> bool:
     return facts.is_flying and facts.has_position and is_low
 
 
+def _has_jumped(facts: TickFacts) -> bool:
+    return facts.jumps >= JUMPS and not facts.jumped_onto
+
+
 def _has_clock_jumped(facts: TickFacts) -> bool:
     jump_ns = facts.slow.clock_jump_ns
     return jump_ns != 0 and facts.now_ns - jump_ns < CLOCK_JUMP_REPORTED_S * 1e9
@@ -192,6 +194,14 @@ def _corrections_age(facts: TickFacts) -> str:
 
 def _is_too_near(facts: TickFacts) -> bool:
     return facts.nearest_m < facts.limits.safety_distance_m and facts.is_airborne
+
+
+def _has_touched(facts: TickFacts) -> bool:
+    return bool(facts.touched) and _is_too_near(facts)
+
+
+def _is_law_infeasible(facts: TickFacts) -> bool:
+    return facts.is_law_infeasible and facts.is_under_law
 
 
 def _is_beyond_the_fence(facts: TickFacts) -> bool:
@@ -242,7 +252,7 @@ ROWS: tuple[ConditionRow, ...] = (
     ),
     _row(
         _C.POSITION_JUMPED,
-        Cause(lambda facts: facts.jumps >= JUMPS and not facts.jumped_onto),
+        Cause(_has_jumped),
     ),
     _row(_C.MOCAP_SWAPPED, Cause(_fact("jumped_onto"), detail=_fact("jumped_onto"))),
     _row(_C.MOCAP_FROZEN, Cause(_fact("is_mocap_frozen"))),
@@ -251,10 +261,10 @@ ROWS: tuple[ConditionRow, ...] = (
     _row(
         _C.POSITION_INACCURATE,
         Cause(
-            _is_accuracy_not_covered,
+            _is_accuracy_out_of_range,
             over_s=INACCURATE_S,
             is_slow=True,
-            detail=_accuracy_beside_the_covered,
+            detail=_accuracy_and_its_limit,
         ),
     ),
     _row(
@@ -360,7 +370,7 @@ ROWS: tuple[ConditionRow, ...] = (
     # -- other vehicles
     _row(
         _C.COLLISION_SUSPECTED,
-        Cause(lambda facts: facts.touched and _is_too_near(facts), detail=_fact("touched")),
+        Cause(_has_touched, detail=_fact("touched")),
     ),
     _row(_C.SEPARATION_BREACHED, Cause(_is_too_near)),
     _row(
@@ -374,7 +384,7 @@ ROWS: tuple[ConditionRow, ...] = (
     ),
     _row(
         _C.LAW_INFEASIBLE,
-        Cause(lambda facts: facts.is_law_infeasible and facts.is_under_law, over_s=INFEASIBLE_S),
+        Cause(_is_law_infeasible, over_s=INFEASIBLE_S),
     ),
     _row(
         _C.NEIGHBOUR_UNSEEN,

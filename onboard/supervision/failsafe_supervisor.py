@@ -120,7 +120,12 @@ class FailsafeSupervisor:
         outcome: OrderOutcome = "failed"
         if condition is Condition.ORDER_OVERDUE:
             outcome = "timed out"
-        return FailsafeDecision(demanded, self._sentence(condition, demanded), outcome, reports)
+        return FailsafeDecision(
+            action=demanded,
+            cause=self._sentence(condition, demanded),
+            outcome=outcome,
+            reports=reports,
+        )
 
     @property
     def is_law_followed(self) -> bool:
@@ -136,7 +141,8 @@ class FailsafeSupervisor:
 
         A condition refuses a move if it demands more than slow flight.
         """
-        demanded, condition = decide(Situation.FLYING, self.conditions - {Condition.ORDER_OVERDUE})
+        conditions = self.conditions - {Condition.ORDER_OVERDUE}  # a new move ends an overdue order
+        demanded, condition = decide(Situation.FLYING, conditions)
         if condition is None or demanded < Action.HOLD:
             return None
         sentence = self._sentence(condition, demanded)

@@ -45,7 +45,7 @@ class ModelMismatchReporter:
             _SAMPLE_TICKS * TICK_S,
         )
         self._sample_count += 1
-        if self._sample_count % _COMPARE_SAMPLES:
+        if self._sample_count % _COMPARE_SAMPLES != 0:
             return []
 
         sentences = model_mismatch.differences(

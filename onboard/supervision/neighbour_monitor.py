@@ -35,9 +35,9 @@ _PREDICTED_SLACK_M = 0.03  # a predicted distance may be below the safety distan
 # a neighbour is reported if the law avoided it in more than this share of a leg's ticks
 _KEPT_OFF_SHARE = 0.3
 
-# Largest plausible speed of a vehicle: it may fall or be blown away faster than it flies.
+# The largest plausible speed of a vehicle, which may fall or be blown away, is the larger of these:
 _FASTEST_M_S = 15.0
-_FASTEST_FACTOR = 3.0  # times its max_speed_m_s
+_FASTEST_SHARE = 3.0  # of its max_speed_m_s
 
 
 class Silence(NamedTuple):
@@ -85,7 +85,7 @@ class NeighbourMonitor:
         self._predictions = {name: PredictionMonitor() for name in table.names}
         self._plausibilities = {
             name: PlausibilityMonitor(
-                max(_FASTEST_M_S, _FASTEST_FACTOR * fleet.vehicles[name].max_speed_m_s)
+                max(_FASTEST_M_S, _FASTEST_SHARE * fleet.vehicles[name].max_speed_m_s)
             )
             for name in table.names
         }
@@ -108,7 +108,7 @@ class NeighbourMonitor:
         else:
             self._silence.end()
 
-        before = self._confirmed_silent
+        silent_before = self._confirmed_silent
         unseen: tuple[str, ...] = ()
         if self._silence.checks >= NEIGHBOUR_CHECKS:
             self._confirmed_silent = silent
@@ -116,19 +116,19 @@ class NeighbourMonitor:
         else:
             self._confirmed_silent = ()
 
-        if before:
-            self._find_heard_again(before, now_ns)
+        if silent_before:
+            self._find_heard_again(silent_before, now_ns)
         heard_again: tuple[str, ...] = ()
         if self._heard_again_ns != 0 and now_ns - self._heard_again_ns < _BACK_NS:
             heard_again = self._heard_again
         return Silence(silent, unseen, heard_again)
 
-    def _find_heard_again(self, before: Iterable[str], now_ns: int) -> None:
+    def _find_heard_again(self, silent_before: Iterable[str], now_ns: int) -> None:
         """Find the neighbours that were silent before and are heard now."""
         table = self._table
         ages_s = dict(zip(table.names, table.heard_ages_s(now_ns).tolist(), strict=True))
         heard_again = []
-        for name in before:
+        for name in silent_before:
             if name not in self._confirmed_silent and ages_s[name] <= table.silent_s:
                 heard_again.append(name)
         if heard_again:
@@ -296,8 +296,8 @@ class NeighbourMonitor:
             return False
 
         above_it_m = z - other_z
-        closing_m_s = (other_vz - vz) * math.copysign(1.0, above_it_m)
-        height_left_m = abs(above_it_m) - _CLIMB_S * max(closing_m_s, 0.0)
+        vertical_closing_m_s = (other_vz - vz) * math.copysign(1.0, above_it_m)
+        height_left_m = abs(above_it_m) - _CLIMB_S * max(vertical_closing_m_s, 0.0)
         # A neighbour that does not cooperate may come down, for instance because it lands or falls.
         # Below such a neighbour the horizontal distance counts at all heights.
         may_come_down_on_us = not row.is_cooperative and above_it_m < 0.0
@@ -312,5 +312,5 @@ class NeighbourMonitor:
             deceleration_m_s2=self._braking_m_s2 * braking_count,
         )
         limit_m = self._limits.safety_distance_m
-        # a neighbour that is too near already counts as SEPARATION_BREACHED
+        # a neighbour within the limit counts as SEPARATION_BREACHED instead
         return left_m < limit_m - _PREDICTED_SLACK_M and math.hypot(*apart_m) > limit_m

@@ -42,6 +42,7 @@ class OffboardMonitor:
         is_flown_by_hand = snapshot.is_flown_by_hand(now_ns)
         if flight.step is FlightStep.PX4_LANDING:
             self._not_needed_ns = now_ns
+            # a landing that a person orders may begin in a pilot's mode
             if is_flown_by_hand and not flight.lands_for_a_person and not is_on_ground:
                 return ModeLoss.BY_HAND
             return self._while_px4_lands(snapshot, is_on_ground=is_on_ground)

@@ -51,7 +51,7 @@ _LONGEST_TICK_S = 0.1  # a longer tick counts as this long in the tracking
 
 _HEARTBEAT_DUE_NS = 1_300_000_000  # a heartbeat at 1 Hz is lost if none has come for longer
 
-_NOWHERE_NEAR = FenceStatus(is_near=False, is_outside=False, is_above=False)
+_WITHOUT_POSITION = FenceStatus(is_near=False, is_outside=False, is_above=False)
 
 
 class TickObserver:
@@ -106,7 +106,9 @@ class TickObserver:
         neighbours = self._neighbours
         flight = self._flight
         step = flight.step
-        height_m = view.position_enu_m[2] - flight.ground_z_m
+        _, _, z_m = view.position_enu_m
+        _, _, climb_m_s = view.velocity_enu_m_s
+        height_m = z_m - flight.ground_z_m
 
         # own motion
         position_age_s = view.position_age_s
@@ -129,7 +131,7 @@ class TickObserver:
                 view.attitude_wxyz,
                 context.thrust_frac,
                 below_m=context.below_m,
-                climb_m_s=view.velocity_enu_m_s[2],
+                climb_m_s=climb_m_s,
                 dt_s=min(context.period_s, _LONGEST_TICK_S),
             )
         else:
@@ -153,7 +155,7 @@ class TickObserver:
         mode_loss = self._offboard.update(now_ns, snapshot, flight, is_on_ground=is_on_ground)
 
         # geofence
-        fence = _NOWHERE_NEAR
+        fence = _WITHOUT_POSITION
         if view.has_position:
             fence = self._fence_status(view)
 
@@ -195,7 +197,7 @@ class TickObserver:
             position_age_s=position_age_s,
             position_stale_s=position_stale_s,
             position_flicker_s=self._flicker.seconds,
-            height_above_floor_m=view.position_enu_m[2] - self._floor_m,
+            height_above_floor_m=z_m - self._floor_m,
             height_m=height_m,
             is_standing=contact.is_agreed_by_thrust(flight.contact, view),
             mocap_required=self._vehicle.mocap_required,
@@ -245,11 +247,10 @@ class TickObserver:
     def _is_attitude_lost(self, now_ns: int, heartbeat_ns: int) -> bool:
         """Return whether the attitude does not follow its setpoints, and no pilot is the reason.
 
-        A pilot who takes the vehicle over tilts it at will, and PX4 reports its mode only once a
-        second. So a heartbeat is requested. The attitude counts as lost only if a heartbeat has
-        come since it stopped following, or if no heartbeat comes at all. If that heartbeat reports
-        another mode, `OffboardMonitor` finds that the vehicle was taken over. For an upset vehicle,
-        which tilts far more than commanded, no heartbeat is awaited.
+        A pilot who takes the vehicle over tilts it at will, and only a heartbeat reports the new
+        mode. So the attitude counts as lost only after a requested heartbeat, from which
+        `OffboardMonitor` recognises a pilot, or if no heartbeat comes. For an upset vehicle no
+        heartbeat is awaited.
         """
         self.reports.is_heartbeat_wanted = False
         if self._tracking.is_upset:

@@ -39,8 +39,7 @@ _SCATTER_TIME_S = 2.0  # averaging time of the squared scatter
 _RETURN_S = 3.0  # longest time of the return to the setpoint, after the law has moved the vehicle
 _AT_BOUND_SHARE = 0.99  # the observer is at its bound from this share of the bound on
 
-# Gusts of this share of the largest horizontal acceleration push a vehicle beyond its margin. They
-# push two vehicles that hover 1.5 m apart together.
+# gusts of this share of the largest horizontal acceleration push a vehicle beyond its margin
 _LARGEST_GUST_SHARE = 0.15
 
 
@@ -97,8 +96,7 @@ class WindMonitor:
             self._too_much_m_s = _SPENT_SHARE * full_tilt_wind_m_s
 
         self._mean_square_m2 = 0.0  # mean squared distance from the setpoint in hover
-        # longest remaining time of the return to the setpoint, after the law moved the vehicle
-        self._return_s = 0.0
+        self._return_s = 0.0  # longest remaining time of the return to the setpoint
         self._earlier_enu_m_s = (0.0, 0.0)  # the wind about _RISE_S ago
         self._looks = 0  # number of looks in a row at which the wind was known
 
@@ -144,7 +142,7 @@ class WindMonitor:
         push_east_m_s2, push_north_m_s2, _ = context.disturbance_enu_m_s2
         largest_push_axis_m_s2 = max(abs(push_east_m_s2), abs(push_north_m_s2))
 
-        # comparisons with NaN (not known) are False
+        # gusts explain an estimate up to GUSTY times the limit; comparisons with NaN are False
         return WindFacts(
             speed_m_s=speed_m_s,
             limit_m_s=self._limit_m_s,

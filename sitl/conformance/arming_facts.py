@@ -10,6 +10,7 @@ from sitl.conformance.hover import grounded
 from sitl.conformance.measurements import NOT_MEASURED, sent_or_not
 from sitl.conformance.vehicle_client import (
     ARM,
+    MAV_RESULT_ACCEPTED,
     MODE_NUMBERS,
     NO_TEXT,
     SET_MODE,
@@ -104,10 +105,9 @@ def _set_mode_message(client: VehicleClient, report: FactReport) -> None:
     client.acks(SET_MODE, since_s)  # wait for an answer
 
     # All acknowledgements count, since it is unknown which command they name for this message.
-    accepted = 0
     answers: list[str] = []
     for packet in client.received.of("COMMAND_ACK", since_s):
-        if packet.message.result == accepted:
+        if packet.message.result == MAV_RESULT_ACCEPTED:
             answers.append("ACCEPTED")
         else:
             answers.append("refused")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import Any
 
 from sitl.conformance.fact_group import FactGroup
 from sitl.conformance.facts import FactReport, facts
@@ -65,7 +66,7 @@ def _floor(client: VehicleClient, report: FactReport) -> None:
 
 def _drain(client: VehicleClient, report: FactReport) -> None:
     """Report how fast the battery empties by default, measured by its voltage."""
-    begin_mv = client.newest("BATTERY_STATUS").voltages[0]
+    begin_mv = _voltage_mv(client.newest("BATTERY_STATUS"))
     begin_s = client.now_s
     packets = client.received.of("BATTERY_STATUS", begin_s - 0.5)
     if packets:
@@ -74,8 +75,13 @@ def _drain(client: VehicleClient, report: FactReport) -> None:
     client.wait(5.0)
     end = client.received.of("BATTERY_STATUS", begin_s)[-1]
     # The voltage has a finer resolution than the percentage.
-    drained_pct = (begin_mv - end.message.voltages[0]) / _MV_PER_PCT
+    drained_pct = (begin_mv - _voltage_mv(end.message)) / _MV_PER_PCT
     report.add("battery.drain", drained_pct / (end.at_s - begin_s))
+
+
+def _voltage_mv(status: Any) -> int:
+    """Return the voltage in a BATTERY_STATUS: the simulated battery counts as one cell."""
+    return int(status.voltages[0])
 
 
 def _empty(client: VehicleClient, report: FactReport, hover: Hover) -> None:
@@ -86,7 +92,7 @@ def _empty(client: VehicleClient, report: FactReport, hover: Hover) -> None:
         lambda: client.newest("BATTERY_STATUS").battery_remaining <= _SLOW_FROM_PCT,
     )
     client.params.set("SIM_BAT_DRAIN", _SLOW_DRAIN_S)
-    slow_s = client.now_s + _LAG_S
+    settled_s = client.now_s + _LAG_S
 
     # Wait until the charge is low, for the time in which the slow drain takes 10 % of it.
     client.text("Low battery", since_s, wait_s=0.1 * _SLOW_DRAIN_S)
@@ -115,11 +121,11 @@ def _empty(client: VehicleClient, report: FactReport, hover: Hover) -> None:
     report.add("battery.emergency-text", _words(client, "Emergency battery", since_s))
 
     errors_mv: list[int] = []
-    for packet in client.received.of("BATTERY_STATUS", slow_s):
+    for packet in client.received.of("BATTERY_STATUS", settled_s):
         remaining_pct = packet.message.battery_remaining
         if remaining_pct > 0:
             expected_mv = _EMPTY_MV + _MV_PER_PCT * remaining_pct
-            errors_mv.append(abs(packet.message.voltages[0] - expected_mv))
+            errors_mv.append(abs(_voltage_mv(packet.message) - expected_mv))
     report.add("battery.voltage", float(max(errors_mv)))
 
     statuses = client.received.of("BATTERY_STATUS")

@@ -1,7 +1,7 @@
 """Datagrams to and from one MAVLink endpoint, recorded with the time of the vehicle.
 
-Frames are separated here. A vehicle that is simulated faster than real time sends thousands of
-frames a second, so pymavlink decodes only frames whose message is read.
+A vehicle that is simulated faster than real time sends thousands of frames a second, so pymavlink
+decodes only frames whose message is read.
 """
 
 from __future__ import annotations
@@ -35,8 +35,14 @@ _RESTART_S = 0.5  # a stamp that goes back by more than this belongs to a new st
 _RECEIVE_BUFFER_BYTES = 1 << 21
 _MOST_DATAGRAMS = 256  # datagrams that are read at once
 _LARGEST_DATAGRAM = 4096
+_ANY_ADDRESS = ("", 0)
+
+# A frame of MAVLink 2: magic, payload length, flags, compatible flags, sequence, system, component,
+# message id (3 bytes), payload. A frame of MAVLink 1: magic, payload length, sequence, system,
+# component, message id (1 byte), payload.
 _MAGIC_V2 = 0xFD
 _MAGIC_V1 = 0xFE
+_SIGNED_FLAG = 1
 _SHORTEST_V2 = 12  # bytes of a frame without payload
 _SHORTEST_V1 = 8
 _SIGNATURE_BYTES = 13
@@ -75,7 +81,7 @@ class UdpPort:
         self._peer = peer
         self._is_peer_given = peer is not None
         try:
-            self._socket.bind(bind or ("", 0))
+            self._socket.bind(_ANY_ADDRESS if bind is None else bind)
         except OSError:
             self._socket.close()
             raise
@@ -118,7 +124,7 @@ class UdpPort:
 
 def is_signed(frame: bytes) -> bool:
     """Return whether a signature follows the checksum of a frame."""
-    return frame[0] == _MAGIC_V2 and bool(frame[2] & 1)
+    return frame[0] == _MAGIC_V2 and bool(frame[2] & _SIGNED_FLAG)
 
 
 @dataclass(slots=True)
@@ -159,7 +165,8 @@ class ReceivedPacket:
     def event_id(self) -> int:
         """Return the id of the event that an EVENT message reports."""
         payload = self.frame[10 : 10 + self.frame[1]].ljust(_EVENT.size, b"\0")
-        return int(_EVENT.unpack_from(payload)[0])
+        event_id, *_ = _EVENT.unpack_from(payload)
+        return int(event_id)
 
 
 @dataclass(slots=True)
@@ -259,8 +266,9 @@ class Recording:
     ) -> list[ReceivedPacket]:
         """Return the packets of one message within an interval of the vehicle's time."""
         packets = self.packets.get(IDS[name], [])
+        # search from the newest packet, because most callers ask for the last seconds
         first = len(packets)
-        while first and packets[first - 1].at_s >= since_s:
+        while first > 0 and packets[first - 1].at_s >= since_s:
             first -= 1
         return [packet for packet in packets[first:] if packet.at_s < until_s]
 
@@ -279,7 +287,7 @@ def _frame(datagram: bytes, start: int) -> bytes | None:
         length = datagram[start + 1] + _SHORTEST_V1
     elif datagram[start] == _MAGIC_V2 and left_bytes >= _SHORTEST_V2:
         length = datagram[start + 1] + _SHORTEST_V2
-        if datagram[start + 2] & 1:
+        if datagram[start + 2] & _SIGNED_FLAG:
             length += _SIGNATURE_BYTES
     else:
         return None

@@ -248,12 +248,13 @@ def nearest(reported: tuple[int, int] | None) -> tuple[str, str]:
     if reported is None:
         return oldest, f"it reports no version and is judged as v{oldest}: --px4 says another"
 
+    major, minor = reported
     version = oldest
     for candidate in VERSIONS:
         if tuple(int(part) for part in candidate.split(".")) <= reported:
             version = candidate
 
-    name = f"{reported[0]}.{reported[1]}"
+    name = f"{major}.{minor}"
     if name == version:
         return version, ""
     return version, f"v{name} was never measured: it is judged as v{version}"

@@ -64,7 +64,7 @@ class Hover:
         position = client.newest("LOCAL_POSITION_NED")
         self.ground_z = float(position.z)
         self.goal = [float(position.x), float(position.y), float(position.z)]
-        self.yaw_rad = client.euler()[2]
+        self.yaw_rad = client.euler().yaw
         self.tilt: tuple[float, float] | None = None
         self.thrust = _SIH_HOVER_THRUST
         self.is_resting = True
@@ -87,7 +87,8 @@ class Hover:
 
     def __call__(self) -> None:
         """Send the present attitude and thrust."""
-        self._client.attitude(*self.output())
+        q, thrust = self.output()
+        self._client.attitude(q, thrust)
 
     def output(self) -> tuple[Quaternion, float]:
         """Return the present attitude and thrust."""
@@ -114,11 +115,12 @@ class Hover:
 
     def _tilt_to_goal(self, position: Any) -> tuple[float, float]:
         """Return roll and pitch that lead to the goal, from a LOCAL_POSITION_NED."""
-        north = self._acceleration(self.goal[0] - position.x, position.vx)
-        east = self._acceleration(self.goal[1] - position.y, position.vy)
+        goal_north, goal_east, _ = self.goal
+        north = self._acceleration(goal_north - position.x, position.vx)
+        east = self._acceleration(goal_east - position.y, position.vy)
 
-        # Roll and pitch are relative to the present heading, and not to the goal's.
-        yaw = self._client.euler()[2]
+        # Roll and pitch are relative to the present heading, and not to the heading that is held.
+        yaw = self._client.euler().yaw
         forward = math.cos(yaw) * north + math.sin(yaw) * east
         right = -math.sin(yaw) * north + math.cos(yaw) * east
 

@@ -49,7 +49,8 @@ def run_ground_link(client: VehicleClient, report: FactReport) -> None:
 
     client.greet(as_ground_station=True)
     client.wait(1.2)
-    report.add("gcs.answers", client.set_mode("OFFBOARD").partition(",")[0])
+    first_ack, _, _ = client.set_mode("OFFBOARD").partition(",")
+    report.add("gcs.answers", first_ack)
     since_s = client.now_s
     client.command(ARM, 1.0)  # PX4 refuses it in OFFBOARD without setpoints, with a text
     client.wait(0.5)

@@ -14,7 +14,7 @@ _LOWEST_M = 0.5
 _HIGHEST_M = 1.5
 _TEXT = "Failsafe activated"
 
-# Mode that follows by COM_OBL_RC_ACT, in the order of the flights.
+# COM_OBL_RC_ACT -> mode that follows a loss, in the order of the flights.
 _ACTIONS = {1: "ALTCTL", 3: "AUTO.RTL", 4: "AUTO.LAND", 5: "AUTO.LOITER", 0: "POSCTL"}
 _DEFAULT_ACTION = 0
 # Facts that are measured in the flight with the default action.

@@ -11,6 +11,7 @@ from sitl.conformance.measurements import NOT_MEASURED, count_or_none, mean
 from sitl.conformance.vehicle_client import (
     ARM,
     FORCE,
+    MAV_RESULT_ACCEPTED,
     NO_TEXT,
     Stuck,
     VehicleClient,
@@ -78,7 +79,7 @@ def _start(client: VehicleClient, report: FactReport) -> Hover:
     client.send_command(ARM, 1.0)
     client.wait(0.7)
     answers = client.received.of("COMMAND_ACK", armed_s)
-    if not answers or answers[0].message.result:  # 0: accepted
+    if not answers or answers[0].message.result != MAV_RESULT_ACCEPTED:
         client.interval("SERVO_OUTPUT_RAW", 0.0)
         raise Stuck("it did not arm in OFFBOARD")
     acked_s = answers[0].at_s
@@ -123,11 +124,11 @@ def _hover(client: VehicleClient, report: FactReport) -> None:
     for packet in client.received.of("SERVO_OUTPUT_RAW", since_s):
         m = packet.message
         pulses_us.append(mean((m.servo1_raw, m.servo2_raw, m.servo3_raw, m.servo4_raw)))
-    targets = len(client.received.of("POSITION_TARGET_LOCAL_NED", since_s + 1.0))
+    target_count = len(client.received.of("POSITION_TARGET_LOCAL_NED", since_s + 1.0))
 
     report.add("hover.thrust", mean(thrusts))
     report.add("hover.servo", mean(pulses_us))
-    report.add("offboard.no-position-target", count_or_none(targets, "in 3 s"))
+    report.add("offboard.no-position-target", count_or_none(target_count, "in 3 s"))
     client.interval("SERVO_OUTPUT_RAW", 0.0)
 
 
@@ -142,7 +143,7 @@ def _odometry(client: VehicleClient, report: FactReport, hover: Hover) -> None:
 
     # Errors of the velocity of ODOMETRY if it is in NED, and if it is along the body. The frame is
     # that of the smaller error.
-    yaw = client.euler()[2]
+    yaw = client.euler().yaw
     from_ned_m_s: list[float] = []
     from_body_m_s: list[float] = []
     positions = client.received.of("LOCAL_POSITION_NED", since_s)

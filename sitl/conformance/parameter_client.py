@@ -12,8 +12,7 @@ from sitl.conformance.endpoint import ReceivedPacket, Recording, VehicleClock
 # Struct of each MAV_PARAM_TYPE that is a whole number.
 _INTEGER_STRUCTS = {1: "<B", 2: "<b", 3: "<H", 4: "<h", 5: "<I", 6: "<i"}
 _ATTEMPTS = 3
-# Longest wait for an answer. An emulator may run faster than real time, while the link's delay is
-# real: then the real time counts, if it is longer.
+# Longest wait for an answer: the longer of both, for a simulator that is faster than its link.
 _ANSWER_S = 0.5  # by the vehicle's clock
 _ANSWER_REAL_S = 0.3  # by this computer's clock
 _MAV_PARAM_TYPE_REAL32 = 9
@@ -89,7 +88,7 @@ class ParameterClient:
         if kind != _MAV_PARAM_TYPE_REAL32:
             # the bytes of the whole number, put into the field of a float
             packed = struct.pack(_INTEGER_STRUCTS[kind], int(value)).ljust(4, b"\0")
-            encoded = struct.unpack("<f", packed)[0]
+            (encoded,) = struct.unpack("<f", packed)
 
         count_before = len(self._values)
         self._client.send(
@@ -145,4 +144,5 @@ def parameter_value(message: Any) -> tuple[float, int]:
 
     layout = struct.Struct(_INTEGER_STRUCTS[kind])
     packed = struct.pack("<f", message.param_value)
-    return float(layout.unpack(packed[: layout.size])[0]), kind
+    (value,) = layout.unpack(packed[: layout.size])
+    return float(value), kind

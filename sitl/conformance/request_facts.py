@@ -68,7 +68,7 @@ def _rates(client: VehicleClient, report: FactReport) -> None:
             continue
         messages = [message for _, message, _ in requested]
 
-        # Only a simulated PX4 has HIL_STATE_QUATERNION: its answer says nothing of all PX4s.
+        # Only a simulated PX4 has HIL_STATE_QUATERNION, so the answer to it is not reported.
         answers: set[str] = set()
         for _, message, hz in requested:
             if message != "HIL_STATE_QUATERNION":

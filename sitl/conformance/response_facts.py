@@ -6,6 +6,7 @@ import itertools
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 
 from sitl.conformance.fact_group import FactGroup
 from sitl.conformance.facts import Fact, FactReport, number
@@ -17,7 +18,7 @@ _MEAN_S = 0.15  # time before a step whose mean angle is the start of the step
 # Tolerance of times: the larger of a time and a share of the measured time.
 _SLACK_S = 0.02
 _SLACK_SHARE = 0.12
-# Part of a step of roll or pitch [%]: shortest and longest time to reach it, as measured [s].
+# t63: the time to reach 63 % of a step of roll or pitch, shortest and longest as measured [s].
 _TILT_TIMES = {
     "t5": (0.062, 0.073),
     "t50": (0.165, 0.175),
@@ -44,7 +45,7 @@ def _tilt_facts(axis: str, step_deg: int) -> tuple[Fact, ...]:
     for part, (low_s, high_s) in _TILT_TIMES.items():
         least_s = low_s - _slack_s(low_s)
         most_s = high_s + _slack_s(high_s)
-        words = f"{says}, {part[1:]} % after"
+        words = f"{says}, {_percent(part)} % after"
         times.append(number(f"{name}-{part}", "8", words, least_s, most_s, "s"))
 
     rate = _PEAK_RATES[step_deg]
@@ -54,6 +55,11 @@ def _tilt_facts(axis: str, step_deg: int) -> tuple[Fact, ...]:
         number(f"{name}-peak", "8", f"{says}, largest excursion after", 0.33, 0.43, "s"),
         number(f"{name}-rate", "8", f"{says}, largest rate", 0.8 * rate, 1.2 * rate, "deg/s"),
     )
+
+
+def _percent(part: str) -> int:
+    """Return 63 for "t63"."""
+    return int(part.removeprefix("t"))
 
 
 def _slack_s(time_s: float) -> float:
@@ -70,7 +76,7 @@ def _yaw_facts(step_deg: int) -> tuple[Fact, ...]:
         slack_s = _slack_s(time_s)
         if part == "t5":
             slack_s = _YAW_START_SLACK_S
-        words = f"{says}, {part[1:]} % after"
+        words = f"{says}, {_percent(part)} % after"
         times.append(number(f"{name}-{part}", "8", words, time_s - slack_s, time_s + slack_s, "s"))
 
     least = 0.65 * overshoot
@@ -143,7 +149,7 @@ def _tilt(
 
     hover.tilt = (0.0, 0.0)
     client.wait(0.5)
-    response = _record(client, axis, step, lambda: command(1.0), 0.6)
+    response = _record(client, axis, step, partial(command, 1.0), duration_s=0.6)
     command(-1.0)  # the opposite step removes the speed
     client.wait(0.6)
     hover.hold_here()
@@ -151,8 +157,7 @@ def _tilt(
 
     name = f"step.{axis}-{step_deg}"
     for part in _TILT_TIMES:
-        # t63: the time to reach 63 % of the step
-        report.add(f"{name}-{part}", response.reaches(int(part[1:]) / 100.0))
+        report.add(f"{name}-{part}", response.reaches(_percent(part) / 100.0))
     report.add(f"{name}-overshoot", response.overshoot_pct)
     report.add(f"{name}-peak", response.peak_s)
     report.add(f"{name}-rate", response.largest_rate_deg_s)
@@ -163,22 +168,21 @@ def _yaw(client: VehicleClient, report: FactReport, hover: Hover, step_deg: int)
     hover.tilt = (0.0, 0.0)
     client.wait(0.3)
     # The step begins at the actual heading, so that its size is right.
-    hover.yaw_rad = client.euler()[2]
+    hover.yaw_rad = client.euler().yaw
     client.wait(0.8)
     goal = wrap(hover.yaw_rad + math.radians(step_deg))
 
     def command() -> None:
         hover.yaw_rad = goal
 
-    response = _record(client, "yaw", math.radians(step_deg), command, 2.0)
+    response = _record(client, "yaw", math.radians(step_deg), command, duration_s=2.0)
     hover.hold_here()
     settle(client, hover)
 
     times, _ = _YAW[step_deg]
     name = f"step.yaw-{step_deg}"
     for part in times:
-        # t63: the time to reach 63 % of the step
-        report.add(f"{name}-{part}", response.reaches(int(part[1:]) / 100.0))
+        report.add(f"{name}-{part}", response.reaches(_percent(part) / 100.0))
     report.add(f"{name}-overshoot", response.overshoot_pct)
     report.add(f"{name}-rate", response.largest_rate_deg_s)
 

@@ -87,16 +87,17 @@ def _thrusts(client: VehicleClient, report: FactReport, hover: Hover) -> None:
 
 def _attitudes(client: VehicleClient, report: FactReport, hover: Hover) -> None:
     tilted = quaternion(math.radians(10.0), 0.0, hover.yaw_rad)
-    tripled = (3.0 * tilted[0], 3.0 * tilted[1], 3.0 * tilted[2], 3.0 * tilted[3])
+    w, x, y, z = tilted
+    tripled = (3.0 * w, 3.0 * x, 3.0 * y, 3.0 * z)
 
     if report.wants("setpoint.scaled-quaternion"):
         _for_a_moment(client, partial(client.attitude, tripled, hover.thrust), _UNUSUAL_S)
-        report.add("setpoint.scaled-quaternion", math.degrees(client.euler()[0]))
+        report.add("setpoint.scaled-quaternion", math.degrees(client.euler().roll))
         _recover(client, hover)
 
     if report.wants("setpoint.mask-zero"):
         _for_a_moment(client, partial(client.attitude, tilted, hover.thrust, mask=0), _UNUSUAL_S)
-        report.add("setpoint.mask-zero", math.degrees(client.euler()[0]))
+        report.add("setpoint.mask-zero", math.degrees(client.euler().roll))
         echoed = client.newest("ATTITUDE_TARGET").q
         cosine = min(1.0, abs(sum(a * b for a, b in zip(echoed, tilted, strict=True))))
         report.add("setpoint.echo", math.degrees(2.0 * math.acos(cosine)))
@@ -190,23 +191,23 @@ def _positions(client: VehicleClient, report: FactReport, hover: Hover) -> None:
 
 def _steep(client: VehicleClient, report: FactReport, hover: Hover) -> None:
     for name, tilt_deg in (("setpoint.steep-50", 50.0), ("setpoint.steep-75", 75.0)):
-        since_s = client.now_s
-        # the opposite tilt afterwards removes the speed; it is not measured
-        for sign in (1.0, -1.0):
-            q = quaternion(sign * math.radians(tilt_deg), 0.0, hover.yaw_rad)
-            _for_a_moment(client, partial(client.attitude, q, 0.9), _UNUSUAL_S)
-            if sign > 0.0:
-                rolls = [
-                    math.degrees(packet.message.roll)
-                    for packet in client.received.of("ATTITUDE", since_s)
-                ]
-                report.add(name, max(rolls))
+        tilt_rad = math.radians(tilt_deg)
+        tilted = quaternion(tilt_rad, 0.0, hover.yaw_rad)
+        tilted_back = quaternion(-tilt_rad, 0.0, hover.yaw_rad)
+
+        tilted_s = client.now_s
+        _for_a_moment(client, partial(client.attitude, tilted, 0.9), _UNUSUAL_S)
+        attitudes = client.received.of("ATTITUDE", tilted_s)
+        report.add(name, max(math.degrees(packet.message.roll) for packet in attitudes))
+
+        # the opposite tilt removes the speed
+        _for_a_moment(client, partial(client.attitude, tilted_back, 0.9), _UNUSUAL_S)
         _recover(client, hover)
 
     client.next_heartbeat()
-    # since_s is the begin of the steeper of both
-    report.add("setpoint.steep-text", client.quote("Preflight Fail", since_s))
-    report.add("setpoint.steep-failsafe-text", client.quote("Failsafe activated", since_s))
+    # texts count from the last, steepest tilt
+    report.add("setpoint.steep-text", client.quote("Preflight Fail", tilted_s))
+    report.add("setpoint.steep-failsafe-text", client.quote("Failsafe activated", tilted_s))
     report.add("setpoint.steep-mode", client.mode)
 
 
@@ -246,7 +247,7 @@ def _sticks(client: VehicleClient, from_s: float, rate_1_s: float) -> Callable[[
     return send
 
 
-def _calm(client: VehicleClient) -> Hover:
+def _airborne_at_second_attempt(client: VehicleClient) -> Hover:
     """Let the vehicle hover, at the second attempt if the first one fails."""
     try:
         return airborne(client, _BREAKING_HEIGHT_M)
@@ -261,7 +262,7 @@ def run_breaking(client: VehicleClient, report: FactReport) -> None:
         if not report.wants(f"{name}*"):
             continue
         try:
-            hover = _calm(client)
+            hover = _airborne_at_second_attempt(client)
             client.wait(1.0)
         except Stuck as error:
             report.skip(
@@ -271,7 +272,8 @@ def run_breaking(client: VehicleClient, report: FactReport) -> None:
 
         no_rotation = (part,) * 4
         _for_a_moment(client, partial(client.attitude, no_rotation, hover.thrust), _UNUSUAL_S)
-        report.add(name, math.degrees(math.hypot(*client.euler()[:2])))
+        roll, pitch, _ = client.euler()
+        report.add(name, math.degrees(math.hypot(roll, pitch)))
         hover.hold_here()
 
         follows = True
@@ -279,7 +281,7 @@ def run_breaking(client: VehicleClient, report: FactReport) -> None:
         for sign in (1.0, -1.0):
             tilted = quaternion(sign * math.radians(10.0), 0.0, hover.yaw_rad)
             _for_a_moment(client, partial(client.attitude, tilted, hover.thrust), _UNUSUAL_S)
-            roll_deg = sign * math.degrees(client.euler()[0])
+            roll_deg = sign * math.degrees(client.euler().roll)
             if not 5.0 < roll_deg < 15.0:
                 follows = False
 

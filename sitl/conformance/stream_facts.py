@@ -21,7 +21,7 @@ _FIRST_LOOK_S = 1.0  # time from the first ATTITUDE to the first look whether th
 _READY_BEFORE_S = 1.3  # a vehicle ready before this may have been ready before the first look
 _FRESH_S = 1.8  # a vehicle whose first ATTITUDE has at most this time has just started
 _RATE_SLACK_SHARE = 0.06
-_TIMED_STEP_MS = 4  # step of the clock
+_CLOCK_STEP_MS = 4
 _LEAST_PACE = 0.9  # limits of the pace of a vehicle in real time
 _MOST_PACE = 1.1
 # Positions of the diagonal in the upper triangle of a 6 x 6 matrix, row by row.
@@ -222,9 +222,9 @@ def _clock(client: VehicleClient, report: FactReport, since_s: float) -> None:
 
 def _is_whole(gap_ms: int) -> bool:
     """Return whether a gap is a whole number of steps; its stamps are rounded to a millisecond."""
-    remainder_ms = gap_ms % _TIMED_STEP_MS
-    off_ms = min(remainder_ms, _TIMED_STEP_MS - remainder_ms)
-    return off_ms <= 1 and gap_ms >= _TIMED_STEP_MS - 1
+    remainder_ms = gap_ms % _CLOCK_STEP_MS
+    off_ms = min(remainder_ms, _CLOCK_STEP_MS - remainder_ms)
+    return off_ms <= 1 and gap_ms >= _CLOCK_STEP_MS - 1
 
 
 def _heartbeats(client: VehicleClient, report: FactReport, since_s: float) -> None:

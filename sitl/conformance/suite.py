@@ -208,8 +208,7 @@ def _measure_all(
             if may_turn_motors is None:
                 may_turn_motors = is_simulated(client)
             if may_turn_motors:
-                # The facts hold for the battery of PX4's own simulator. A fleet file may set
-                # another.
+                # The facts hold for the drain of PX4's own simulator. A fleet file may set another.
                 client.params.set("SIM_BAT_DRAIN", _DRAIN_S)
                 # A vehicle with vision only is never ready on the ground. The check continues.
                 left_s = max(0.0, _READY_S - client.now_s)

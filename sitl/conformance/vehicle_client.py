@@ -47,6 +47,7 @@ ARM = 400
 SET_INTERVAL = 511
 REQUEST = 512
 
+MAV_RESULT_ACCEPTED = 0
 ARMED = 0x80  # bit of HEARTBEAT.base_mode
 FORCE = 21196.0  # parameter 2 of ARM that disarms in any case
 ATTITUDE_AND_THRUST = 7  # type mask: body rates are ignored
@@ -83,6 +84,14 @@ class ClientIdentity(NamedTuple):
     system_id: int
     component_id: int
     mav_type: int
+
+
+class EulerAngles(NamedTuple):
+    """Angles of an attitude in ATTITUDE [rad]."""
+
+    roll: float
+    pitch: float
+    yaw: float
 
 
 class ReceivedText(NamedTuple):
@@ -455,13 +464,15 @@ class VehicleClient:
             packet = self.received.newest("AUTOPILOT_VERSION")
             if packet is not None and packet.message.flight_sw_version:
                 number = packet.message.flight_sw_version
-                return number >> 24 & 0xFF, number >> 16 & 0xFF
+                major, minor, _, _ = number.to_bytes(4, "big")
+                return major, minor
         return None
 
     def set_mode(self, mode: str) -> str:
         """Send a DO_SET_MODE; return its acknowledgements."""
-        number = MODE_NUMBERS[mode]
-        return self.command(SET_MODE, 1.0, float(number >> 16 & 0xFF), float(number >> 24 & 0xFF))
+        sub_mode, main_mode, _, _ = MODE_NUMBERS[mode].to_bytes(4, "big")
+        custom_mode_enabled = 1.0  # the parameters are a mode of PX4
+        return self.command(SET_MODE, custom_mode_enabled, float(main_mode), float(sub_mode))
 
     def interval(self, name_or_id: str | int, hz: float) -> str:
         """Send a SET_MESSAGE_INTERVAL; return its acknowledgements.
@@ -495,15 +506,16 @@ class VehicleClient:
         """Send one SET_ATTITUDE_TARGET, to the vehicle or another target."""
         if target is None:
             target = self.system_id
+        roll_rate, pitch_rate, yaw_rate = rates
         self.send(
             "SET_ATTITUDE_TARGET",
             target_system=target,
             target_component=1,
             type_mask=mask,
             q=list(q),
-            body_roll_rate=rates[0],
-            body_pitch_rate=rates[1],
-            body_yaw_rate=rates[2],
+            body_roll_rate=roll_rate,
+            body_pitch_rate=pitch_rate,
+            body_yaw_rate=yaw_rate,
             thrust=thrust,
         )
 
@@ -518,10 +530,10 @@ class VehicleClient:
         self.setpoint_duty.period_s = 1.0 / hz
         self.setpoint_duty.due_s = 0.0
 
-    def euler(self) -> tuple[float, float, float]:
-        """Return the newest roll, pitch, yaw [rad]."""
+    def euler(self) -> EulerAngles:
+        """Return the newest angles."""
         message = self.newest("ATTITUDE")
-        return message.roll, message.pitch, message.yaw
+        return EulerAngles(roll=message.roll, pitch=message.pitch, yaw=message.yaw)
 
 
 def other_system_id(client: VehicleClient) -> int:

@@ -93,8 +93,8 @@ def _fused(client: VehicleClient, report: FactReport) -> None:
         _set_origin(client, 0.0)
         client.wait(_SETTLE_S)
 
-    answers = len(client.received.of("COMMAND_ACK", since_s))
-    report.add("vision.silent", count_or_none(answers, "acknowledgements"))
+    ack_count = len(client.received.of("COMMAND_ACK", since_s))
+    report.add("vision.silent", count_or_none(ack_count, "acknowledgements"))
 
 
 def _lost(client: VehicleClient, report: FactReport) -> None:
@@ -187,7 +187,7 @@ def _xyz(position: list[float]) -> dict[str, float]:
 
 
 def _vision(client: VehicleClient, position: list[float]) -> Callable[[], None]:
-    yaw = client.euler()[2]
+    yaw = client.euler().yaw
     return lambda: client.send(
         "VISION_POSITION_ESTIMATE",
         usec=_usec(client),
@@ -203,19 +203,19 @@ def _mocap(client: VehicleClient, position: list[float]) -> Callable[[], None]:
 
 
 def _odometry(client: VehicleClient, position: list[float]) -> Callable[[], None]:
-    yaw = client.euler()[2]
+    yaw = client.euler().yaw
     unknown = dict.fromkeys(("vx", "vy", "vz", "rollspeed", "pitchspeed", "yawspeed"), math.nan)
     return lambda: client.send(
         "ODOMETRY",
         time_usec=_usec(client),
-        frame_id=1,
-        child_frame_id=12,
+        frame_id=1,  # MAV_FRAME_LOCAL_NED
+        child_frame_id=12,  # MAV_FRAME_BODY_FRD
         **_xyz(position),
         q=[math.cos(yaw / 2), 0.0, 0.0, math.sin(yaw / 2)],
         **unknown,
         pose_covariance=[math.nan] * 21,
         velocity_covariance=[math.nan] * 21,
-        estimator_type=2,
+        estimator_type=2,  # MAV_ESTIMATOR_TYPE_VISION
         quality=100,
     )
 

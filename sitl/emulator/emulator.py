@@ -1,8 +1,7 @@
 """Vehicles, estimates and autopilots in one world, advanced step by step.
 
 In each step, data flow from the world to the estimator, to the autopilots and back to the world.
-Published ground truth is a copy. There are no sockets here. Time is the number of steps, and not
-that of a clock.
+There are no sockets here. Time is the number of steps, and not that of a clock.
 """
 
 from __future__ import annotations
@@ -83,7 +82,7 @@ class LateVision(NamedTuple):
 
     arrival_s: float
     vehicle_index: int
-    shown: Array  # position and heading (4,)
+    pose: Array  # position and heading (4,)
     reset_count: int
 
 
@@ -132,7 +131,8 @@ class Emulator:
         seed: int = 0,
     ) -> None:
         _compile_loops()
-        environment = environment or Environment()
+        if environment is None:
+            environment = Environment()
         self.specs = list(specs)
         self.origin = origin
         names = [spec.name for spec in specs]
@@ -169,7 +169,7 @@ class Emulator:
         self.unix_start_s = _DEFAULT_DATE_S
 
         # Newest external position and heading of each vehicle.
-        self._shown = np.zeros((len(specs), 4))
+        self._vision_poses = np.zeros((len(specs), 4))
         # Reset counter of the newest external position that has arrived, per vehicle.
         self._vision_resets = [0] * len(specs)
         self._late_vision: list[LateVision] = []  # external positions that a fault delays
@@ -417,34 +417,34 @@ class Emulator:
             yaw_rad = float(self.world.vehicles.states.yaw_rad[index])
         self._set_vision_level(index, has_velocity=has_velocity)
 
-        self._shown[index, :3] = position_ned_m
-        self._shown[index, 3] = yaw_rad
+        self._vision_poses[index, :3] = position_ned_m
+        self._vision_poses[index, 3] = yaw_rad
 
         faults = self.disturbances.vision
         if faults.is_clear:
-            self._fuse(index, self._shown[index], reset_count)
+            self._fuse(index, self._vision_poses[index], reset_count)
             return
         if faults.is_lost(index):
             return
 
-        shown = faults.apply(self._shown, self.time_s, index)[index]
+        pose = faults.apply(self._vision_poses, self.time_s, index)[index]
         delay_s = faults.delay_s(index)
         if delay_s > 0.0:
             arrival_s = self.time_s + delay_s
-            self._late_vision.append(LateVision(arrival_s, index, shown, reset_count))
+            self._late_vision.append(LateVision(arrival_s, index, pose, reset_count))
         else:
-            self._fuse(index, shown, reset_count)
+            self._fuse(index, pose, reset_count)
 
-    def _fuse(self, index: int, shown: Array, reset_count: int) -> None:
+    def _fuse(self, index: int, pose: Array, reset_count: int) -> None:
         """Fuse an external position and heading (4,) that arrives with this reset counter."""
         if reset_count != self._vision_resets[index]:
             self._vision_resets[index] = reset_count
             self.estimator.begin_vision_anew(index)
 
         delay_s = self.autopilots[index].params["EKF2_EV_DELAY"] / 1000.0
-        yaw_error_rad = float(shown[3]) - float(self.world.vehicles.states.yaw_rad[index])
+        yaw_error_rad = float(pose[3]) - float(self.world.vehicles.states.yaw_rad[index])
         self.estimator.fuse_vision(
-            index, self.time_s, shown[:3], delay_s=delay_s, yaw_error_rad=yaw_error_rad
+            index, self.time_s, pose[:3], delay_s=delay_s, yaw_error_rad=yaw_error_rad
         )
 
     def _fuse_late_vision(self) -> None:
@@ -454,7 +454,7 @@ class Emulator:
         for entry in late:
             has_arrived = entry.arrival_s <= now_s
             if has_arrived and not self.disturbances.is_hung[entry.vehicle_index]:
-                self._fuse(entry.vehicle_index, entry.shown, entry.reset_count)
+                self._fuse(entry.vehicle_index, entry.pose, entry.reset_count)
 
     def _set_vision_level(self, index: int, *, has_velocity: bool) -> None:
         params = self.autopilots[index].params

@@ -171,8 +171,8 @@ def _pose_fault(emulator: FaultyEmulator, fault: Fault, family: str, kind: str) 
         return PoseFault(kind, shift_m=(north_m, east_m, -up_m))
 
     if kind == "drift":
-        speed_m_s = (fault.number("east_m_s"), fault.number("north_m_s"), fault.number("up_m_s"))
-        return PoseFault(kind, shift_m=speed_m_s, since_s=emulator.time_s)
+        drift_m_s = (fault.number("east_m_s"), fault.number("north_m_s"), fault.number("up_m_s"))
+        return PoseFault(kind, drift_m_s=drift_m_s, since_s=emulator.time_s)
     if kind == "late":
         return PoseFault(kind, delay_s=fault.number("delay_s"))
     return PoseFault(kind)

@@ -61,14 +61,14 @@ class Mocap:
         seed: int = 0,
         faults: PoseFaults | None = None,
     ) -> None:
-        self.settings = settings or MocapSettings()
-        self._faults = faults or PoseFaults(count)
+        self.settings = MocapSettings() if settings is None else settings
+        self._faults = PoseFaults(count) if faults is None else faults
         self._rng = np.random.default_rng([seed, _RANDOM_STREAM])
         self._lost_until_s = np.full(count, -math.inf)
         self._next_s = 0.0  # time of the next frame
         # Heap of arrival time, number and pose. The number keeps poses of one time in order.
         self._in_transit: list[tuple[float, int, Pose]] = []
-        self._sent = 0  # number of poses so far
+        self._pose_count = 0  # number of poses so far
         self._last: list[Pose | None] = [None] * count  # newest tracked pose of each body
 
     def step(self, time_s: float, position_enu_m: Array, attitude_enu_flu: Array) -> list[Pose]:
@@ -77,12 +77,15 @@ class Mocap:
             self._next_s = max(self._next_s, time_s - _LARGEST_LAG_S) + 1.0 / self.settings.rate_hz
             for pose in self._measure(time_s, position_enu_m, attitude_enu_flu):
                 arrival_s = time_s + self.settings.latency_s + self._faults.delay_s(pose.index)
-                self._sent += 1
-                heapq.heappush(self._in_transit, (arrival_s, self._sent, pose))
+                self._pose_count += 1
+                heapq.heappush(self._in_transit, (arrival_s, self._pose_count, pose))
 
         arrived: list[Pose] = []
-        while self._in_transit and self._in_transit[0][0] <= time_s + _TIME_TOLERANCE_S:
-            _, _, pose = heapq.heappop(self._in_transit)
+        while self._in_transit:
+            arrival_s, _, pose = self._in_transit[0]
+            if arrival_s > time_s + _TIME_TOLERANCE_S:
+                break
+            heapq.heappop(self._in_transit)
             arrived.append(pose)
         return arrived
 

@@ -39,8 +39,10 @@ def _point_at(points: Sequence[Point], along_m: float) -> Point:
         length_m = math.dist(begin, end)
         if left_m < length_m:
             share = left_m / length_m
-            east_m = begin[0] + share * (end[0] - begin[0])
-            north_m = begin[1] + share * (end[1] - begin[1])
+            begin_east_m, begin_north_m = begin
+            end_east_m, end_north_m = end
+            east_m = begin_east_m + share * (end_east_m - begin_east_m)
+            north_m = begin_north_m + share * (end_north_m - begin_north_m)
             return east_m, north_m
         left_m -= length_m
     return points[-1]

@@ -97,7 +97,10 @@ class LossyChannel(Generic[Load]):
             return []
 
         arrived: list[Load] = []
-        while self._in_transit and self._in_transit[0][0] <= now_s + _TIME_TOLERANCE_S:
-            _, _, load = heapq.heappop(self._in_transit)
+        while self._in_transit:
+            arrival_s, _, load = self._in_transit[0]
+            if arrival_s > now_s + _TIME_TOLERANCE_S:
+                break
+            heapq.heappop(self._in_transit)
             arrived.append(load)
         return arrived

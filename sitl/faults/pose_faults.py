@@ -15,8 +15,8 @@ class PoseFault:
 
     kind: str  # frozen, swapped, jump, drift, late or lost
     other: int = 0  # index of the body with which the body is swapped
-    # Shift that is added to the position; for a drift the shift per second.
-    shift_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    shift_m: tuple[float, float, float] = (0.0, 0.0, 0.0)  # of a jump
+    drift_m_s: tuple[float, float, float] = (0.0, 0.0, 0.0)  # velocity of a drift
     since_s: float = 0.0  # begin of a drift
     delay_s: float = 0.0  # additional delay of the pose
 
@@ -81,7 +81,7 @@ class PoseFaults:
             elif fault.kind == "jump":
                 measured[i, :3] += fault.shift_m
             elif fault.kind == "drift":
-                measured[i, :3] += (time_s - fault.since_s) * np.array(fault.shift_m)
+                measured[i, :3] += (time_s - fault.since_s) * np.array(fault.drift_m_s)
             elif fault.kind == "frozen":
                 measured[i] = self._frozen.setdefault(i, poses[i].copy())
         return np.asarray(measured)

@@ -196,7 +196,8 @@ def watch_truth(flight: Lockstep, flown: FlownAccident, room_turn_deg: float) ->
     cos = math.cos(math.radians(room_turn_deg))
     sin = math.sin(math.radians(room_turn_deg))
     simulation = flight.simulation
-    fence = flight.config.fleet.geofence_m
+    west, east = flight.config.fleet.geofence_m.x
+    south, north = flight.config.fleet.geofence_m.y
     position, _, _ = simulation.emulator.world.truth_enu()
     on_ground = simulation.emulator.world.vehicles.states.on_ground.tolist()
 
@@ -210,7 +211,7 @@ def watch_truth(flight: Lockstep, flown: FlownAccident, room_turn_deg: float) ->
             continue
 
         flown.took_off = True
-        beyond_m = max(fence.x[0] - x, x - fence.x[1], fence.y[0] - y, y - fence.y[1])
+        beyond_m = max(west - x, x - east, south - y, y - north)
         flown.outside_m = max(flown.outside_m, beyond_m)
     flown.places_m.append(positions_m)
 

@@ -83,7 +83,8 @@ class SimBus:
 
         self.channel: Channel | None = None
         if radio is not None:
-            self.channel = Channel(*radio, now_ns, seed=seed)
+            radio_config, nodes_with_radio = radio
+            self.channel = Channel(radio_config, nodes_with_radio, now_ns, seed=seed)
 
         # messages on their way, as a heap: the due time [ns], a number that keeps the order of
         # those due at the same time, and the call
@@ -183,15 +184,18 @@ class SimBus:
 
         queue = self._queue
         cut = self._cut
-        while queue and queue[0][0] <= now_ns:
-            _, _, pair, function, args = heappop(queue)
+        while queue:
+            due_ns, _, pair, function, args = queue[0]
+            if due_ns > now_ns:
+                break
+            heappop(queue)
             if cut and pair in cut:
                 self._held.append((now_ns, pair, function, args))
             else:
                 function(*args)
 
     def send(self, pair: Pair, delivery: Delivery, function: Call, *args: object) -> None:
-        """Send a message from node ``pair[0]`` to node ``pair[1]``.
+        """Send a message from one node to another.
 
         Args:
             pair: names of sender and receiver.
@@ -295,7 +299,7 @@ class SimBus:
         """Forget a node."""
         self.nodes.pop(node.name, None)
         for listeners in self.subscribers.values():
-            listeners[:] = [entry for entry in listeners if entry[0] is not node]
+            listeners[:] = [(other, call) for other, call in listeners if other is not node]
 
     def _resends(self, loss: float) -> int:
         """Return how often a connection sends a message again until it arrives."""
@@ -322,17 +326,18 @@ class SimBus:
         """
         if self._cut.get(pair) == since_ns and pair not in self._noticed_cuts:
             self._noticed_cuts.add(pair)
-            self._notify_of_all_names(pair, False)
+            self._notify_of_all_names(pair, is_alive=False)
 
     def _rejoin(self, pair: Pair) -> None:
         """Let a pair see each other again, unless it has been cut once more."""
         if pair not in self._cut and pair in self._noticed_cuts:
             self._noticed_cuts.discard(pair)
-            if pair[0] in self.nodes:
-                self._notify_of_all_names(pair, True)
+            node, _ = pair
+            if node in self.nodes:
+                self._notify_of_all_names(pair, is_alive=True)
 
-    def _notify_of_all_names(self, pair: Pair, is_alive: bool) -> None:
-        """Let node ``pair[1]`` learn that ``pair[0]`` is alive or gone, under all its names."""
+    def _notify_of_all_names(self, pair: Pair, *, is_alive: bool) -> None:
+        """Let the second node of a pair learn that the first is alive or gone, by all its names."""
         node, listener = pair
         names = [node]
         if node in self.nodes:

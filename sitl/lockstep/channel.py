@@ -161,19 +161,19 @@ class Channel:
             if station not in slots_left:
                 slots_left[station] = self._draw(station)
 
-        slots = min(slots_left[station] for station in waiting)
-        first = [station for station in waiting if slots_left[station] == slots]
+        fewest_slots = min(slots_left[station] for station in waiting)
+        senders = [station for station in waiting if slots_left[station] == fewest_slots]
         for station in waiting:
-            slots_left[station] -= slots
+            slots_left[station] -= fewest_slots
 
         # when several collide, the longest aggregate keeps the channel busy
-        aggregates = [self._aggregate(station, slots) for station in first]
+        aggregates = [self._aggregate(station, fewest_slots) for station in senders]
         turn_ns = max(aggregate.turn_ns for aggregate in aggregates)
         self.busy_ns += turn_ns
         self._free_ns = begin_ns + turn_ns
 
-        is_collision = len(first) > 1
-        for station in first:
+        is_collision = len(senders) > 1
+        for station in senders:
             del slots_left[station]
             if is_collision:
                 self._collisions_in_a_row[station] = self._collisions_in_a_row.get(station, 0) + 1
@@ -183,7 +183,7 @@ class Channel:
         if is_collision:
             self.collisions += 1
         else:
-            self._pass_on(first[0], aggregates[0])
+            self._pass_on(senders[0], aggregates[0])
 
     def _pass_on(self, station: str, aggregate: _Aggregate) -> None:
         """Move an aggregate from its station's queue to the receivers or to the next station."""

@@ -45,11 +45,13 @@ def fly_mission(mission: Mission, folder: Path, simulation: SimulationSettings) 
         flight.client.add_event_listener(on_event)
 
         # SIGTERM lands the fleet, as Ctrl-C does
-        before = signal.signal(signal.SIGTERM, lambda *_: signal.raise_signal(signal.SIGINT))
+        previous_handler = signal.signal(
+            signal.SIGTERM, lambda *_: signal.raise_signal(signal.SIGINT)
+        )
         try:
             verdict = flight.fly(mission)
         finally:
-            signal.signal(signal.SIGTERM, before)
+            signal.signal(signal.SIGTERM, previous_handler)
 
         for line in verdict.sentences:
             say(line)

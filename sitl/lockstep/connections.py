@@ -9,9 +9,7 @@ from onboard.config.fleet import ConfigError, RadioConfig
 Pair = tuple[str, str]
 
 _PERIOD_NS = 20_000_000  # period of messages of 50 Hz
-# The first message of a connection is treated as if a message had arrived this long before it. The
-# time is so long that the earlier message has no influence.
-_FORGOTTEN_NS = 10_000_000_000
+_FORGOTTEN_NS = 10_000_000_000  # a message this long ago has no influence any more
 
 
 @dataclass(frozen=True, slots=True)

@@ -60,8 +60,7 @@ Fields = dict[str, Any]
 # a call that acts on the emulated PX4
 Px4Call = Callable[[], object]
 
-# Snapshot field that holds a time of arrival -> the field that arrives. A field of each message
-# stands for the whole message.
+# Snapshot field with the time of arrival of a message -> a field that comes in this message
 _TIMES = {
     "attitude_ns": "px4_boot_ms",
     "local_position_ns": "position_local_ned_m",
@@ -156,8 +155,11 @@ class LinkBank:
         self._rows.append((self._steps + self._delay_steps, rows))
 
     def _deliver_calls(self, steps: int) -> None:
-        while self._calls and self._calls[0][0] <= steps:
-            _, index, call = self._calls.popleft()
+        while self._calls:
+            due_steps, index, call = self._calls[0]
+            if due_steps > steps:
+                return
+            self._calls.popleft()
             channel = self._ends[index].up
             if channel.is_clear:
                 call()
@@ -165,8 +167,11 @@ class LinkBank:
                 channel.push(self.emulator.time_s, cast(Any, call))
 
     def _deliver_rows(self, steps: int) -> None:
-        while self._rows and self._rows[0][0] <= steps:
-            _, rows = self._rows.popleft()
+        while self._rows:
+            due_steps, rows = self._rows[0]
+            if due_steps > steps:
+                return
+            self._rows.popleft()
             for ends, fields in zip(self._ends, rows, strict=True):
                 if fields is None:
                     continue
@@ -368,15 +373,16 @@ class EmulatedLink:
 
     def arm(self) -> None:
         """Ask to arm."""
-        self._request(lambda px4, now_s: px4.request_arm(now_s, True, 0.0))
+        self._request(lambda px4, now_s: px4.request_arm(now_s, arm=True, magic=0.0))
 
     def disarm(self) -> None:
         """Ask to disarm."""
-        self._request(lambda px4, now_s: px4.request_arm(now_s, False, 0.0))
+        self._request(lambda px4, now_s: px4.request_arm(now_s, arm=False, magic=0.0))
 
     def kill(self) -> None:
         """Disarm by force."""
-        self._request(lambda px4, now_s: px4.request_arm(now_s, False, modes.FORCE_DISARM_MAGIC))
+        force = modes.FORCE_DISARM_MAGIC
+        self._request(lambda px4, now_s: px4.request_arm(now_s, arm=False, magic=force))
 
     def request_heartbeat(self) -> None:
         """Send REQUEST_MESSAGE for HEARTBEAT."""

@@ -52,7 +52,7 @@ _WATCH_S = 0.2  # time between two checks for silent vehicles
 _FORCE = 21196.0  # parameter 2 of MAV_CMD_COMPONENT_ARM_DISARM: disarm also in the air
 
 # new objects until Python collects garbage; with Python's own 700 the collector takes a fifth of
-# the time of a flight, because it looks at the messages of one tick again and again
+# the time of a flight
 _COLLECT_EVERY = 50_000
 
 T = TypeVar("T")
@@ -95,7 +95,8 @@ class Lockstep:
         config.import_law()
 
         self._collect_thresholds = gc.get_threshold()
-        gc.set_threshold(_COLLECT_EVERY, *self._collect_thresholds[1:])
+        _, second_threshold, third_threshold = self._collect_thresholds
+        gc.set_threshold(_COLLECT_EVERY, second_threshold, third_threshold)
 
         self.config = config
         self.may_land_hard = False  # a test sets it if a hard landing is part of the test
@@ -413,19 +414,26 @@ class Lockstep:
         if is_hung[index]:
             await asyncio.sleep(timeout_s)
             sentence = f"PX4 did not answer at {endpoint} within {timeout_s:g} s either"
-            return DirectResult(False, False, sentence, has_answered=False)
+            return DirectResult(
+                is_accepted=False, is_disarmed=False, sentence=sentence, has_answered=False
+            )
 
         px4 = emulator.autopilots[index]
         now_s = emulator.clock_s(index)
         is_pilots_mode = MODES[px4.shown_mode].main in PILOT_MODES
         is_flown_by_hand = is_pilots_mode and px4.has_sticks(now_s)
         if spares_pilot and px4.is_armed and is_flown_by_hand:
-            return DirectResult(False, False, "a pilot flies it by hand", is_flown_by_hand=True)
+            return DirectResult(
+                is_accepted=False,
+                is_disarmed=False,
+                sentence="a pilot flies it by hand",
+                is_flown_by_hand=True,
+            )
 
         if kind == "land":
             answer = px4.request(now_s, Mode.LAND)
         else:
-            answer = px4.request_arm(now_s, False, _FORCE)
+            answer = px4.request_arm(now_s, arm=False, magic=_FORCE)
         is_accepted = answer is CommandResult.ACCEPTED
 
         if is_accepted:

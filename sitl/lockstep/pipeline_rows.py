@@ -105,14 +105,16 @@ class CompiledPipeline:
         if known is None:
             known = (params, batch.PARAMS.packed([params]))
             self._params[id(params)] = known
-        return known[1]
+        _, rows = known
+        return rows
 
     def _obstacle_rows(self, obstacles: Sequence[Capsule]) -> Rows:
         known = self._obstacles.get(id(obstacles))
         if known is None:
             known = (obstacles, batch.OBSTACLE.packed(obstacles))
             self._obstacles[id(obstacles)] = known
-        return known[1]
+        _, rows = known
+        return rows
 
 
 def _neighbour_rows(neighbours: Sequence[Neighbour]) -> Rows:

@@ -77,7 +77,7 @@ class Simulation:
             stamp_ns=lambda time_s: EPOCH_NS + round(time_s * 1e9),
         )
 
-        self.bus = self._new_bus(bus or BusSettings(), seed)
+        self.bus = self._new_bus(BusSettings() if bus is None else bus, seed)
         self._node = self.bus.node(_SIMULATOR)
         self._node.start()
         self._node.serve_faults(lambda order, reply: reply(answer_fault(self.emulator, order)))
@@ -205,8 +205,11 @@ class Simulation:
 
     def step(self) -> None:
         """Advance by 4 ms."""
-        while self._planned and self._planned[0][0] <= self.now_ns - EPOCH_NS:
-            _, _, function = heapq.heappop(self._planned)
+        while self._planned:
+            due_ns, _, function = self._planned[0]
+            if due_ns > self.now_ns - EPOCH_NS:
+                break
+            heapq.heappop(self._planned)
             function()
 
         self.emulator.step()

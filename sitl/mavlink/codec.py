@@ -115,12 +115,12 @@ class Decoder:
         messages: list[MavlinkMessage] = []
         start = 0
         while start < len(datagram):
-            frame = _frame(datagram, start)
-            if frame is None:
+            found = _frame(datagram, start)
+            if found is None:
                 self.malformed += 1
                 break
 
-            message, end = frame
+            message, end = found
             if message is not None and self._is_taken(message, datagram[start:end]):
                 messages.append(message)
             start = end
@@ -206,7 +206,8 @@ def _named(layout: MessageLayout, values: tuple[Any, ...]) -> dict[str, Any]:
 
 def text_of(raw: bytes) -> str:
     """Return a MAVLink character array as text."""
-    return raw.split(b"\0", 1)[0].decode("ascii", "replace")
+    text, _, _ = raw.partition(b"\0")
+    return text.decode("ascii", "replace")
 
 
 @dataclass(slots=True)

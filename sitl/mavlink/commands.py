@@ -120,7 +120,7 @@ def _enter(mode: Mode, text: str | None = None) -> Handler:
 
 
 def _take_off(link: CommandedLink, command: ReceivedCommand) -> Answer:
-    altitude_m = command.numbers[6]  # above the sea, since PX4 ignores the frame
+    *_, altitude_m = command.numbers  # above the sea, since PX4 ignores the frame
     height_m = math.nan
     if abs(altitude_m) < _MOST_ALTITUDE_M:
         height_m = altitude_m - link.view.ground_altitude_m
@@ -168,9 +168,9 @@ def _reposition(link: CommandedLink, command: ReceivedCommand) -> Answer:
     scale = 1.0
     if command.is_integer:
         scale = 1e-7
-    latitude_deg = command.numbers[4] * scale
-    longitude_deg = command.numbers[5] * scale
-    altitude_m = command.numbers[6]
+    *_, latitude, longitude, altitude_m = command.numbers
+    latitude_deg = latitude * scale
+    longitude_deg = longitude * scale
     if math.isinf(latitude_deg) or math.isinf(longitude_deg):
         latitude_deg = math.nan  # as if it were missing: an infinite angle has no cosine
         longitude_deg = math.nan

@@ -31,7 +31,7 @@ SIMULATOR_PORT = 19450
 VIEWER_PORT = 19410
 SIMULATOR_INSTANCES = 40
 
-_ENDPOINT = re.compile(r"(udpin|udpout)://([^:/]*|\[[^\]]*\]):(\d{1,5})")  # scheme, host, port
+_ENDPOINT = re.compile(r"(?P<scheme>udpin|udpout)://(?P<host>[^:/]*|\[[^\]]*\]):(?P<port>\d{1,5})")
 _MOST_DATAGRAMS = 64  # datagrams that are read at once from one socket
 _LARGEST_DATAGRAM = 65535
 _RECEIVE_BUFFER_BYTES = 1 << 20
@@ -124,11 +124,11 @@ def simulator_ports(autopilot: str) -> Ports | None:
 def _instance(autopilot: str) -> tuple[int, int] | None:
     """Return the first port of the ground links, and PX4's instance, of a companion endpoint."""
     match = _ENDPOINT.fullmatch(autopilot)
-    if match is None or match[1] != "udpin":
+    if match is None or match["scheme"] != "udpin":
         return None
 
     for first_companion_port, first_ground_port, instances in _LAYOUT:
-        number = int(match[3]) - first_companion_port
+        number = int(match["port"]) - first_companion_port
         if number in instances:
             return first_ground_port, number
     return None
@@ -148,12 +148,13 @@ def station_of(text: str) -> Address:
 
 def _parse(endpoint: str, key: str) -> tuple[str, str, int]:
     match = _ENDPOINT.fullmatch(endpoint)
-    if match is None or not 0 < int(match[3]) < 65536 - ONBOARD_PORT_OFFSET:
+    if match is None or not 0 < int(match["port"]) < 65536 - ONBOARD_PORT_OFFSET:
         raise StartError(
             f"'{key}' is {endpoint!r}, which cannot be emulated. "
             "Use udpin://127.0.0.1:14540 (PX4's layout) or udpout://."
         )
-    return match[1], match[2] or "0.0.0.0", int(match[3])
+    host = match["host"] or "0.0.0.0"
+    return match["scheme"], host, int(match["port"])
 
 
 def bind(ports: Ports, user: str) -> socket.socket:

@@ -156,7 +156,8 @@ class Link:
 
             if message_id == _ORIGIN:
                 # PX4 sends the origin only when the origin differs from the last one on this link.
-                origin = values[:3]
+                latitude, longitude, altitude_mm, _ = values
+                origin = (latitude, longitude, altitude_mm)
                 if origin == self._sent_origin:
                     continue
                 self._sent_origin = origin

@@ -14,7 +14,9 @@ from __future__ import annotations
 import struct
 from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import PurePosixPath
 
+from sitl.mavlink.codec import text_of
 from sitl.px4.flight_log import FOLDER, FlightLogs, LogFile
 
 PAYLOAD_BYTES = 251
@@ -137,7 +139,7 @@ class FileServer:
             content = b""
             if self._file is not None:
                 content = bytes(self._file.content[burst.offset : burst.offset + _MOST_DATA])
-            if self._has_ended(len(content)):
+            if self._reaches_limit(len(content)):
                 break
 
             # An answer has the sequence number of its request plus one. So a piece answers a
@@ -192,7 +194,7 @@ class FileServer:
 
     def _list(self, request: _Request) -> bytes:
         """Return the entries of a folder from an index on, as many as fit into an answer."""
-        folder = request.data.split(b"\0", 1)[0].decode("ascii", "replace").rstrip("/")
+        folder = text_of(request.data).rstrip("/")
         entries = self._entries(folder)
         is_known = folder == FOLDER or bool(entries)
         if self._logs is None or not is_known:
@@ -210,18 +212,20 @@ class FileServer:
     def _entries(self, folder: str) -> list[bytes]:
         files = self._files
         if folder == FOLDER:
-            dates = dict.fromkeys(file.path.split("/")[-2] for file in files)
+            dates = dict.fromkeys(PurePosixPath(file.path).parent.name for file in files)
             return [f"D{date}\0".encode("ascii") for date in dates]
-        return [
-            f"F{file.path.rpartition('/')[2]}\t{len(file.content)}\0".encode("ascii")
-            for file in files
-            if file.path.rpartition("/")[0] == folder
-        ]
+
+        entries = []
+        for file in files:
+            file_folder, _, name = file.path.rpartition("/")
+            if file_folder == folder:
+                entries.append(f"F{name}\t{len(file.content)}\0".encode("ascii"))
+        return entries
 
     def _open(self, request: _Request) -> bytes:
         if self._file is not None:
             raise _Refused(_NO_SESSION)
-        path = request.data.split(b"\0", 1)[0].decode("ascii", "replace")
+        path = text_of(request.data)
         for file in self._files:
             if file.path == path:
                 self._file = file
@@ -236,11 +240,11 @@ class FileServer:
             raise _Refused(_END_OF_FILE)
         end = request.offset + min(request.size, _MOST_DATA)
         content = bytes(self._file.content[request.offset : end])
-        if self._has_ended(len(content)):
+        if self._reaches_limit(len(content)):
             raise _Refused(_INVALID_SESSION)
         return content
 
-    def _has_ended(self, count: int) -> bool:
+    def _reaches_limit(self, count: int) -> bool:
         """Add sent bytes to the session; at its limit, end it silently and return True."""
         self._sent_bytes += count
         limit_bytes = 0

@@ -23,22 +23,22 @@ from sitl.px4.versions import Version
 FASTEST_HZ = 250.0  # rate of the loop of PX4's simulator
 
 _TABLE = tomllib.loads(files(__package__).joinpath("streams.toml").read_text())
-_RATES: dict[int, list[float]] = {
-    ID_BY_NAME[name]: rates for name, rates in _TABLE["rates_hz"].items()
-}
 _BUILDER_BY_NAME = {**vars(messages), **vars(messages_of_versions)}
 BUILDERS: dict[int, Builder] = {
     ID_BY_NAME[name]: _BUILDER_BY_NAME[name.lower()] for name in _TABLE["rates_hz"]
 }
 
-ONBOARD_RATES_HZ: dict[int, float] = {message_id: rates[0] for message_id, rates in _RATES.items()}
-GCS_RATES_HZ: dict[int, float] = {message_id: rates[1] for message_id, rates in _RATES.items()}
+ONBOARD_RATES_HZ: dict[int, float] = {}
+GCS_RATES_HZ: dict[int, float] = {}
+# Highest rate of a message, where it is below that of the physics.
+_CEILINGS_HZ: dict[int, float] = {}
+for _name, (_onboard_hz, _gcs_hz, *_ceiling_hz) in _TABLE["rates_hz"].items():
+    ONBOARD_RATES_HZ[ID_BY_NAME[_name]] = _onboard_hz
+    GCS_RATES_HZ[ID_BY_NAME[_name]] = _gcs_hz
+    if _ceiling_hz:
+        (_CEILINGS_HZ[ID_BY_NAME[_name]],) = _ceiling_hz
 SIMULATOR_RATES_HZ: dict[int, float] = {
     ID_BY_NAME[name]: rate for name, rate in _TABLE["simulator_hz"].items()
-}
-# Highest rate of a message, where it is below that of the physics.
-_CEILINGS_HZ: dict[int, float] = {
-    message_id: rates[2] for message_id, rates in _RATES.items() if len(rates) > 2
 }
 # Messages whose rate can be set, although PX4 never sends them.
 SILENT: frozenset[int] = frozenset(
@@ -58,8 +58,8 @@ _FIRST_S: dict[int, float] = {
     ID_BY_NAME["HOME_POSITION"]: BOOT_S,
 }
 _STEP_S = 0.004  # step of the physics
-# The first messages of a link's streams are distributed over this number of steps. The next message
-# and the next vehicle are so many steps later.
+# The begins of the streams of a link are spread over _SPREAD_STEPS steps. The stream of the next
+# message begins 7 steps later, and that of the next vehicle 3 steps later, modulo _SPREAD_STEPS.
 _SPREAD_STEPS = 25
 _SPREAD_PER_MESSAGE = 7
 _SPREAD_PER_VEHICLE = 3
@@ -139,7 +139,7 @@ class Schedule:
         elif interval_us == 0.0 and default_hz > 0.0:
             interval_s = 1.0 / default_hz
 
-        self._due = [entry for entry in self._due if entry[1] != message_id]
+        self._due = [(due_s, other) for due_s, other in self._due if other != message_id]
         heapq.heapify(self._due)
         self._interval_s.pop(message_id, None)
         if interval_s > 0.0:
@@ -161,8 +161,10 @@ class Schedule:
         """Return the ids of the messages that are due now, and schedule each again."""
         due: list[int] = []
         limit_s = now_s + _TIME_TOLERANCE_S
-        while self._due and self._due[0][0] <= limit_s:
+        while self._due:
             due_s, message_id = self._due[0]
+            if due_s > limit_s:
+                break
             due.append(message_id)
             next_s = max(due_s, now_s - _LATE_S) + self._interval_s[message_id]
             heapq.heapreplace(self._due, (next_s, message_id))

@@ -252,7 +252,8 @@ def measured_attitude(
         tilt_error_rad: error of the level, which turns the attitude about north and east.
     """
     w, x, y, z = attitude
-    level = frames.tilted((w, x, y, z), -tilt_error_rad[0], -tilt_error_rad[1])
+    north_rad, east_rad = tilt_error_rad
+    level = frames.tilted((w, x, y, z), -north_rad, -east_rad)
     w, x, y, z = frames.turned(level, yaw_error_rad)
 
     # Product of the attitude and the quaternion (1, a, b, d) of a small rotation, whose vector part

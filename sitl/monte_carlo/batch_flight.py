@@ -209,7 +209,7 @@ def _fly(
     sensors = sensing(setup.errors, vehicles, truth, noise)
 
     obstacles = () if is_alone else plans[0].obstacles
-    make_controller = controller or _controller(fleet)
+    make_controller = _controller(fleet) if controller is None else controller
     pipelines = make_controller(params_of(fleet), start, obstacles)
     if plans[0].other_law is not None and not is_alone:
         pipelines = _with_other_law(pipelines, plans[0].other_law, setup, start, obstacles)
@@ -240,7 +240,8 @@ def _fly(
         states = sensors.update(truth, normals, throttle, hover)
         published_states = states
         # of the positions that liars publish: their offset, and how fast it changes
-        offset_m = velocity_m_s = np.zeros_like(start)
+        offset_m = np.zeros_like(start)
+        velocity_m_s = offset_m
         if has_lies:
             offset_m, velocity_m_s = lies.offsets(metrics.time_s)
             published_states = shifted(states, offset_m, velocity_m_s, _OF_STATE)
@@ -277,12 +278,13 @@ def _fly(
         world.advance(ticks["attitude"]["quaternion_wxyz"], throttle, normals)
         truth = world.truth()
 
-        # The metrics judge them. `active` is the neighbour that the law avoids most: its index
-        # among the received neighbours, and then its index in the fleet.
-        active = ticks["law"]["active_neighbour"].astype(np.int64)
+        # the metrics judge them; the law names the neighbour that it avoids most by its index among
+        # the received neighbours, the metrics need its index in the fleet
+        most_avoided = ticks["law"]["active_neighbour"].astype(np.int64)
+        most_avoided_vehicle = most_avoided
         if radio is not None:
-            active = radio.vehicle(active)
-        going_on = metrics.update(truth, ticks, active)
+            most_avoided_vehicle = radio.vehicle(most_avoided)
+        going_on = metrics.update(truth, ticks, most_avoided_vehicle)
         orders.advance(metrics)
         if len(going_on) == len(start):
             continue

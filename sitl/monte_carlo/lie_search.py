@@ -120,7 +120,8 @@ def search(
         for restart in range(_RESTARTS):
             flight_seed = _FIRST_SEED + restart
             plan = scenarios.plan(SCENARIO, flight_seed)
-            honest_m = min(honest_m, _distances_m([plan], setup)[0])
+            (without_lie_m,) = _distances_m([plan], setup)
+            honest_m = min(honest_m, without_lie_m)
 
             random_count = round(_FIRST_SHARE * tries_of_restart)
             points = rng.uniform(size=(random_count, len(BOUNDS) + 1))
@@ -175,7 +176,8 @@ def _with_lie(plan: scenarios.FlightPlan, kind: LieKind, point: Array) -> scenar
 def _lie(kind: LieKind, point: Array, count: int) -> MemberLie:
     """Return the lie at a point of the search, whose coordinates lie in [0, 1]."""
     low, high = np.array(list(BOUNDS.values())).T
+    member_coordinate = point[0]
     numbers = low + point[1:] * (high - low)
     values = dict(zip(BOUNDS, numbers.tolist(), strict=True))
-    member = min(int(point[0] * count), count - 1)
+    member = min(int(member_coordinate * count), count - 1)
     return MemberLie(member=member, kind=kind, **values)

@@ -63,7 +63,7 @@ class MemberLies:
         count = plans[0].count
         self._is_liar = np.zeros((len(plans), count), bool)
         self._is_spoof = np.zeros(len(plans), bool)
-        # the last six fields of MemberLie; without a lie its size is 0
+        # the fields of MemberLie from start_s on; without a lie its size is 0
         self._numbers = np.zeros((len(plans), 6))
         for f, plan in enumerate(plans):
             lie = plan.lie
@@ -71,7 +71,8 @@ class MemberLies:
                 continue
             self._is_liar[f, lie.member] = True
             self._is_spoof[f] = lie.kind == "spoof"
-            self._numbers[f] = lie[2:]
+            _, _, *numbers = lie
+            self._numbers[f] = numbers
         self.has_any = bool(self._is_liar.any())
 
     def offsets(self, time_s: float) -> tuple[Array, Array]:

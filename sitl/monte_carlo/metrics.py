@@ -126,17 +126,18 @@ class FlightMetrics:
         self.ticks = 0
         self._done: dict[int, FlightOutcome] = {}  # by index of the plan
         self._pairs = np.triu_indices(count, 1)
+        pair_count = count * (count - 1) // 2
+
+        # least distance that vehicles keep from a vehicle that does not avoid
+        least_lag_s = min(vehicle.lag_s for vehicle in fleet.vehicles.values())
+        margin_m = fleet.law.margin_m(least_lag_s) + fleet.law.uncooperative_margin_m
+        self._kept_from_lost_m = self._limit_m + margin_m
 
         # From here on: rows (F, ...) of the flights under way; keep() drops those that have ended.
         self._flights = np.arange(flights)
         self._goal = np.stack([plan.goal_enu_m for plan in plans])
         self._earliest = np.array([plan.earliest_s for plan in plans])
         self._longest = np.array(longest_s, dtype=np.float64)
-
-        # least distance that vehicles keep from a vehicle that does not avoid
-        least_lag_s = min(vehicle.lag_s for vehicle in fleet.vehicles.values())
-        margin_m = fleet.law.margin_m(least_lag_s) + fleet.law.uncooperative_margin_m
-        self._kept_from_lost_m = self._limit_m + margin_m
 
         self._counts = np.ones((flights, count), bool)  # whether a vehicle's arrival counts
         self._is_lost = np.zeros((flights, count), bool)
@@ -182,7 +183,7 @@ class FlightMetrics:
         self._nearest = np.full(flights, np.inf)
         self._has_touched = np.zeros(flights, bool)
         self._contact_m_s = np.full(flights, np.nan)  # closing speed at the first touch
-        self._apart_m = np.full((flights, len(self._pairs[0])), np.inf)  # at the last tick
+        self._apart_m = np.full((flights, pair_count), np.inf)  # at the last tick
         self._clearance = np.full(flights, np.inf)
 
         self._measure_separation(start_enu_m)

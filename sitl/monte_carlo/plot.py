@@ -220,11 +220,12 @@ def _draw_closest_moment(axes: Any, data: _TraceData) -> None:
     """Draw each vehicle as a disc of half the safety distance, and the nearest pair's distance."""
     sample, pair = data.closest
     position = data.position_enu_m[sample]  # (N, 3)
+    first, second = data.pairs
 
     nearest: set[int] = set()
     is_too_near = False
     if pair >= 0:
-        nearest = {int(data.pairs[0][pair]), int(data.pairs[1][pair])}
+        nearest = {int(first[pair]), int(second[pair])}
         is_too_near = bool(data.distance_m[sample, pair] < data.limit_m)
 
     for i in range(data.count):
@@ -258,8 +259,8 @@ def _draw_closest_moment(axes: Any, data: _TraceData) -> None:
             )
 
     if pair >= 0:
-        one = position[int(data.pairs[0][pair]), :2]
-        two = position[int(data.pairs[1][pair]), :2]
+        one = position[int(first[pair]), :2]
+        two = position[int(second[pair]), :2]
         axes.plot(*np.stack([one, two], axis=1), color=LIMIT, lw=1.6, zorder=5)
         axes.annotate(
             f"{data.distance_m[sample, pair]:.2f} m at {data.t_s[sample]:.1f} s",
@@ -278,10 +279,10 @@ def _set_limits(axes: Any, data: _TraceData) -> None:
     points = np.concatenate([data.position_enu_m.reshape(-1, 3), data.goal_enu_m])[:, :2]
     lowest = points.min(0)
     highest = points.max(0)
-    middle = 0.5 * (lowest + highest)
+    x, y = 0.5 * (lowest + highest)
     half = 0.5 * float((highest - lowest).max()) + 1.2 * data.limit_m
 
-    axes.set(xlim=(middle[0] - half, middle[0] + half), ylim=(middle[1] - half, middle[1] + half))
+    axes.set(xlim=(x - half, x + half), ylim=(y - half, y + half))
     axes.set(xlabel="east x [m]", ylabel="north y [m]", aspect="equal")
 
 

@@ -173,7 +173,8 @@ def _differing(
 
     The factor is that of the vehicles in :mod:`sitl.monte_carlo.vehicles`.
     """
-    lag_factor = 1.0 + perturbation.lag_mismatch * float(draws[0])
+    lag_draw, *_ = draws.tolist()
+    lag_factor = 1.0 + perturbation.lag_mismatch * lag_draw
     return {
         **preset,
         "kp_att": _KP_ATTITUDE_1_S2,

@@ -218,11 +218,12 @@ def wind_of_flight(count: int, perturbation: SimulatedErrors, seed: int) -> Wind
 
 def _profile(vehicle: Vehicle, perturbation: SimulatedErrors, draws: Array) -> VehicleProfile:
     """Return the profile of one vehicle; ``draws`` (8,) are uniform in [-1, 1)."""
+    lag_draw, gain_draw, drag_draw, hover_draw, *_ = draws.tolist()
     # the same factor for the dead time and for 1/wn
-    lag_factor = 1.0 + perturbation.lag_mismatch * float(draws[0])
-    gain_factor = 1.0 + perturbation.gain * float(draws[1])
-    drag_factor = 1.0 + perturbation.drag_mismatch * float(draws[2])
-    hover_factor = 1.0 + perturbation.hover_mismatch * float(draws[3])
+    lag_factor = 1.0 + perturbation.lag_mismatch * lag_draw
+    gain_factor = 1.0 + perturbation.gain * gain_draw
+    drag_factor = 1.0 + perturbation.drag_mismatch * drag_draw
+    hover_factor = 1.0 + perturbation.hover_mismatch * hover_draw
 
     return VehicleProfile(
         mass_kg=vehicle.mass_kg,

@@ -370,8 +370,10 @@ class Vehicles:
         # Torque: a missing lift on the right turns the vehicle to the right (positive about x), a
         # missing lift in front turns its nose down (negative about y).
         lever_m = profile.arm_m / math.sqrt(2.0)
-        turn = np.array([1.0, -1.0]) * _MOTOR_POSITION[motor - 1][::-1]
-        inertia_kg_m2 = np.array(profile.inertia_kg_m2[:2])
+        forward, right = _MOTOR_POSITION[motor - 1]
+        turn = np.array([right, -forward])
+        roll_inertia_kg_m2, pitch_inertia_kg_m2, _ = profile.inertia_kg_m2
+        inertia_kg_m2 = np.array([roll_inertia_kg_m2, pitch_inertia_kg_m2])
         per_lift = turn * profile.mass_kg * lever_m / (_MOTORS * inertia_kg_m2)
 
         if effectiveness < _DEAD_BELOW:

@@ -82,14 +82,14 @@ class Wind:
         own_gust_std_m_s2: Sequence[float] = (),
         step_s: float = STEP_S,
     ) -> None:
-        gusts = count
+        gust_count = count
         if settings.is_common:
-            gusts = 1
+            gust_count = 1
         self.settings = settings
         self._step_s = step_s
         self._rng = np.random.default_rng([seed, _AIR_STREAM])
-        self._gust = np.zeros((gusts, 3))
-        self._draws = np.zeros((_BLOCK, gusts, 3))
+        self._gust = np.zeros((gust_count, 3))
+        self._draws = np.zeros((_BLOCK, gust_count, 3))
         self._block_row = 0
         self._count = count
 

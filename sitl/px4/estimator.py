@@ -57,13 +57,10 @@ _SMALLEST_GATE_M = 0.2
 _HEIGHT_REFUSAL_S = 5.0  # time for which a jump in height is refused
 
 # Dead reckoning, measured on PX4 v1.16 that had lost its vision in flight. Pairs are the limits of
-# a uniform draw. With these values an agent that reckons by PX4's attitude has an error of 0.09 m
-# two seconds later (median, worst 0.22 m), as in 27 flights with PX4 (0.09 m, worst 0.23 m). The
-# error of its height is -0.25 to 0.32 m; in 33 flights with PX4 it was -0.24 to 0.21 m at contact.
+# a uniform draw.
 _DRIFT_M = (0.9, 2.0)  # displacement after 3.5 s
-# Error of the attitude after that time. By this power of the draw small errors are more frequent.
-_TILT_ERROR_DEG = (0.7, 3.5)
-_TILT_POWER = 1.5
+_TILT_ERROR_DEG = (0.7, 3.5)  # error of the attitude after that time
+_TILT_POWER = 1.5  # power of the draw of that error, by which small errors are more frequent
 _HEIGHT_ERROR_M = (-0.20, 0.30)  # error that the height reaches soon, positive upwards
 # Acceleration whose damped motion leads one metre away in 3.5 s.
 _DRIFT_ACCELERATION_1_S2 = 0.214
@@ -404,9 +401,11 @@ class Estimator:
             estimated_ned_m: estimated position at the time of the pose.
             is_first: whether there was no vision before; the estimate then jumps.
         """
-        error_x = vision_ned_m[0] - estimated_ned_m[0]
-        error_y = vision_ned_m[1] - estimated_ned_m[1]
-        error_z = vision_ned_m[2] - estimated_ned_m[2]
+        x, y, z = vision_ned_m
+        estimated_x, estimated_y, estimated_z = estimated_ned_m
+        error_x = x - estimated_x
+        error_y = y - estimated_y
+        error_z = z - estimated_z
         gate_m = max(_SMALLEST_GATE_M, _GATE_SIGMAS * self.vision_noise_m[index])
 
         # PX4 follows a horizontal jump at once.
@@ -657,7 +656,8 @@ class Estimator:
         push_m_s2 = self._scale * _DRIFT_ACCELERATION_1_S2 * distance_m
         errors["drift_acceleration"][index] = push_m_s2 * north, push_m_s2 * east, 0.0
         # The damped motion with this velocity leads to the error of the height.
-        down_m_s = -self._scale * height_error_m / estimator_errors.DRIFT_DAMPING_S[2]
+        _, _, damping_down_s = estimator_errors.DRIFT_DAMPING_S
+        down_m_s = -self._scale * height_error_m / damping_down_s
         errors["drift_velocity"][index] = 0.0, 0.0, down_m_s
 
         tilt_error_rad = self._scale * math.radians(tilt_error_deg)

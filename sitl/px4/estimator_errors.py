@@ -87,8 +87,8 @@ ERRORS = np.dtype(
 # integrates a gyro.
 YAW_CORRELATION_S = 6.0
 # By satellites PX4 finds out in flight by how much its heading is wrong: the mean error decays with
-# the square of the horizontal acceleration times this [s^3/m^2]. Twelve real PX4s in simulation
-# (v1.16 and v1.18) whose compass was turned by 19 to 35 degrees had 0.13 to 0.91 in the first 8 s.
+# the square of the horizontal acceleration times this [s^3/m^2]. PX4s in simulation had 0.13 to
+# 0.91.
 YAW_FOUND_S3_M2 = 0.1
 BLEND_S = 0.5  # time constant of the change from one error level to another
 

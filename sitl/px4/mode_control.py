@@ -193,7 +193,8 @@ class ModeControl:
             self._idle(yaw_rad)
             return
 
-        position = np.array([self.home_ned_m[0], self.home_ned_m[1], self._takeoff_down_m(params)])
+        north_m, east_m, _ = self.home_ned_m
+        position = np.array([north_m, east_m, self._takeoff_down_m(params)])
         # The speed grows from a share of the climb speed, so that the vehicle leaves the ground at
         # once.
         ramp_s = max(params["MPC_TKO_RAMP_T"], _LEAST_RAMP_S)
@@ -222,7 +223,9 @@ class ModeControl:
 
     def _return(self, inputs: AutopilotInputs, params: Parameters) -> None:
         start = self._start(inputs)
-        home = np.array([self.home_ned_m[0], self.home_ned_m[1], start.position_ned_m[2]])
+        north_m, east_m, _ = self.home_ned_m
+        _, _, down_m = start.position_ned_m
+        home = np.array([north_m, east_m, down_m])  # home at the height of the begin
         if math.dist(home[:2], inputs.position_ned_m[:2]) < _RTL_NEAR_M:
             self._descend(inputs, home, start.yaw_rad, params)
         else:
@@ -268,7 +271,8 @@ class ModeControl:
             self._descend_without_position(inputs, params)
             return
 
-        climb = 2.0 * self._sticks[2] - 1.0
+        _, _, throttle, _ = self._sticks
+        climb = 2.0 * throttle - 1.0
         velocity = np.array([0.0, 0.0, -climb * params["MPC_Z_VEL_MAX_UP"]])
         goal = PositionGoal(_NO_POSITION, velocity, self._start(inputs).yaw_rad)
         self._fly(inputs, goal, params, is_level=True)
@@ -282,7 +286,7 @@ class ModeControl:
             self._descend_without_position(inputs, params)
             return
 
-        throttle = self._sticks[2]
+        _, _, throttle, _ = self._sticks
         hover_frac = self._hover_thrust_frac
         thrust_frac = 2.0 * throttle * hover_frac
         if throttle > 0.5:
@@ -296,9 +300,10 @@ class ModeControl:
         if self._sticks is None:
             return level(yaw_rad)
 
+        pitch, roll, _, _ = self._sticks
         most_rad = math.radians(params["MPC_MAN_TILT_MAX"])
-        half_pitch_rad = -0.5 * most_rad * self._sticks[0]  # a stick forward turns the nose down
-        half_roll_rad = 0.5 * most_rad * self._sticks[1]
+        half_pitch_rad = -0.5 * most_rad * pitch  # a stick forward turns the nose down
+        half_roll_rad = 0.5 * most_rad * roll
         tilt = np.array([1.0, half_roll_rad, half_pitch_rad, 0.0])
         return frames.multiply(level(yaw_rad), tilt / np.linalg.norm(tilt))
 
@@ -321,7 +326,8 @@ class ModeControl:
         self, inputs: AutopilotInputs, at_ned_m: Array, yaw_rad: float, params: Parameters
     ) -> None:
         """Descend at landing speed above a position; level if there is no local position."""
-        position = np.array([at_ned_m[0], at_ned_m[1], math.nan])
+        north_m, east_m, _ = at_ned_m
+        position = np.array([north_m, east_m, math.nan])
         velocity = np.array([0.0, 0.0, params["MPC_LAND_SPEED"]])
         goal = PositionGoal(position, velocity, yaw_rad)
         self._fly(inputs, goal, params, is_level=not inputs.has_local_position)

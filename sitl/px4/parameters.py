@@ -81,7 +81,8 @@ class Parameters:
         """Return the value for MAVLink's float field, which has the bytes of an integer."""
         value = self.values[name]
         if isinstance(self.defaults[name], int):
-            return float(struct.unpack("<f", struct.pack("<i", int(value)))[0])
+            (encoded,) = struct.unpack("<f", struct.pack("<i", int(value)))
+            return float(encoded)
         return value
 
     def hash_value(self) -> float:
@@ -97,7 +98,8 @@ class Parameters:
         # One bit is cleared, so that the four bytes are never those of a NaN. Python can change the
         # bytes of a NaN when it converts them to a float.
         checksum &= _NEVER_NAN
-        return float(struct.unpack("<f", struct.pack("<I", checksum))[0])
+        (encoded,) = struct.unpack("<f", struct.pack("<I", checksum))
+        return float(encoded)
 
     def set_encoded(self, name: str, encoded: float, kind: int) -> bool:
         """Set the value of a PARAM_SET; return False for a name or type that PX4 does not accept.
@@ -108,7 +110,8 @@ class Parameters:
             return False
 
         if kind == MAV_PARAM_TYPE_INT32:
-            self.values[name] = int(struct.unpack("<i", struct.pack("<f", encoded))[0])
+            (value,) = struct.unpack("<i", struct.pack("<f", encoded))
+            self.values[name] = int(value)
         elif math.isfinite(encoded):
             least = self.version.parameters_least.get(name, -math.inf)
             self.values[name] = max(float(encoded), least)

@@ -107,14 +107,14 @@ class PositionControl:
         # Body z is opposite to the thrust, which balances the weight and accelerates the vehicle.
         north_m_s2, east_m_s2, down_m_s2 = acceleration_m_s2
         lift_m_s2 = max(GRAVITY_M_S2 - down_m_s2, _LEAST_LIFT * GRAVITY_M_S2)
-        body_z_m_s2 = [-north_m_s2, -east_m_s2, lift_m_s2]
 
         # The tilt is limited by reducing the horizontal acceleration, and never the lift.
-        horizontal_m_s2 = math.hypot(body_z_m_s2[0], body_z_m_s2[1])
+        horizontal_m_s2 = math.hypot(north_m_s2, east_m_s2)
         most_m_s2 = math.tan(limits.tilt_rad) * lift_m_s2
+        share = 1.0
         if horizontal_m_s2 > most_m_s2:
-            body_z_m_s2[0] *= most_m_s2 / horizontal_m_s2
-            body_z_m_s2[1] *= most_m_s2 / horizontal_m_s2
+            share = most_m_s2 / horizontal_m_s2
+        body_z_m_s2 = (-share * north_m_s2, -share * east_m_s2, lift_m_s2)
 
         thrust_frac = hover_thrust_frac * math.hypot(*body_z_m_s2) / GRAVITY_M_S2
         attitude = attitude_for(np.array(body_z_m_s2), yaw_rad)
@@ -185,10 +185,11 @@ def attitude_for(down: Array, yaw_rad: float) -> Array:
     """Return the attitude (4,) whose body z points along `down` (3,), at a heading."""
     unit = down / np.linalg.norm(down)
 
-    # `unit` in axes that are turned by the heading
+    # The same direction in the axes ahead, right and down of a level vehicle with this heading.
+    north, east, down_part = unit
     c = math.cos(yaw_rad)
     s = math.sin(yaw_rad)
-    from_heading = np.array([c * unit[0] + s * unit[1], -s * unit[0] + c * unit[1], unit[2]])
+    in_level_axes = np.array([c * north + s * east, -s * north + c * east, down_part])
 
-    tilt_rad = frames.tilt_from_down(from_heading)
+    tilt_rad = frames.tilt_from_down(in_level_axes)
     return frames.from_yaw_and_tilt(np.float64(yaw_rad), tilt_rad)  # type: ignore[arg-type]

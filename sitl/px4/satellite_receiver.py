@@ -162,7 +162,8 @@ class SatelliteReceiver:
         if gap_s > LOST_WITHOUT_S:
             self._corrected_from_s = time_s
         elif gap_s > FLOAT_WITHOUT_S:
-            # The receiver falls back to RTK float, as after FLOAT_AFTER_S of corrections.
+            # The receiver keeps RTK float: corrections count as if they had begun just long enough
+            # ago for it.
             self._corrected_from_s = time_s - FLOAT_AFTER_S
         self._newest_s = time_s
 

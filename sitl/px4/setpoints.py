@@ -184,7 +184,8 @@ def _turned(vector: Array, yaw_rad: float) -> Array:
     """Return a vector (3,) of the body's frame, turned by the heading to NED."""
     c = math.cos(yaw_rad)
     s = math.sin(yaw_rad)
-    return np.array([c * vector[0] - s * vector[1], s * vector[0] + c * vector[1], vector[2]])
+    ahead, right, down = vector
+    return np.array([c * ahead - s * right, s * ahead + c * right, down])
 
 
 def _setpoint(

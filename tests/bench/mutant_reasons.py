@@ -458,7 +458,7 @@ ACCEPTED = (
         "flight/predicates.py",
         (
             (
-                "return fallen_m > _FALLEN_M and view.velocity_enu_m_s[2] < _FALLING_M_S",
+                "return flight.contact_z_m - z_m > _FALLEN_M and climbing_m_s < _FALLING_M_S",
                 _LARGER,
             ),
             (
@@ -467,7 +467,7 @@ ACCEPTED = (
                 _SMALLER,
             ),
             (
-                "is_high = view.position_enu_m[2] - flight.ground_z_m > _CONTACT_HEIGHT_M",
+                "is_high = z_m - flight.ground_z_m > _CONTACT_HEIGHT_M",
                 _LARGER,
             ),
         ),
@@ -511,7 +511,10 @@ ACCEPTED = (
         "it is set before it is read",
         "flight/context.py",
         (
-            ("_NO_GOAL = Goal(ZERO_3, 0.0, 0)", "0.0 becomes larger"),
+            (
+                "_NO_GOAL = Goal(position_enu_m=ZERO_3, duration_s=0.0, sequence=0)",
+                "0.0 becomes larger",
+            ),
             ("step_ns: int = 0", "0 becomes larger"),
             ("steady_ns: int = 0", "0 becomes larger"),
             ("deadline_ns: int = 0", "0 becomes larger"),
@@ -520,7 +523,12 @@ ACCEPTED = (
     Accepted(
         "of a goal's number only the change counts",
         "flight/context.py",
-        (("_NO_GOAL = Goal(ZERO_3, 0.0, 0)", "0 becomes larger"),),
+        (
+            (
+                "_NO_GOAL = Goal(position_enu_m=ZERO_3, duration_s=0.0, sequence=0)",
+                "0 becomes larger",
+            ),
+        ),
     ),
     Accepted(
         "nothing is sent or observed in the first nanosecond of a clock",
@@ -594,7 +602,7 @@ ACCEPTED = (
             ("if speed_m_s < _NO_INTENT_M_S or dot_2(e, intent_m_s) >= 0.0:", _SMALLER),
             ("if speed_m_s < _NO_INTENT_M_S or dot_2(e, intent_m_s) >= 0.0:", "GtE becomes Gt"),
             (
-                "return -1.0 if cross_2(e, intent_m_s) < clearly_clockwise else 1.0",
+                "return -1.0 if cross_2(e, deciding_m_s) < clearly_clockwise else 1.0",
                 _SMALLER,
             ),
         ),
@@ -833,7 +841,7 @@ ACCEPTED = (
     Accepted(
         "what is added then is nothing",
         "avoidance/prediction.py",
-        (("if left_s >= window_s:", "GtE becomes Gt"), ("if ahead_s < 0.0:", _SMALLER)),
+        (("if since_end_s >= window_s:", "GtE becomes Gt"), ("if ahead_s < 0.0:", _SMALLER)),
     ),
     Accepted(
         "a lead of a millisecond is none",

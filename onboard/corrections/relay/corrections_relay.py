@@ -15,6 +15,7 @@ import time
 from collections import Counter
 from collections.abc import AsyncIterator, Callable
 from contextlib import aclosing
+from typing import NamedTuple
 
 from onboard.bus.clock_sync import BEAT_S, ClockNode
 from onboard.bus.codec import Malformed
@@ -44,6 +45,14 @@ _REFUSED_PAUSE_S = 60.0  # pause before a source that has refused is opened agai
 _TELEMETRY_S = 3.0  # greatest age of telemetry from which a vehicle's fix is shown
 
 OpenSource = Callable[[], AsyncIterator[bytes]]
+
+
+class _Damage(NamedTuple):
+    """Counts of bytes and frames that were not passed on."""
+
+    bad_checksums: int = 0
+    skipped_bytes: int = 0
+    dropped_frames: int = 0
 
 
 class CorrectionsRelay:
@@ -90,8 +99,7 @@ class CorrectionsRelay:
 
         # number of a kind of message -> count of such messages since the last report
         self._counts: Counter[int] = Counter()
-        # counts of bad checksums, skipped bytes and dropped frames at the last report
-        self._reported = (0, 0, 0)
+        self._reported = _Damage()  # counts at the last report
         self._too_long_bytes = 0  # length of the newest frame that is too long for PX4; 0: none
         # vehicle -> its newest telemetry, and the arrival of this telemetry
         self._vehicles: dict[str, tuple[Telemetry, float]] = {}
@@ -258,11 +266,13 @@ class CorrectionsRelay:
             period_s: time since the last report.
         """
         count = sum(self._counts.values())
-        kinds = " ".join(str(number) for number in sorted(self._counts))
+        kinds = "none"
+        if self._counts:
+            kinds = " ".join(str(number) for number in sorted(self._counts))
         self._counts.clear()
         lines = [
             f"{time.strftime('%H:%M:%S')} {self._base_words()}; {count / period_s:.1f} messages/s "
-            f"({kinds or 'none'})"
+            f"({kinds})"
         ]
 
         judgement = self._watch.judgement
@@ -300,15 +310,15 @@ class CorrectionsRelay:
 
     def _damage_words(self) -> list[str]:
         """Return lines about bytes and frames that were not passed on since the last report."""
-        counts = (
-            self._cutter.bad_checksums,
-            self._cutter.skipped_bytes,
-            self.publisher.dropped,
+        before = self._reported
+        bad = self._cutter.bad_checksums - before.bad_checksums
+        skipped = self._cutter.skipped_bytes - before.skipped_bytes
+        dropped = self.publisher.dropped - before.dropped_frames
+        self._reported = _Damage(
+            bad_checksums=self._cutter.bad_checksums,
+            skipped_bytes=self._cutter.skipped_bytes,
+            dropped_frames=self.publisher.dropped,
         )
-        bad, skipped, dropped = (
-            now - before for now, before in zip(counts, self._reported, strict=True)
-        )
-        self._reported = counts
 
         lines: list[str] = []
         if bad or skipped:
@@ -374,7 +384,10 @@ class FramePublisher:
 
 def _fix_words(telemetry: Telemetry) -> str:
     """Return a vehicle's fix and its corrections for the report."""
-    words = [plain_line(telemetry.fix) or "no fix reported"]
+    fix = plain_line(telemetry.fix)
+    if not fix:
+        fix = "no fix reported"
+    words = [fix]
     if telemetry.satellites >= 0:
         words.append(f"{telemetry.satellites} satellites")
     if math.isfinite(telemetry.corrections_age_s):

@@ -48,7 +48,8 @@ class MockBase:
         Args:
             east_m: distance of the two positions.
         """
-        longitude = math.radians(self.position_deg[1])
+        _, longitude_deg = self.position_deg
+        longitude = math.radians(longitude_deg)
         other = MockBase(self.position_deg)
         x, y, z = self.ecef_m
         other.ecef_m = (x - east_m * math.sin(longitude), y + east_m * math.cos(longitude), z)
@@ -63,7 +64,7 @@ class MockBase:
         frames: list[bytes] = []
         if second % BASE_EVERY_S == 0:
             frames.append(self._position())
-        last_number = _SYSTEMS[-1][0]
+        last_number, _ = _SYSTEMS[-1]
         for number, satellites in _SYSTEMS:
             has_more = number != last_number
             frames.append(_observations(number, satellites, second, has_more=has_more))

@@ -90,11 +90,13 @@ async def read_ntrip(
             if request.position is not None:
                 sending = asyncio.create_task(_send_positions(writer, request.position))
             body = _Body(reader, answer.rest, silence_s)
-            stream = body.plain()
-            if answer.headers.get("transfer-encoding", "").lower() == "chunked":
-                stream = body.chunks()
+            is_chunked = answer.headers.get("transfer-encoding", "").lower() == "chunked"
             if answer.is_version_1:
                 stream = body.without_lines()
+            elif is_chunked:
+                stream = body.chunks()
+            else:
+                stream = body.plain()
             async for data in stream:
                 yield data
             raise SourceError(f"{request.address} has ended the stream.")
@@ -142,19 +144,21 @@ async def _read_answer(reader: asyncio.StreamReader) -> _Answer:
     if first.startswith(_LIST_OF_VERSION_1):
         return _Answer(status=200, headers={"content-type": _LIST_TYPE}, rest=b"")
 
-    words = first.decode("ascii", "replace").split()
-    is_http = len(words) >= 2 and words[0].startswith("HTTP/1.") and words[1].isdigit()
-    if not is_http or len(words[1]) != 3:
+    version, _, after_version = first.decode("ascii", "replace").strip().partition(" ")
+    status, _, _ = after_version.strip().partition(" ")
+    is_http = version.startswith("HTTP/1.") and status.isdigit() and len(status) == 3
+    if not is_http:
         raise SourceError("What answers is no caster of NTRIP: correct corrections.address.")
 
     while b"\r\n\r\n" not in data:
         data = await _more(reader, data)
     head, _, rest = data.partition(b"\r\n\r\n")
     headers: dict[str, str] = {}
-    for line in head.decode("ascii", "replace").split("\r\n")[1:]:
+    _, *header_lines = head.decode("ascii", "replace").split("\r\n")
+    for line in header_lines:
         name, _, value = line.partition(":")
         headers[name.strip().lower()] = value.strip()
-    return _Answer(status=int(words[1]), headers=headers, rest=rest)
+    return _Answer(status=int(status), headers=headers, rest=rest)
 
 
 async def _more(reader: asyncio.StreamReader, data: bytes) -> bytes:
@@ -208,10 +212,8 @@ class _Body:
     async def plain(self) -> AsyncIterator[bytes]:
         """Yield the bytes of a body without chunks, as they arrive."""
         while True:
-            if not self._buffer:
-                await self._fill()
-                if not self._buffer:
-                    return
+            if not self._buffer and not await self._fill():
+                return
             data = self._buffer
             self._buffer = b""
             yield data
@@ -231,9 +233,7 @@ class _Body:
                 if not line:
                     break  # a blank line ends the head
                 continue
-            before = len(self._buffer)
-            await self._fill()
-            if len(self._buffer) == before:
+            if not await self._fill():
                 return
 
         async for data in self.plain():
@@ -243,9 +243,9 @@ class _Body:
         """Yield the bytes of a body in chunks of HTTP/1.1, each of which begins with its size."""
         while True:
             line = await self._line()
-            size_text = line.partition(b";")[0].strip()
+            size_text, _, _ = line.partition(b";")
             try:
-                size = int(size_text, 16)
+                size = int(size_text.strip(), 16)
             except ValueError:
                 size = -1
             if not 0 <= size <= _MOST_CHUNK_BYTES:
@@ -254,9 +254,7 @@ class _Body:
                 return
 
             while len(self._buffer) < size + 2:  # a chunk and its line end
-                before = len(self._buffer)
-                await self._fill()
-                if len(self._buffer) == before:
+                if not await self._fill():
                     return
             yield self._buffer[:size]
             self._buffer = self._buffer[size + 2 :]
@@ -264,24 +262,25 @@ class _Body:
     async def _line(self) -> bytes:
         """Read the next line, which holds the size of a chunk."""
         while b"\r\n" not in self._buffer:
-            before = len(self._buffer)
-            await self._fill()
-            if len(self._buffer) == before or before > READ_BYTES:
+            is_too_long = len(self._buffer) > READ_BYTES
+            if not await self._fill() or is_too_long:
                 raise SourceError("The caster's stream is damaged: a chunk has no size.")
         line, _, self._buffer = self._buffer.partition(b"\r\n")
         return line
 
-    async def _fill(self) -> None:
-        """Read more into the buffer, which does not change at the end of the stream.
+    async def _fill(self) -> bool:
+        """Read more into the buffer; return False at the end of the stream.
 
         Raises:
             SourceError: nothing arrives within ``silence_s``.
         """
         try:
             async with asyncio.timeout(self._silence_s):
-                self._buffer += await self._reader.read(READ_BYTES)
+                data = await self._reader.read(READ_BYTES)
         except TimeoutError:
             raise SourceError(f"The caster sends nothing for {self._silence_s:g} s.") from None
+        self._buffer += data
+        return data != b""
 
 
 async def _send_positions(writer: asyncio.StreamWriter, position: Callable[[], bytes]) -> None:

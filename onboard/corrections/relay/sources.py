@@ -67,8 +67,6 @@ def source_of(fleet: FleetConfig, environment: Mapping[str, str]) -> AsyncIterat
 def with_source(fleet: FleetConfig, source: Literal["mock"]) -> FleetConfig:
     """Return the fleet with another source than its file names.
 
-    Only the node of corrections uses it.
-
     Args:
         fleet: fleet file with a table of corrections.
         source: source that replaces the file's.
@@ -110,7 +108,8 @@ def password_of(
     path = beside(fleet_path, corrections.password_file)
     text = read_text(path, PASSWORD_FILE)
     refuse_open_to_others(path)
-    password = text.partition("\n")[0].strip()
+    first_line, _, _ = text.partition("\n")
+    password = first_line.strip()
     if not password:
         raise ConfigError(f"{path} has no password in its first line. Write it there.")
     return password
@@ -288,8 +287,8 @@ async def play(frames: list[bytes], *, epoch_s: float = EPOCH_S) -> AsyncIterato
     while True:
         for number, frame in enumerate(frames, start=1):
             yield frame
-            is_last = rtcm.ends_epoch(frame)
+            is_last_of_epoch = rtcm.ends_epoch(frame)
             if not has_epochs:
-                is_last = number % _WITHOUT_EPOCH_FRAMES == 0 or number == len(frames)
-            if is_last:
+                is_last_of_epoch = number % _WITHOUT_EPOCH_FRAMES == 0 or number == len(frames)
+            if is_last_of_epoch:
                 await asyncio.sleep(epoch_s)

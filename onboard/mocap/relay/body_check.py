@@ -76,7 +76,8 @@ def _judge_one(
     vehicle: str, body: str, curves: Mapping[str, Curve], px4: Curve, latency_s: float
 ) -> tuple[bool | None, str]:
     """Return ``is_ok`` and ``sentence`` of the finding about one vehicle."""
-    if px4[0].size == 0:
+    px4_times_s, _ = px4
+    if px4_times_s.size == 0:
         return None, "its agent publishes no attitude. Start the agent, with its PX4."
 
     fits: dict[str, latency.TiltFit] = {}
@@ -215,7 +216,9 @@ class MocapCheck:
 
         self.say(time.strftime("%H:%M:%S"))
         for finding in findings:
-            mark = {True: "ok", False: "WRONG", None: "..."}[finding.is_ok]
+            mark = "..."
+            if finding.is_ok is not None:
+                mark = "ok" if finding.is_ok else "WRONG"
             self.say(f"  {mark:<5} {finding.vehicle}: {finding.sentence}")
         for sentence in faults:
             self.say(f"  ! {sentence}")

@@ -60,8 +60,8 @@ def fit(body_s: Array, body: Array, px4_s: Array, px4: Array) -> TiltFit | None:
         return None
 
     # the time in which both curves have samples, for every lag that is tried
-    begin_s = max(body_s[0] - _EARLIEST_S, px4_s[0] + _LATEST_S)
-    end_s = min(body_s[-1] - _LATEST_S, px4_s[-1])
+    begin_s = max(body_s.min() - _EARLIEST_S, px4_s.min() + _LATEST_S)
+    end_s = min(body_s.max() - _LATEST_S, px4_s.max())
     if end_s - begin_s < _SHORTEST_S:
         return None
 

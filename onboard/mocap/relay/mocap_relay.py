@@ -113,7 +113,7 @@ class MocapRelay:
             fleet.mocap,
             "*",
             self._pass_on,
-            lambda: None,
+            lambda: None,  # no bytes from outside arrive, which could be malformed
             node=NODE,
             default_options=mock_options(fleet),
         )
@@ -131,8 +131,11 @@ class MocapRelay:
         self._bus.start()
 
         mocap = self.fleet.mocap
+        hostname = "this computer"
+        if mocap.hostname:
+            hostname = mocap.hostname
         self.say(
-            f"mocap: {mocap.type} at {mocap.hostname or 'this computer'} -> bus "
+            f"mocap: {mocap.type} at {hostname} -> bus "
             f"{self.fleet.namespace}/mocap/*, {mocap.latency_s * 1e3:.0f} ms subtracted from each "
             "stamp. Ctrl-C ends."
         )

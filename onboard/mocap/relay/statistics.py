@@ -139,7 +139,9 @@ class MocapStatistics:
         """Yield a line for each body, those of vehicles first, and a line for each fault."""
         vehicle_of = {body: vehicle for vehicle, body in self.vehicles.items()}
         person_of = {body: person for person, body in self.people.items()}
-        for name in sorted(self.bodies, key=lambda name: (name not in vehicle_of, name)):
+        of_vehicles = sorted(name for name in self.bodies if name in vehicle_of)
+        of_others = sorted(name for name in self.bodies if name not in vehicle_of)
+        for name in (*of_vehicles, *of_others):
             label = name
             if name in vehicle_of and vehicle_of[name] != name:
                 label = f"{name} ({vehicle_of[name]})"

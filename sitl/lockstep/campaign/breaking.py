@@ -223,11 +223,12 @@ def nonsense(flight: Lockstep, name: str) -> None:
     other = next(vehicle for vehicle in flight.config.enabled_names if vehicle != name)
     liar = flight.bus.node("liar")
     liar.start()
-    newest_state: list[StateMessage] = []  # the newest state of the other vehicle; empty before
+    newest_state: StateMessage | None = None  # of the other vehicle
 
     def keep_newest(_topic: Topic, _name: str, message: object) -> None:
+        nonlocal newest_state
         if isinstance(message, StateMessage) and message.sequence > 0:
-            newest_state[:] = [message]
+            newest_state = message
 
     def publish_pose_ahead(_topic: Topic, _name: str, message: object) -> None:
         if isinstance(message, MocapPose) and message.sequence < _FAR_AHEAD:
@@ -252,9 +253,9 @@ def nonsense(flight: Lockstep, name: str) -> None:
     )
 
     def publish_bad_state(number: int) -> None:
-        if newest_state:
+        if newest_state is not None:
             fields = bad_fields[number % len(bad_fields)]
-            bad_state = msgspec.structs.replace(newest_state[0], **fields)
+            bad_state = msgspec.structs.replace(newest_state, **fields)
             liar.publish(Topic.STATE, bad_state.vehicle, bad_state)
 
     for number in range(120):
@@ -444,13 +445,19 @@ def order_outside(flight: Lockstep, name: str) -> None:
     """Order a vehicle outside the fence; in a fleet with areas, across the edge of the first."""
     fence = flight.config.fleet.geofence_m
     areas = flight_space_of(flight.config).areas
+    _, fence_east_m = fence.x
+    _, fence_north_m = fence.y
+    _, fence_top_m = fence.z
+    middle_up_m = 0.5 * fence_top_m
     if areas:
-        east_m, north_m = _beyond_edge(areas[0])
-        up_m = min(max(0.5 * fence.z[1], areas[0].low_m), areas[0].high_m)
+        area = areas[0]
+        east_m, north_m = _beyond_edge(area)
+        up_m = min(max(middle_up_m, area.low_m), area.high_m)
         _order_to(flight, name, (east_m, north_m, up_m))
         return
 
-    _order_to(flight, name, (fence.x[1] + _BEYOND_M, fence.y[1] + _BEYOND_M, 0.5 * fence.z[1]))
+    goal_enu_m = (fence_east_m + _BEYOND_M, fence_north_m + _BEYOND_M, middle_up_m)
+    _order_to(flight, name, goal_enu_m)
 
 
 def _beyond_edge(area: Area) -> Point:
@@ -470,18 +477,18 @@ def _beyond_edge(area: Area) -> Point:
     farthest = max(corners, key=lambda corner: math.dist(corner, (middle_east, middle_north)))
     away_m = math.dist(farthest, (middle_east, middle_north))
     stretch = (away_m + _BEYOND_M) / away_m  # above 1: the position is beyond the corner
+    farthest_east, farthest_north = farthest
     return (
-        middle_east + stretch * (farthest[0] - middle_east),
-        middle_north + stretch * (farthest[1] - middle_north),
+        middle_east + stretch * (farthest_east - middle_east),
+        middle_north + stretch * (farthest_north - middle_north),
     )
 
 
 def order_above(flight: Lockstep, name: str) -> None:
     """Order a vehicle to a position above the ceiling of the fence."""
     fence = flight.config.fleet.geofence_m
-    middle_x = 0.5 * (fence.x[0] + fence.x[1])
-    middle_y = 0.5 * (fence.y[0] + fence.y[1])
-    _order_to(flight, name, (middle_x, middle_y, fence.z[1] + _BEYOND_M))
+    _, top_m = fence.z
+    _order_to(flight, name, (0.5 * sum(fence.x), 0.5 * sum(fence.y), top_m + _BEYOND_M))
 
 
 def order_into_another(flight: Lockstep, name: str) -> None:

@@ -62,14 +62,15 @@ def _edge_distance_m(area: Area, point: Point) -> float:
     if not area.corners_enu_m:
         return abs(math.dist(point, area.center_enu_m) - area.radius_m)
 
+    east, north = point
     least_m = math.inf
-    for begin, end in _sides(area):
-        dx = end[0] - begin[0]
-        dy = end[1] - begin[1]
+    for (x1, y1), (x2, y2) in _sides(area):
+        dx = x2 - x1
+        dy = y2 - y1
         # the nearest point of the side, as a share of the way from its begin to its end
-        along = ((point[0] - begin[0]) * dx + (point[1] - begin[1]) * dy) / (dx * dx + dy * dy)
+        along = ((east - x1) * dx + (north - y1) * dy) / (dx * dx + dy * dy)
         share = min(1.0, max(0.0, along))
-        nearest = (begin[0] + share * dx, begin[1] + share * dy)
+        nearest = (x1 + share * dx, y1 + share * dy)
         least_m = min(least_m, math.dist(point, nearest))
     return least_m
 

@@ -268,12 +268,14 @@ def fly_case(fleet_path: str, mission_path: str, case: FlightCase) -> FlownCase:
         injection = injection_of(case.fault)
         at_s = case.at_s
 
-    extents: list[Extent] = []
+    extents: list[Extent] = []  # of the one flight, once it exists
 
     def watch(flight: Lockstep) -> None:
         extents.append(Extent(flight))
 
-    victim = case.victim or mission.fleet.enabled_names[0]
+    victim = case.victim
+    if not victim:  # an undisturbed flight; any name will do
+        victim = mission.fleet.enabled_names[0]
     wrong: list[str] = []
     seen: dict[str, int] = {}
     smallest_m = (math.inf, math.inf, math.inf)  # of pairs with 0, 1 or 2 silenced vehicles
@@ -297,6 +299,7 @@ def fly_case(fleet_path: str, mission_path: str, case: FlightCase) -> FlownCase:
             wrong.append(flown.verdict.sentences[-1])
 
     extent = extents[0]
+    free_m, one_silenced_m, _ = smallest_m
     first_airborne_s = 0.0
     if extent.took_off:
         first_airborne_s = round(extent.first_airborne_s, 2)
@@ -307,8 +310,8 @@ def fly_case(fleet_path: str, mission_path: str, case: FlightCase) -> FlownCase:
         took_off=extent.took_off,
         first_airborne_s=first_airborne_s,
         last_airborne_s=round(extent.last_airborne_s, 2),
-        smallest_m=_finite(smallest_m[0]),
-        smallest_silenced_m=_finite(smallest_m[1]),
+        smallest_m=_finite(free_m),
+        smallest_silenced_m=_finite(one_silenced_m),
         hull_m=extent.hull_m,
         highest_m=round(extent.highest_m, 2),
         fastest_m_s=round(extent.fastest_m_s, 2),
@@ -318,7 +321,8 @@ def fly_case(fleet_path: str, mission_path: str, case: FlightCase) -> FlownCase:
 def planned_height_m(mission: Mission) -> float:
     """Return the greatest planned height [m]; for a Python mission the ceiling of the fence."""
     heights_m = [up_m for _, _, up_m in planned_places(mission)]
-    return max(heights_m, default=mission.fleet.fleet.geofence_m.z[1])
+    _, ceiling_m = mission.fleet.fleet.geofence_m.z
+    return max(heights_m, default=ceiling_m)
 
 
 def planned_places(mission: Mission) -> list[tuple[float, float, float]]:

@@ -95,45 +95,47 @@ _POSITION = (C.POSITION_STALE, C.POSITION_LOST)
 _SILENT = _f(C.NEIGHBOUR_SILENT, C.NEIGHBOUR_UNSEEN, C.NEIGHBOUR_STALE)
 
 INJECTIONS: tuple[Injection, ...] = (
-    Injection("mocap lost for good", fault("mocap_lost"), _f(*_POSITION), needs="poses"),
+    Injection("mocap lost for good", fault("mocap_lost"), own=_f(*_POSITION), needs="poses"),
     Injection(
         "poses of all lost for good",
         to_all_vehicles(fault("mocap_lost")),
-        _f(*_POSITION),
+        own=_f(*_POSITION),
         is_blind=True,
         needs="poses",
     ),
     Injection(
         "poses of all lost for 0.5 s",
         to_all_vehicles(fault("mocap_lost", 0.5)),
-        _f(C.POSITION_STALE),
+        own=_f(C.POSITION_STALE),
         is_blind=True,
         needs="poses",
     ),
     Injection(
         "poses of all lost for 1.5 s",
         to_all_vehicles(fault("mocap_lost", 1.5)),
-        _f(*_POSITION),
+        own=_f(*_POSITION),
         is_blind=True,
         needs="poses",
     ),
-    Injection("mocap lost for 0.35 s", fault("mocap_lost", 0.35), _f(*_POSITION), needs="poses"),
+    Injection(
+        "mocap lost for 0.35 s", fault("mocap_lost", 0.35), own=_f(*_POSITION), needs="poses"
+    ),
     Injection(
         "mocap jumps for 0.4 s",
         fault("mocap_jump", 0.4, east_m=1.0),
-        _f(C.POSITION_JUMPED, C.MOCAP_SWAPPED),
+        own=_f(C.POSITION_JUMPED, C.MOCAP_SWAPPED),
         needs="poses",
     ),
     Injection(
         "mocap jumps for good",
         fault("mocap_jump", north_m=-0.8),
-        _f(C.POSITION_JUMPED, C.MOCAP_SWAPPED, *_POSITION),
+        own=_f(C.POSITION_JUMPED, C.MOCAP_SWAPPED, *_POSITION),
         needs="poses",
     ),
     Injection(
         "mocap swaps two",
         swap(1.0),
-        _f(C.MOCAP_SWAPPED, C.POSITION_JUMPED, *_POSITION),
+        own=_f(C.MOCAP_SWAPPED, C.POSITION_JUMPED, *_POSITION),
         is_silenced=True,
         may_leave_fence=True,
         is_astray=True,
@@ -141,33 +143,35 @@ INJECTIONS: tuple[Injection, ...] = (
         is_of_two=True,
     ),
     Injection(
-        "mocap frozen for 0.3 s", fault("mocap_frozen", 0.3), _f(C.MOCAP_FROZEN), needs="poses"
+        "mocap frozen for 0.3 s", fault("mocap_frozen", 0.3), own=_f(C.MOCAP_FROZEN), needs="poses"
     ),
-    Injection("mocap frozen for good", fault("mocap_frozen"), _f(C.MOCAP_FROZEN), needs="poses"),
+    Injection(
+        "mocap frozen for good", fault("mocap_frozen"), own=_f(C.MOCAP_FROZEN), needs="poses"
+    ),
     Injection(
         "poses of all frozen for good",
         to_all_vehicles(fault("mocap_frozen")),
-        _f(C.MOCAP_FROZEN),
+        own=_f(C.MOCAP_FROZEN),
         is_blind=True,
         needs="poses",
     ),
     Injection(
         "mocap 0.15 s late",
         fault("mocap_late", 2.0, delay_s=0.15),
-        _f(C.MOCAP_LATE, *_POSITION),
+        own=_f(C.MOCAP_LATE, *_POSITION),
         needs="poses",
     ),
     Injection(
         "PX4 silent",
         fault("link_loss", 1.0, share=1.0, direction="out"),
-        _f(C.AUTOPILOT_SILENT),
+        own=_f(C.AUTOPILOT_SILENT),
         is_silenced=True,
         may_leave_fence=True,
     ),
     Injection(
         "PX4 deaf",
         fault("link_loss", share=1.0, direction="in"),
-        _f(C.ATTITUDE_NOT_FOLLOWED, C.PX4_FAILSAFE, C.LEFT_OFFBOARD, C.THRUST_SATURATED),
+        own=_f(C.ATTITUDE_NOT_FOLLOWED, C.PX4_FAILSAFE, C.LEFT_OFFBOARD, C.THRUST_SATURATED),
         is_silenced=True,
         may_leave_fence=True,
     ),
@@ -175,14 +179,14 @@ INJECTIONS: tuple[Injection, ...] = (
     Injection(
         "PX4 hangs for 0.6 s",
         fault("autopilot_hang", 0.6),
-        _f(C.AUTOPILOT_FROZEN, C.AUTOPILOT_SILENT, C.AUTOPILOT_BACK),
+        own=_f(C.AUTOPILOT_FROZEN, C.AUTOPILOT_SILENT, C.AUTOPILOT_BACK),
         is_silenced=True,
         may_leave_fence=True,
     ),
     Injection(
         "PX4 reboots",
         fault("autopilot_reboot"),
-        _f(C.REBOOTED, C.DISARMED, C.AUTOPILOT_SILENT, C.AUTOPILOT_FROZEN),
+        own=_f(C.REBOOTED, C.DISARMED, C.AUTOPILOT_SILENT, C.AUTOPILOT_FROZEN),
         is_silenced=True,
         may_leave_fence=True,
     ),
@@ -190,19 +194,19 @@ INJECTIONS: tuple[Injection, ...] = (
     Injection(
         "PX4 ignores setpoints",
         fault("setpoints_ignored"),
-        _f(C.ATTITUDE_NOT_FOLLOWED, C.NOT_CLIMBING, C.FALLEN),
+        own=_f(C.ATTITUDE_NOT_FOLLOWED, C.NOT_CLIMBING, C.FALLEN),
         is_silenced=True,
         may_leave_fence=True,
     ),
     Injection(
         "a pilot takes over",
         pilot(Mode.LOITER),
-        _f(C.LEFT_OFFBOARD),
+        own=_f(C.LEFT_OFFBOARD),
         is_silenced=True,
         may_leave_fence=True,
     ),
     Injection(
-        "a pilot lands", pilot(Mode.LAND), _f(C.LEFT_OFFBOARD, C.PX4_FAILSAFE), is_silenced=True
+        "a pilot lands", pilot(Mode.LAND), own=_f(C.LEFT_OFFBOARD, C.PX4_FAILSAFE), is_silenced=True
     ),
     Injection("agent killed", kill, others=_SILENT, is_silenced=True, may_leave_fence=True),
     Injection(
@@ -212,12 +216,12 @@ INJECTIONS: tuple[Injection, ...] = (
         is_silenced=True,
         may_leave_fence=True,
     ),
-    Injection("agent hangs for 0.15 s", hang(0.15), _f(C.LOOP_STALLED, C.LOOP_LATE)),
+    Injection("agent hangs for 0.15 s", hang(0.15), own=_f(C.LOOP_STALLED, C.LOOP_LATE)),
     Injection(
         "agent hangs for 1 s",
         hang(1.0),
-        _f(C.LOOP_STALLED, C.LOOP_STALLED_LONG, C.PX4_FAILSAFE),
-        _SILENT,
+        own=_f(C.LOOP_STALLED, C.LOOP_STALLED_LONG, C.PX4_FAILSAFE),
+        others=_SILENT,
         is_silenced=True,
         may_leave_fence=True,
     ),
@@ -228,20 +232,20 @@ INJECTIONS: tuple[Injection, ...] = (
         is_silenced=True,
         may_leave_fence=True,
     ),
-    Injection("agent is asked to stop", stop_agent, _f(C.SHUTDOWN)),
-    Injection("ticks fail for 0.1 s", tick_fails(5), _f(C.NOT_FINITE)),
+    Injection("agent is asked to stop", stop_agent, own=_f(C.SHUTDOWN)),
+    Injection("ticks fail for 0.1 s", tick_fails(5), own=_f(C.NOT_FINITE)),
     Injection(
         "ticks fail for 1 s",
         tick_fails(50),
-        _f(C.NOT_FINITE, C.NOT_FINITE_LONG),
+        own=_f(C.NOT_FINITE, C.NOT_FINITE_LONG),
         is_silenced=True,
         may_leave_fence=True,
     ),
     Injection(
         "cut off from all for 1 s",
         cut(1.0),
-        _f(*_POSITION, C.BUS_LOST),
-        _SILENT,
+        own=_f(*_POSITION, C.BUS_LOST),
+        others=_SILENT,
         is_silenced=True,
         is_cut_off=True,
         may_leave_fence=True,
@@ -250,22 +254,22 @@ INJECTIONS: tuple[Injection, ...] = (
     Injection(
         "cut off from all but the mocap",
         cut(1.0, keeps=("sitl",)),
-        _SILENT,
-        _SILENT,
+        own=_SILENT,
+        others=_SILENT,
         is_cut_off=True,
     ),
     Injection(
         "all cut apart, mocap stays",
         cut(6.0, keeps=("sitl",), all_agents=True),
-        _f(C.BUS_LOST, C.BUS_LOST_LONG, *_SILENT),
+        own=_f(C.BUS_LOST, C.BUS_LOST_LONG, *_SILENT),
         is_cut_off=True,
     ),
-    Injection("ground lost", cut_ground(2.0), _f(C.GROUND_LOST), is_cut_off=True),
+    Injection("ground lost", cut_ground(2.0), own=_f(C.GROUND_LOST), is_cut_off=True),
     Injection(
         "ground lost for good",
         cut_ground(math.inf),
-        _f(C.GROUND_LOST_LONG),
-        _f(C.GROUND_LOST_LONG),
+        own=_f(C.GROUND_LOST_LONG),
+        others=_f(C.GROUND_LOST_LONG),
         is_cut_off=True,
     ),
     Injection("bad bus", bad_bus, is_of_two=True),
@@ -274,7 +278,7 @@ INJECTIONS: tuple[Injection, ...] = (
         "battery cell fails",
         fault("battery_cell", drop_pct=80.0),
         # PX4's own failsafe may be the first to act on it
-        _f(C.BATTERY_LOW, C.BATTERY_FALLING, C.BATTERY_WARNING, C.PX4_FAILSAFE),
+        own=_f(C.BATTERY_LOW, C.BATTERY_FALLING, C.BATTERY_WARNING, C.PX4_FAILSAFE),
     ),
     Injection(
         "motor weak", fault("motor_weak", 3.0, motor=2.0, effectiveness=0.85), is_astray=True
@@ -282,7 +286,7 @@ INJECTIONS: tuple[Injection, ...] = (
     Injection(
         "motor dead",
         fault("motor_dead", motor=1.0),
-        _f(
+        own=_f(
             C.ATTITUDE_NOT_FOLLOWED,
             C.NOT_CLIMBING,
             C.FALLEN,
@@ -299,13 +303,13 @@ INJECTIONS: tuple[Injection, ...] = (
     Injection("PX4's own vision lost", fault("vision_lost", 3.0), needs="poses"),
     Injection("PX4 reports the ground for 0.5 s", landed_state(0.5, is_repeated=True)),
     Injection("PX4's last report of the ground stays", landed_state(math.inf, is_repeated=False)),
-    Injection("PX4's landed state stops", stops("landed"), _f(C.LANDED_UNKNOWN)),
+    Injection("PX4's landed state stops", stops("landed"), own=_f(C.LANDED_UNKNOWN)),
     Injection("PX4's battery reports stop", stops("battery_frac", "battery_voltage_v")),
     Injection("one wrong report of PX4", some_wrong_report),
     Injection(
         "wrong reports of PX4 for 5 s",
         repeated(wrong_report("another mode"), 9, 0.6),
-        _f(C.REPORTS_CONTRADICT_LONG),
+        own=_f(C.REPORTS_CONTRADICT_LONG),
     ),
     Injection(
         "one flies without the law and says so",
@@ -330,14 +334,14 @@ INJECTIONS: tuple[Injection, ...] = (
     Injection(
         "satellites lost",
         fault("gps_loss"),
-        _f(C.SATELLITES_LOST),
+        own=_f(C.SATELLITES_LOST),
         is_astray=True,
         needs="satellites",
     ),
     Injection(
         "satellites of all lost",
         to_all_vehicles(fault("gps_loss")),
-        _f(C.SATELLITES_LOST),
+        own=_f(C.SATELLITES_LOST),
         is_astray=True,
         needs="satellites",
     ),
@@ -352,25 +356,25 @@ INJECTIONS: tuple[Injection, ...] = (
     ),
     Injection("ground slow", slow_ground),
     Injection("ground starved", starve_ground),
-    Injection("ground hangs for 3 s", hang_ground(3.0), _f(C.GROUND_LOST), is_cut_off=True),
+    Injection("ground hangs for 3 s", hang_ground(3.0), own=_f(C.GROUND_LOST), is_cut_off=True),
     Injection(
         "ground hangs for long",
         hang_ground_for_long,
-        _f(C.GROUND_LOST_LONG),
-        _f(C.GROUND_LOST_LONG),
+        own=_f(C.GROUND_LOST_LONG),
+        others=_f(C.GROUND_LOST_LONG),
         is_cut_off=True,
     ),
     Injection(
         "ground killed",
         kill_ground,
-        _f(C.GROUND_LOST_LONG),
-        _f(C.GROUND_LOST_LONG),
+        own=_f(C.GROUND_LOST_LONG),
+        others=_f(C.GROUND_LOST_LONG),
         is_cut_off=True,
     ),
     Injection(
         "RTK lost for good",
         fault("rtk_lost"),
-        _f(C.FIX_FELL_BACK, C.FIX_COARSE),
+        own=_f(C.FIX_FELL_BACK, C.FIX_COARSE),
         is_astray=True,
         needs="corrections",
     ),
@@ -384,7 +388,7 @@ INJECTIONS: tuple[Injection, ...] = (
     Injection(
         "base says a place 30 m aside",
         fault("base_moved", east_m=30.0),
-        _f(C.BASE_FAULT),
+        own=_f(C.BASE_FAULT),
         is_astray=True,
         needs="corrections",
     ),

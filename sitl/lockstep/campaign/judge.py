@@ -9,6 +9,7 @@ condition.
 from __future__ import annotations
 
 import functools
+import itertools
 import math
 from collections import Counter
 from collections.abc import Callable, Collection
@@ -130,7 +131,8 @@ class Judge:
         situations = [shell.core.flight.situation for shell in self.flight.agents.values()]
         self.was_flying = all(situation is Situation.FLYING for situation in situations)
         if self.was_flying:
-            self.highest_m = self.truths[self.victim].position_enu_m[2] + self.injection.rises_m
+            _, _, height_m = self.truths[self.victim].position_enu_m
+            self.highest_m = height_m + self.injection.rises_m
 
     # -- while it flies ----------------------------------------------------------------------------
 
@@ -145,7 +147,8 @@ class Judge:
             self.note(f"{name} sends a thrust of {thrust_frac:.2f} or no unit quaternion")
         else:
             # the vertical component of the body's vertical axis
-            cos_tilt = 1.0 - 2.0 * float(q[1] ** 2 + q[2] ** 2)
+            _, qx, qy, _ = q
+            cos_tilt = 1.0 - 2.0 * float(qx**2 + qy**2)
             tilt_deg = math.degrees(math.acos(max(-1.0, cos_tilt)))
             if tilt_deg > limit_deg:
                 self.note(f"{name} sends more tilt than allowed")
@@ -166,27 +169,28 @@ class Judge:
                 self._check_action(shell.name)
 
     def _measure_distances(self) -> None:
-        truths = list(self.truths.values())
-        for index, first in enumerate(truths):
-            for second in truths[index + 1 :]:
-                if first.is_on_ground and second.is_on_ground:
-                    continue
-                distance_m = separation_m(
-                    first.position_enu_m, second.position_enu_m, self.height_share
-                )
-                silenced_count = 0
-                if self.is_injected:
-                    silenced_count = len(self.silenced & {first.vehicle, second.vehicle})
-                self.smallest[silenced_count] = min(self.smallest[silenced_count], distance_m)
+        for first, second in itertools.combinations(self.truths.values(), 2):
+            if first.is_on_ground and second.is_on_ground:
+                continue
+            distance_m = separation_m(
+                first.position_enu_m, second.position_enu_m, self.height_share
+            )
+            silenced_count = 0
+            if self.is_injected:
+                silenced_count = len(self.silenced & {first.vehicle, second.vehicle})
+            self.smallest[silenced_count] = min(self.smallest[silenced_count], distance_m)
 
     def _check_place(self, truth: Truth) -> None:
         """Note a vehicle that leaves the fence, or that rises too much after the fault."""
         fence = self.flight.config.fleet.geofence_m
         x, y, z = truth.position_enu_m
+        west, east = fence.x
+        south, north = fence.y
+        _, top = fence.z
         is_in_fence = (
-            fence.x[0] - _FENCE_SLACK_M <= x <= fence.x[1] + _FENCE_SLACK_M
-            and fence.y[0] - _FENCE_SLACK_M <= y <= fence.y[1] + _FENCE_SLACK_M
-            and z <= fence.z[1] + _FENCE_SLACK_M
+            west - _FENCE_SLACK_M <= x <= east + _FENCE_SLACK_M
+            and south - _FENCE_SLACK_M <= y <= north + _FENCE_SLACK_M
+            and z <= top + _FENCE_SLACK_M
         )
         is_excused = self.injection.may_leave_fence and (
             truth.vehicle == self.victim or truth.vehicle in self.silenced

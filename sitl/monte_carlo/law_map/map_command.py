@@ -97,5 +97,7 @@ def _print(selected: list[Cell], file: ResultsFile) -> None:
     console.print(table)
 
     keys = {cell.key for cell in selected}
-    rows = {key: row for key, row in file.rows.items() if key[0] in keys}
+    rows = {
+        (cell_key, stage): row for (cell_key, stage), row in file.rows.items() if cell_key in keys
+    }
     console.print(f"digest {digest(rows)}")

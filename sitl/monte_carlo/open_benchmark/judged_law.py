@@ -53,15 +53,18 @@ class JudgedLaw:
         if self.is_own:
             self.setup = replace(setup, law="off")  # no law of Covey's is computed beside it
         self.busy_s = 0.0
-        self.calls = -_UNTIMED_CALLS  # timed calls; below 0 while the first ones are not timed
+        self.calls = 0  # timed calls
+        self._untimed_calls_left = _UNTIMED_CALLS
 
     def __call__(self, memory: Any, inputs: LawInputs) -> tuple[Any, Thrust]:
         """Return the law's answer."""
         begun_s = time.thread_time()
         answer: tuple[Any, Thrust] = self._function(memory, inputs)
-        self.calls += 1
-        if self.calls > 0:
+        if self._untimed_calls_left > 0:
+            self._untimed_calls_left -= 1
+        else:
             self.busy_s += time.thread_time() - begun_s
+            self.calls += 1
         return answer
 
     def interpreted(

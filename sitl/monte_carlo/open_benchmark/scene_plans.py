@@ -193,7 +193,8 @@ def _drawn(
         distances_m = np.hypot(*(points - point).T)
         if distances_m.min(initial=math.inf) < placing.spacing_m:
             continue
-        if outlines.gaps_m(point[None, None])[0, 0] < 0.5 * _BODY_M + _FREE_M:
+        gap_m = outlines.gaps_m(point[None, None]).item()
+        if gap_m < 0.5 * _BODY_M + _FREE_M:
             continue
 
         points = np.concatenate([points, point[None]])

@@ -122,7 +122,7 @@ def fly(unit: Unit) -> SuiteRow:
     calls = 0
     if is_timed:
         busy_s = judged.busy_s
-        calls = max(0, judged.calls)  # below 0 if the flights ended before the first timed call
+        calls = judged.calls
 
     return {
         "cell": unit.cell,

@@ -80,7 +80,8 @@ def _nearest_point(obstacle: Capsule, x: float, y: float) -> Vec2:
 
 def own_velocity(inputs: LawInputs) -> Vec2:
     """Return the own horizontal velocity at t + L."""
-    return Vec2(*inputs.predicted.velocity_enu_m_s[:2])
+    x_m_s, y_m_s, _ = inputs.predicted.velocity_enu_m_s
+    return Vec2(x_m_s, y_m_s)
 
 
 def preferred_velocity(inputs: LawInputs, around: Sequence[Body] = ()) -> Vec2:
@@ -94,7 +95,8 @@ def preferred_velocity(inputs: LawInputs, around: Sequence[Body] = ()) -> Vec2:
         around: bodies before which the vehicle turns; empty if the law has its own rule for that.
     """
     velocity = own_velocity(inputs)
-    wanted_m_s2 = Vec2(*inputs.baseline.thrust_enu_m_s2[:2])
+    x_m_s2, y_m_s2, _ = inputs.baseline.thrust_enu_m_s2
+    wanted_m_s2 = Vec2(x_m_s2, y_m_s2)
     size_m_s2 = length_2(wanted_m_s2)
     is_stuck = length_2(velocity) < _STUCK_M_S and size_m_s2 > _LEAST_BLOCKED_M_S2
     for body in around:
