@@ -250,7 +250,8 @@ def _run_in_sentences(words: list[str]) -> int:
         library = _missing_library(error)
         if library is None:
             raise
-        wheel = f"covey-{_version().split()[1]}-py3-none-any.whl"
+        _, version_word = _version().split(maxsplit=1)
+        wheel = f"covey-{version_word}-py3-none-any.whl"
         return _refuse(
             f"this command needs '{library}'. Install the wheel with all of it:"
             f" pip install '{wheel}[all]'"
@@ -446,10 +447,8 @@ def _epilogue(module: ModuleType) -> str:
 
     It is the docstring of the module without its first paragraph, and MORE_HELP of the module.
     """
-    texts = [
-        (module.__doc__ or "").partition("\n\n")[2].strip(),
-        getattr(module, "MORE_HELP", ""),
-    ]
+    _, _, further_paragraphs = (module.__doc__ or "").partition("\n\n")
+    texts = [further_paragraphs.strip(), getattr(module, "MORE_HELP", "")]
     return "\n\n".join(text for text in texts if text)
 
 

@@ -73,7 +73,7 @@ TABLE: dict[Kind, AlarmRow] = {_KINDS[name]: _row(*row) for name, row in _FILE["
 RANKS = {kind: rank for rank, kind in enumerate(TABLE)}
 # Text with which a vehicle reports a condition -> condition.
 BY_TEXT = {condition.value: condition for condition in Condition}
-# Alarm -> worse alarm; the first is not shown if the same vehicle has the second, which implies it.
+# Alarm -> worse alarm that implies it. A vehicle that has both shows only the worse alarm.
 COVERED: dict[Kind, Kind] = {
     _KINDS[name]: _KINDS[worse] for name, worse in _FILE["covered_by"].items()
 }

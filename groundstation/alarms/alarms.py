@@ -3,10 +3,9 @@
 :func:`conditions` returns the alarms of this moment. :class:`Alarms` keeps the begin of each alarm,
 whether it was acknowledged, and past alarms.
 
-An operator reads lines, not events. So a lasting alarm is one line with a duration. A flickering
-alarm is also one line: it ends only when it has not held for some seconds. The same alarm of many
-vehicles is one line as well. An alarm from a single event, such as a kill, stays until it is
-acknowledged, because no later event says that it is over.
+A lasting alarm is one line with a duration. A flickering alarm is also one line: it ends only when
+it has not held for some seconds. The same alarm of many vehicles is one line as well. An alarm from
+a single event, such as a kill, stays until it is acknowledged.
 """
 
 from __future__ import annotations
@@ -40,7 +39,7 @@ from onboard.safety.failsafe_table import Condition
 
 LINGER_S = 3.0  # an alarm that comes back within this time counts as one that has lasted
 MAX_OVER = 100  # past alarms that are kept
-_GROUPED = 4  # vehicles with the same alarm from which they share a line
+_GROUPED = 4  # so many vehicles or more with the same alarm share a line
 _SHOWN = 3  # names in a shared line
 _MOST_UNKNOWN = 3  # texts of one vehicle that are not in the table and are shown nevertheless
 _AND = " – "  # separates the names of a pair
@@ -147,8 +146,9 @@ class Alarms:
 
         for key, alarm in present.items():
             self._begin_or_go_on(key, alarm, now_ns)
-        for key in [key for key in self._lines if key not in present]:
-            self._end_if_over(key, now_ns)
+        for key in list(self._lines):
+            if key not in present:
+                self._end_if_over(key, now_ns)
 
         self.has_new = False
         for key, line in self._lines.items():
@@ -435,7 +435,7 @@ def _of_vehicle(
 def _reported(telemetry: Telemetry) -> tuple[set[Kind], list[str]]:
     """Return the conditions that a vehicle reports, and reported texts that are not known."""
     texts = telemetry.conditions
-    if not texts:  # the usual case returns early: this runs 1000 times a second for 100 vehicles
+    if not texts:  # the usual case, for speed
         return set(), []
 
     known: set[Kind] = {BY_TEXT[text] for text in texts if text in BY_TEXT}

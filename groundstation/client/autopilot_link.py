@@ -150,10 +150,11 @@ class AutopilotLink:
             key: the new key; None: PX4 forgets its key and signs no more.
         """
         stamp = 0
+        sent_key = bytes(KEY_BYTES)  # zeros stand for no key
         if key is not None:
             stamp = signing_time(time.time_ns())
-        key_bytes = list(key or bytes(KEY_BYTES))  # zeros stand for no key
-        self._link.mav.setup_signing_send(self.system_id, AUTOPILOT, key_bytes, stamp)
+            sent_key = key
+        self._link.mav.setup_signing_send(self.system_id, AUTOPILOT, list(sent_key), stamp)
 
     def listen(
         self,
@@ -168,7 +169,7 @@ class AutopilotLink:
         Args:
             seconds: longest time to listen [s].
             requested: numbers of messages to request first.
-            until: name of a message that ends the listening.
+            until: name of a message that ends the listening; empty: none does.
             take: function for every message of this vehicle, also of its other components.
         """
         for number in requested:
@@ -261,8 +262,10 @@ class AutopilotLink:
                 count = reply.param_count
                 values[reply.param_index] = (reply.param_id, self._value(reply))
 
-        if not count or len(values) < count:
-            raise LinkSilentError(f"PX4 sent {len(values)} of {count or 'its'} parameters.")
+        if not count:
+            raise LinkSilentError("PX4 sent none of its parameters.")
+        if len(values) < count:
+            raise LinkSilentError(f"PX4 sent {len(values)} of {count} parameters.")
         return dict(values.values())
 
     def _request_missing(self, indices: list[int]) -> None:

@@ -21,8 +21,7 @@ from onboard.bus.topics import Topic
 
 MAX_QUEUED = 20_000
 DELIVERY_PERIOD_S = 0.02
-# Topics whose messages are folded into the fleet's state. If the fleet file has people, ALL_POSES
-# is folded as well.
+# Topics whose messages are folded into the fleet's state; with people, the client adds ALL_POSES.
 FOLDED = (Topic.TELEMETRY, Topic.EVENT, Topic.TRUTH, Topic.PREFLIGHT)
 # frequent topics, whose messages wait on the bus
 _COLLECTED = (Topic.TELEMETRY, Topic.TRUTH, Topic.STATE, Topic.TICK, Topic.MOCAP)
@@ -144,7 +143,7 @@ class BusFeed:
         """Queue an item for the next batch; callable from any thread.
 
         Args:
-            item: a message, a liveliness token, or a count.
+            item: a message, a node that appeared or left, or a count of messages not used.
         """
         if len(self._queue) == MAX_QUEUED:
             self._dropped += 1  # the oldest makes room
@@ -161,7 +160,7 @@ class BusFeed:
 
         Args:
             function: function to call soon.
-            args: arguments of the callback.
+            args: its arguments.
         """
         loop = self._loop
         if loop is None or loop.is_closed():
@@ -207,8 +206,7 @@ class BusFeed:
 
     def _drain(self) -> None:
         """Hand everything in the queue over as one batch."""
-        # A listener that is called at an order's end needs the telemetry of that time in the state.
-        self.bus.deliver()
+        self.bus.deliver()  # first the messages that wait on the bus
 
         self._is_scheduled = False
         batch = [self._queue.popleft() for _ in range(len(self._queue))]

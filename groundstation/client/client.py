@@ -517,8 +517,8 @@ class FleetClient:
     def notice_own_stall(self) -> None:
         """If this ground itself stood still, publish an event and excuse silent vehicles.
 
-        A stall before the first word of a vehicle leaves no gap, so that there is no event: a
-        ground that starts often has one. Call it several times a second.
+        Before the first telemetry of any vehicle no event is published. Call this method several
+        times a second.
         """
         now_ns = self._clock_ns()
         if self._short_stall.look():
@@ -543,10 +543,7 @@ class FleetClient:
         self.publish_event("warning", GROUND_STALLED, sentence)
 
     def _notice_lateness(self) -> None:
-        """Note how late this delivery is, and whether this ground stood still.
-
-        The feed calls it before each delivery, fifty times a second.
-        """
+        """Note how late this delivery is, and whether this ground stood still."""
         self._loop_lateness.look()
         late_s = round(self._loop_lateness.worst_s, 2)
         if late_s != self._state.loop_late_s:

@@ -18,9 +18,9 @@ def session(fleet: FleetConfig, role: str = GROUND, key_of: NodeRole | None = No
 
     Args:
         fleet: fleet whose agents the node connects to.
-        role: whether the node may order or only watches. Vehicles land some time after the last
-            node that may order has gone.
-        key_of: node role whose key it uses on a locked bus; None for the key that fits ``role``.
+        role: GROUND for a node that may order, WATCHER for one that only watches.
+        key_of: owner of the key that the node uses on a locked bus; None for the key that fits
+            ``role``.
 
     Returns:
         The node, which is not started yet.
@@ -46,7 +46,7 @@ def _fitting_key(fleet: FleetConfig, role: str) -> NodeRole:
 
 
 def user_name() -> str:
-    """Return the name of the person at this computer, or their number."""
+    """Return the name of the user of this process, or ``uid-`` and the user's number."""
     try:
         return getpass.getuser()
     except (KeyError, OSError):

@@ -86,9 +86,8 @@ def send_heartbeat(link: Any) -> None:
 class Signing:
     """Signing of one link, with the attributes that pymavlink expects.
 
-    Timestamps follow the clock and never go back. Several programs of this computer send under the
-    same link id, and PX4 refuses messages that are older than the newest of them. A timestamp that
-    only counted messages would be refused after another program has sent a later one.
+    Timestamps follow the clock and never go back: several programs of this computer send under the
+    same link id, and PX4 refuses messages that are older than the newest of them.
 
     Args:
         key: key of the vehicle; None for a link that neither signs nor checks.
@@ -160,7 +159,8 @@ def _new_link(endpoint: str) -> Any:
     if not address.startswith("udpout:"):
         return link
 
-    px4_port = int(address.rpartition(":")[2])
+    _, _, port_word = address.rpartition(":")
+    px4_port = int(port_word)
     link.port.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
     with contextlib.suppress(OSError):  # another program has the port: the system chooses one
         link.port.bind(("", _FIRST_PORT + px4_port % _PORTS))

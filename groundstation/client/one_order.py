@@ -72,8 +72,8 @@ def _is_ready(client: FleetClient, state: FleetState, intent: Intent) -> bool:
     """Whether the vehicles are heard, and the operator is known if the order depends on it."""
     for name in intent.names:
         if name not in client.fleet.enabled_names and not intent.brings_down:
-            continue  # it is refused
-        view = state.vehicles.get(name)  # None: disabled by the fleet file, and not heard yet
+            continue  # the order to a disabled vehicle is refused; nothing to wait for
+        view = state.vehicles.get(name)  # None: a disabled vehicle that was not heard yet
         if view is None or view.telemetry is None:
             return False
 

@@ -42,20 +42,19 @@ REPLY_TIMEOUT_S = 1.5
 # order has ended.
 LOST_END_S = 3.0
 _LAND_REPLY_S = 1.0  # shortest wait for the reply to a landing
-_ROUND_TRIPS = 3.0  # wait for the reply to a landing, in measured round trips, at least
-_MOST_ROUND_TRIPS = 8  # round trips of a vehicle that are kept, the newest ones
-_AGAIN_ROUND_TRIPS = 1.5  # time after which a landing is sent again, in measured round trips
+_WAIT_ROUND_TRIPS = 3.0  # measured round trips for which a landing waits for its reply, at least
+_AGAIN_ROUND_TRIPS = 1.5  # measured round trips after which a landing is sent again, at least
+_MOST_ROUND_TRIPS = 8  # newest round trips of a vehicle that are kept
 _QUIET_S = 0.5  # age of telemetry from which another vehicle in flight counts as silent as well
-# Vehicles whose last telemetry lies closer together than this fell silent for the same reason.
-_AT_ONCE_S = 1.0
+_AT_ONCE_S = 1.0  # vehicles that fall silent within this time have the same reason
 _KILL_EFFECT_S = 1.3  # longest wait for the disarm, which PX4 reports once a second
 _LINK_SILENT_S = 1.0  # age of PX4's last packet at the agent, after which its link counts as dead
-_NOTHING_S = 1e-6  # a remaining wait below this has ended; it allows for rounding errors
+_NOTHING_S = 1e-6  # remaining wait that is only a rounding error
 _WATCH_PERIOD_S = 0.05
 _READ_AGAIN_S = 0.2  # time in which threads of the bus deliver waiting messages after a late wait
 _SEND_S = 3.0  # longest wait for PX4's own acknowledgement
 _WATCH_KILL_S = 2.0  # longest wait for PX4's own report that it is disarmed
-_WATCH_LAND_S = 30.0  # the same, beyond the time of the descent
+_WATCH_LAND_S = 30.0  # longest wait for that report of a landing, beyond the time of the descent
 _DIRECT: dict[str, DirectKind] = {"land": "land", "kill": "kill"}
 _WITHOUT_GROUND = (
     "Its agent goes on without the ground; one that hangs has left the landing to PX4."
@@ -259,7 +258,7 @@ class OpenOrders:
         return max(
             _LAND_REPLY_S,
             self._fleet.fleet.direct_command_timeout_s,
-            _ROUND_TRIPS * self._longest_round_trip_s(vehicle),
+            _WAIT_ROUND_TRIPS * self._longest_round_trip_s(vehicle),
         )
 
     def _take_reply(
@@ -362,7 +361,7 @@ class OpenOrders:
         """Wait for a reply.
 
         The wait begins again if this ground itself stood still in it. If this ground was late, the
-        bus is read once more at the end of the wait. A kill must not wait, so it gets neither.
+        bus is read once more at the end of the wait, except for a kill, which must not wait.
 
         Returns:
             Whether the agent has replied. Telemetry that shows that the agent follows the order
@@ -457,13 +456,9 @@ class OpenOrders:
     def _is_own_link_dead(self, result: OrderResult, vehicle: str) -> bool:
         """Whether this ground's own link is probably the reason of a silence.
 
-        Then a mission's landing is left to the agents. They avoid each other without this ground;
-        PX4s that land by themselves do not avoid each other. An agent that is dead or hangs sends
-        no setpoints, so its PX4 lands without an order.
-
-        There are two signs of a dead own link: another vehicle fell silent at the same time, or no
-        other vehicle in flight is heard. In the second case nothing shows whether the agent or the
-        link is dead.
+        Then a mission's landing is left to the agents, which avoid each other without this ground;
+        PX4s that land by themselves do not. There are two signs of a dead own link: another vehicle
+        fell silent at the same time, or no other vehicle in flight is heard.
         """
         if not result.is_by_mission:
             return False

@@ -31,8 +31,7 @@ from onboard.security.node_roles import NodeRole
 _MARKS = {"ok": "ok", "advice": "advice", "no-go": "NO-GO"}
 _WIDTH = 118
 
-# A ground that is late reads replies late. From 0.3 s on it would miss replies that agents have
-# sent in time (`direct_command_timeout_s`).
+# lateness of this ground; with the second it would miss replies that agents have sent in time
 _LATE_ADVICE_S = 0.1
 _LATE_NO_GO_S = 0.3
 
@@ -241,10 +240,10 @@ def _computer_lines(state: FleetState) -> list[PageLine]:
     if late_s < _LATE_ADVICE_S:
         return []
 
+    load, _, _ = os.getloadavg()  # programs that want a processor, over the last minute
     sentence = (
         f"This computer is too busy: this ground came {late_s:.2f} s late in the last "
-        f"{WINDOW_S:g} s, and {os.getloadavg()[0]:.1f} programs want its {os.cpu_count()} "
-        "processors."
+        f"{WINDOW_S:g} s, and {load:.1f} programs want its {os.cpu_count()} processors."
     )
     remedy = (
         "End other programs, simulate fewer vehicles here, or allow priorities: "

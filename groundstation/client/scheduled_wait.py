@@ -11,11 +11,9 @@ import asyncio
 import contextlib
 
 _SLEEP_S = 0.1
-# Lateness of one sleep from which it does not count; a computer that is not too busy wakes up the
-# loop within some milliseconds.
-_LATE_S = 0.05
-_NOTHING_S = 1e-6  # a remaining wait below this has ended; it allows for rounding errors
-LONGEST_LATE_S = 6.0  # lateness of one wait after which all time counts
+_LATE_S = 0.05  # a sleep may take so much longer and still count; an idle computer needs 1 to 5 ms
+_NOTHING_S = 1e-6  # remaining wait that is only a rounding error
+LONGEST_LATE_S = 6.0  # time of one wait that is not counted, at most; after it all time counts
 
 
 async def wait_scheduled(event: asyncio.Event, limit_s: float) -> float:
@@ -40,8 +38,9 @@ async def wait_scheduled(event: asyncio.Event, limit_s: float) -> float:
 
         slept_s = loop.time() - begin_s
         overslept_s = slept_s - min(left_s, _SLEEP_S)
+        counted_s = slept_s
         if overslept_s > _LATE_S and late_s < LONGEST_LATE_S:
             late_s += overslept_s
-            slept_s -= overslept_s
-        left_s -= slept_s
+            counted_s = slept_s - overslept_s
+        left_s -= counted_s
     return late_s

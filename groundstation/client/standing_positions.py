@@ -42,15 +42,15 @@ async def standing_positions(
         ConfigError: a vehicle is not heard, flies or is armed, or does not know its position well.
     """
     positions: dict[str, list[Xyz]] = {name: [] for name in names}
-    newest: dict[str, int] = {}  # vehicle -> sequence number of its newest telemetry
+    last_sequence: dict[str, int] = {}  # vehicle -> sequence number of its newest telemetry
     refusals: list[str] = []
 
     def look(state: FleetState) -> None:
         for name in names:
             telemetry = state.vehicles[name].telemetry
-            if telemetry is None or newest.get(name) == telemetry.sequence:
+            if telemetry is None or last_sequence.get(name) == telemetry.sequence:
                 continue
-            newest[name] = telemetry.sequence
+            last_sequence[name] = telemetry.sequence
 
             refusal = _refusal(telemetry)
             if refusal:
@@ -85,13 +85,11 @@ def _are_heard(state: FleetState, names: Sequence[str]) -> bool:
 def _refusal(telemetry: Telemetry) -> str:
     """Return why a vehicle's position cannot be used as a spot; empty if it can."""
     name = telemetry.vehicle
-    problem = ""
+    rule = "spots are surveyed while all stand disarmed. Land it first."
     if telemetry.is_airborne:
-        problem = "flies"
-    elif telemetry.is_armed:
-        problem = "is armed"
-    if problem:
-        return f"{name} {problem}: spots are surveyed while all stand disarmed. Land it first."
+        return f"{name} flies: {rule}"
+    if telemetry.is_armed:
+        return f"{name} is armed: {rule}"
 
     poor = [condition.value for condition in _POOR if condition.value in telemetry.conditions]
     if poor or not telemetry.is_position_valid:

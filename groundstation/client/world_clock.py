@@ -12,9 +12,9 @@ from collections.abc import Callable
 
 from onboard.bus.clock_offsets import Clocks
 
-# Number of readings. A reading takes one clock after the other, and this process may be stopped
-# between the two; the quickest reading is used.
-_READINGS = 3
+# Number of readings, of which the quickest is used: this process may be interrupted between
+# reading one clock and reading the other.
+_READING_COUNT = 3
 
 
 class WorldClock:
@@ -54,7 +54,7 @@ class WorldClock:
     def offset_ns(self) -> int:
         """Return the world's clock minus the monotonic clock [ns], by the quickest reading."""
         readings = []  # duration of each reading, and the offset by it
-        for _ in range(_READINGS):
+        for _ in range(_READING_COUNT):
             before_ns = self._now_ns()
             world_ns = self._world_ns()
             after_ns = self._now_ns()

@@ -23,9 +23,8 @@ from onboard.agent.main import main
 from onboard.agent.main import parser as agent_parser
 from onboard.process import deploy, service
 
-# A drone's computer has only the base libraries, so there argparse parses the command line. The
-# commands here are made from the same parsers, so that each option is defined once. They show these
-# options in the help and in a shell's completion, and pass the words of the command line on.
+# On a drone's computer, which has only the base libraries, argparse parses these commands. Here the
+# same parsers define the options for cyclopts, so that each option is defined once.
 
 
 def _command(parser: argparse.ArgumentParser, *verb: str) -> Callable[..., int]:
@@ -72,26 +71,22 @@ def _parameters(parser: argparse.ArgumentParser) -> Iterator[inspect.Parameter]:
 
         kind: Any = _kind_of(action)
         default: object = action.default
-        if action.required:
-            default = inspect.Parameter.empty
-        elif isinstance(action.default, list):
-            default = ()
-
-        # In these parsers, a list as default means that the option may be given several times, and
-        # None means that it may be left out.
-        if isinstance(action.default, list):
+        is_repeatable = isinstance(action.default, list)  # so it is in these parsers
+        if is_repeatable:
             kind = tuple[kind, ...]
+            default = ()
         elif action.default is None and not action.required:
             kind = kind | None
+        if action.required:
+            default = inspect.Parameter.empty
 
         shown = Parameter(help=action.help)
         if action.metavar:
-            # --law takes one of its choices, or the name of a user's own law
-            has_open_choices = action.dest == "law"
+            takes_own_name = action.dest == "law"  # --law also takes the name of a user's own law
             shown = Parameter(
                 help=action.help,
                 metavar=str(action.metavar),
-                show_choices=not has_open_choices,
+                show_choices=not takes_own_name,
                 show_default=False,
             )
         yield inspect.Parameter(
@@ -118,7 +113,7 @@ def _kind_of(action: argparse.Action) -> Any:
 
 
 def _service_parser(verb: str) -> argparse.ArgumentParser:
-    """Return the parser of a verb of the service."""
+    """Return the parser of install, status or logs."""
     for action in service.parser()._actions:
         if isinstance(action, argparse._SubParsersAction):
             parser: argparse.ArgumentParser = action.choices[verb]

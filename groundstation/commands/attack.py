@@ -30,7 +30,7 @@ from onboard.exit_status import EXIT_FAILED, EXIT_OK
 from sitl.monte_carlo.campaign_settings import setup_for
 from sitl.monte_carlo.lie_search import SearchReport, search
 
-_LIES = 1000  # flights of the search of lies: false reports and spoofings by one member
+_SEARCH_FLIGHTS = 1000  # flights with false reports and spoofings by one member ("lies")
 
 
 def attack(
@@ -60,7 +60,7 @@ def attack(
     lies: SearchReport | None = None
     if long and not only:
         say("\nLies of one member are searched.")
-        lies = search(setup_for(fleet_path=str(fleet)), tries=_LIES, say=say)
+        lies = search(setup_for(fleet_path=str(fleet)), tries=_SEARCH_FLIGHTS, say=say)
 
     if json:
         values = report.as_mapping()

@@ -60,7 +60,7 @@ def doctor(
         lines += key_checks(config)
         if network:
             heard = listen(config, seconds)
-            is_silent = not heard.last
+            is_silent = not heard.last  # no message of any node
             lines += interfaces()
             lines += judged(config, heard)
             if config.has_keys:

@@ -161,7 +161,7 @@ class _Progress:
 
     def __init__(self) -> None:
         self._begin_s = time.monotonic()
-        self._kept_count: int | None = None  # flights that were kept from before and took no time
+        self._kept_count: int | None = None  # flights of an earlier run; None before the first line
 
     def say(self, line: str) -> None:
         """Print a line that begins with ``DONE of TOTAL``."""
@@ -169,7 +169,7 @@ class _Progress:
         done = int(done_word)
         total = int(after_done.partition(" ")[0])
         if self._kept_count is None:
-            self._kept_count = done - 1
+            self._kept_count = done - 1  # the first line is about the first flight of this run
 
         elapsed_s = time.monotonic() - self._begin_s
         mean_flight_s = elapsed_s / (done - self._kept_count)

@@ -80,7 +80,7 @@ def fly_mission(
         options: options of all commands that fly a mission.
         world: weather, faults and orders of others.
         bus: delays and losses of the simulated bus.
-        is_simulated: whether emulator and agents are started, also without --lockstep.
+        is_simulated: whether emulator and agents are started; a flight in lockstep always does.
         has_free_ports: whether a simulated fleet gets ports that no other program uses.
         at: time of day at which it begins; empty: when the vehicles are ready.
 

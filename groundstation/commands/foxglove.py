@@ -56,11 +56,11 @@ async def _serve(fleet: FleetConfig, host: str, port: int) -> int:
 
     client = FleetClient(fleet, operates=False, bus=session(fleet, WATCHER))
     server = LiveServer(f"Covey: {fleet.fleet.name}")
-    # from the monotonic clock to the time of day, which viewers show
+    # Viewers show the time of day, the bus has a monotonic clock.
     shift_ns = time.time_ns() - client.now_ns()
 
     def put(topic: Topic, name: str, message: Message, received_ns: int) -> None:
-        """Pass on a message of the bus, on the thread that has received it."""
+        """Pass on a message of the bus."""
         stamp_ns = received_ns + shift_ns
         for channel, kind, _, data in rows(topic, name, message, received_ns):
             server.put_json(channel, kind, data, stamp_ns)
@@ -74,13 +74,13 @@ async def _serve(fleet: FleetConfig, host: str, port: int) -> int:
     for number in (signal.SIGINT, signal.SIGTERM):
         loop.add_signal_handler(number, ended.set)
 
-    own_port = server.start(host, port)
+    served_port = server.start(host, port)
     try:
         client.add_sink(put)
         await client.start()
         with contextlib.suppress(BrokenPipeError):
             print(
-                f"Covey: {fleet.fleet.name}: open ws://{host}:{own_port} in a viewer on this "
+                f"Covey: {fleet.fleet.name}: open ws://{host}:{served_port} in a viewer on this "
                 "machine. Ctrl-C ends it.",
                 flush=True,
             )

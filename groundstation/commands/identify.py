@@ -89,7 +89,7 @@ def identify(
         raise ConfigError(f"--box is {box}; half the width of the box must be more than 0 m.")
 
     folder = (record or new_folder()).absolute()
-    # writes mission.py and a fleet file into the folder, and returns the path of the fleet file
+    # This also writes mission.py into the folder.
     fleet_path = write_manoeuvre(
         fleet, vehicle, folder, half_m=box, seed=seed, is_simulated=sitl, is_headless=headless
     )

@@ -45,7 +45,7 @@ def incident(
 
     Args:
         flight: flight folder
-        before: number of seconds before that moment that are told
+        before: tell so many seconds before it went wrong
         quick: only what the record says; nothing is flown again
     """
     if not 0.0 < before <= _LONGEST_S:
@@ -99,7 +99,7 @@ def _print_what_would_have_helped(folder: Path, config: FleetConfig) -> None:
 
 
 def trials_of(flown: RecordedFlight) -> Iterator[Trial]:
-    """Fly a recorded flight again with each candidate's changes, one after the other."""
+    """Fly a recorded flight again, once for each candidate; yield each result."""
     for candidate in candidates_of(flown.origin):
         yield _trial(flown, candidate)
 

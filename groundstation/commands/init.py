@@ -118,7 +118,7 @@ def init(
     if sys.stdin.isatty() and sys.stdout.isatty():
         try:
             _ask_for_rest(answers)
-        except EOFError:  # Ctrl-D
+        except EOFError:  # Ctrl-D ends the command as Ctrl-C does
             raise KeyboardInterrupt from None
     starter_files = starter(Answers(**answers))
 
@@ -197,8 +197,13 @@ def _ask_for_rest(answers: dict[str, Any]) -> None:
     if answers["type"] not in type_names():
         _ask(answers, "mass_kg", "Mass with battery in kg", float)
 
-    enough = "enough for the law"
-    _ask(answers, "spacing_m", "Distance of the take-off spots in metres", float, shown=enough)
+    _ask(
+        answers,
+        "spacing_m",
+        "Distance of the take-off spots in metres",
+        float,
+        shown="enough for the law",
+    )
 
 
 def _ask(

@@ -50,7 +50,7 @@ from onboard.security.mavlink_key import key_file
 from onboard.security.node_roles import ROUTER, NodeRole
 
 # authority with which a node answers -> what covey keys list --running says about it
-_RUNNING = {
+_RUNNING_WORDS = {
     "present": "runs with the present authority",
     "former": (
         "RUNS ON with a former authority, and hears nobody of the others: "
@@ -166,7 +166,7 @@ def list_(fleet: FleetArgument, /, *, running: bool = False) -> int:
     Args:
         fleet: the fleet file
         running: also ask each running node whether its keys are of the present authority, or of a
-            former one, as of a node that was forgotten when the authority was replaced
+            former one
     """
     config = load_fleet(fleet)
     if not config.has_keys:
@@ -195,7 +195,7 @@ def list_(fleet: FleetArgument, /, *, running: bool = False) -> int:
         authorities = running_authorities(config)
         others = [node for node in authorities if node not in config.vehicles]
         for name in (*config.enabled_names, *others):
-            print(f"{name:12s} {_RUNNING[authorities.get(name, '')]}")
+            print(f"{name:12s} {_RUNNING_WORDS[authorities.get(name, '')]}")
         if "former" in authorities.values():
             is_right = False
     return EXIT_OK if is_right else EXIT_FAILED

@@ -157,9 +157,10 @@ def fetch(
         json: one object instead of the list
     """
     # Imported here: only this command needs the libraries of MAVLink.
-    from groundstation.px4 import log_fetch, parameter_sets
+    from groundstation.px4 import log_fetch
     from groundstation.px4.agent_log_link import agent_log_links
     from groundstation.px4.fetch_progress import FetchProgress
+    from groundstation.px4.parameter_sets import as_mapping, as_text, exit_status
     from groundstation.px4.vehicle_links import opened, selected_vehicles
     from groundstation.px4_logs.flight_logs import FOLDER
     from onboard.security.mavlink_key import mavlink_keys
@@ -176,7 +177,7 @@ def fetch(
     progress = FetchProgress(sys.stderr)
     keys = mavlink_keys(config, [vehicle.name for vehicle in chosen])
     with opened(chosen, keys) as vehicle_links:
-        unreached = [each.vehicle for each in vehicle_links if each.link is None]
+        unreached = [reached.vehicle for reached in vehicle_links if reached.link is None]
         with agent_log_links(config, unreached) as through_agents:
             reports = log_fetch.fetch(
                 vehicle_links,
@@ -188,8 +189,8 @@ def fetch(
     progress.end()
 
     if json:
-        content = msgspec.json.encode(parameter_sets.as_mapping(reports))
+        content = msgspec.json.encode(as_mapping(reports))
         print(msgspec.json.format(content, indent=2).decode())
     else:
-        print(parameter_sets.as_text(reports))
-    return parameter_sets.exit_status(reports)
+        print(as_text(reports))
+    return exit_status(reports)

@@ -39,7 +39,7 @@ def mocap(
 
     Args:
         source: kind of motion capture, instead of mocap.type
-        hostname: its computer, instead of mocap.hostname
+        hostname: computer of the motion capture, instead of mocap.hostname
         check: only listen: does each vehicle have its own body, axes and stamps?
         seconds: end after so long (default: run until Ctrl-C)
         every_s: time between reports

@@ -15,8 +15,8 @@ from cyclopts import Group, Parameter
 from onboard.config.fleet import ConfigError
 from onboard.config.law import BUILT_IN
 
-# A shell's completion follows from the types: a Path completes names of files. Cyclopts converts a
-# value to the first type of the union that accepts it, here str or a Literal, so values are text.
+# Cyclopts reads these unions: Path and Literal give a shell its completions, and the values are
+# text, because every text already fits str or the Literal.
 FILE_OR_TEXT: Any = str | Path
 LAW_OR_TEXT: Any = Literal[BUILT_IN] | str
 if TYPE_CHECKING:
@@ -50,7 +50,7 @@ class BusOptions:
 
     Args:
         bus_delay_s: shortest time from sender to receiver (default 0.001)
-        bus_jitter_s: mean of the random time that is added to it (default 0)
+        bus_jitter_s: mean of the random time that is added to bus_delay_s (default 0)
         bus_loss: chance of each message to be lost (default 0)
         bus_burst: mean number of messages lost in a row (default 1: each by itself)
         bus_reorder: chance of each message to be overtaken (default 0)
@@ -107,7 +107,7 @@ class WorldOptions:
 
     Args:
         wind_m_s: mean wind: its components towards east and north
-        gust_m_s: standard deviation of its gusts
+        gust_m_s: standard deviation of the gusts
         fault: a fault, for instance 'mav1 motor_dead at=20 motor=2'; may be given several times;
             covey sitl --faults lists them
         order: an order of somebody else, for instance '12.5 hold all'; with --lockstep; may be
@@ -142,7 +142,7 @@ def refuse_wrong_times(seconds: float | None, every_s: float) -> None:
         every_s: time between two reports.
 
     Raises:
-        ConfigError: one of them is out of bounds.
+        ConfigError: a time is out of bounds.
     """
     is_long_enough = seconds is None or seconds >= _SHORTEST_S
     is_period_possible = _LEAST_PERIOD_S <= every_s <= _MOST_PERIOD_S

@@ -96,24 +96,24 @@ def params(
 
     with opened(chosen, mavlink_keys(config, [vehicle.name for vehicle in chosen])) as links:
         if dump:
-            return _print_reports(parameter_sets.dump(links, dump), backup, is_json=json)
-        if diff:
-            return _print_reports(parameter_sets.diff(links, config, diff), backup, is_json=json)
-        if restore:
+            status = _print_reports(parameter_sets.dump(links, dump), is_json=json)
+        elif diff:
+            status = _print_reports(parameter_sets.diff(links, config, diff), is_json=json)
+        elif restore:
             reports = parameter_sets.restore(links, restore, backup)
-            return _print_reports(reports, backup, is_json=json)
-        return _print_needed(links, config, backup, is_set=apply, is_json=json)
+            status = _print_reports(reports, is_json=json)
+        else:
+            status = _print_needed(links, config, backup, is_set=apply, is_json=json)
+    _print_backup(backup, is_json=json)
+    return status
 
 
-def _print_reports(
-    reports: Sequence[parameter_sets.VehicleReport], backup: Path, *, is_json: bool
-) -> int:
-    """Print the reports about all parameters; return the exit status."""
+def _print_reports(reports: Sequence[parameter_sets.VehicleReport], *, is_json: bool) -> int:
+    """Print a report about each vehicle; return the exit status."""
     if is_json:
         print(dumps(parameter_sets.as_mapping(reports), indent=2))
     else:
         print(parameter_sets.as_text(reports))
-    _print_backup(backup, is_json=is_json)
     return parameter_sets.exit_status(reports)
 
 
@@ -143,7 +143,6 @@ def _print_needed(
     else:
         print(vehicle_parameters.as_text(states))
         print(_BY_HAND.format(fleet=fleet.path))
-    _print_backup(backup, is_json=is_json)
     return vehicle_parameters.exit_status(states)
 
 
@@ -240,12 +239,7 @@ def signing(
         action = "remove"
     with opened(chosen, keys, hears_all=True) as links:
         reports = signing_keys.run(links, keys, action, old_key)
-
-    if json:
-        print(dumps(parameter_sets.as_mapping(reports), indent=2))
-    else:
-        print(parameter_sets.as_text(reports))
-    return parameter_sets.exit_status(reports)
+    return _print_reports(reports, is_json=json)
 
 
 @px4.command

@@ -80,7 +80,7 @@ def _links_left_s(fleets: Sequence[FleetConfig]) -> float | None:
     vehicle in flight can land. The caller counts the time by a monotonic clock, since the time of
     day can be set.
     """
-    end = first_end(fleets[0], ROUTER)
+    end = first_end(fleets[0], ROUTER)  # a router has one certificate for all fleets
     if end is None:
         return None
     left_s = end.left_s(time.time()) + max(longest_flight_s(fleet) for fleet in fleets)

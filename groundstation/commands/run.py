@@ -75,7 +75,7 @@ def run(
         record: flight folder (default: flights/<time>)
         law: covey, paper, off or a law of your own, instead of the fleet file's (simulated flights)
         seed: seed of everything random in the emulator
-        rehearse: fly it in simulated time first; nothing takes off when that fails
+        rehearse: fly the script in simulated time first; nothing takes off when that fails
         no_rehearse: do not rehearse a script of Crazyswarm before it flies with running agents
     """
     refuse_what_is_no_script(script)
@@ -91,9 +91,8 @@ def run(
     folder = (record or new_folder()).absolute()
     config = load_fleet(fleet)
     is_simulated = lockstep or sitl
-    if not is_simulated and not no_rehearse and is_of_crazyswarm(script):
-        rehearse = True
-    if rehearse:
+    needs_rehearsal = not is_simulated and not no_rehearse and is_of_crazyswarm(script)
+    if rehearse or needs_rehearsal:
         _rehearse(script, arguments, config, folder / "rehearsal", seed)
     if is_simulated:
         config = simulated_fleet(config, folder, law=law, has_free_ports=sitl, needs_ports=sitl)

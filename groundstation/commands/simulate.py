@@ -136,16 +136,16 @@ def simulate(
 
     # Second way: the map of the law.
     if map:
-        is_changed = (seeds, errors, scale) != (_DEFAULT_SEEDS, _DEFAULT_ERRORS, _DEFAULT_SCALE)
+        values = (seeds, errors, scale, physics)
+        defaults = (_DEFAULT_SEEDS, _DEFAULT_ERRORS, _DEFAULT_SCALE, worlds.DEFAULT)
         options_of_scenarios = (scenario, set, law, type, fleet, trace, plot, json)
-        is_changed = is_changed or physics != worlds.DEFAULT
-        if is_changed or any(options_of_scenarios):
+        if values != defaults or any(options_of_scenarios):
             raise ConfigError(
                 "--map flies its own scenarios and values; of the other options it takes --jobs. "
                 "Its cells are chosen with --cells, for instance --cells errors=vision."
             )
 
-        is_whole = fly_map(
+        has_no_failure = fly_map(
             map_file,
             selection=cells,
             least_flights=flights,
@@ -153,7 +153,7 @@ def simulate(
             scheduler=scheduler,
             is_anew=anew,
         )
-        return EXIT_OK if is_whole else EXIT_FAILED
+        return EXIT_OK if has_no_failure else EXIT_FAILED
 
     # Third way: one scene from a file, or scenarios by their names.
     if not scenario:
@@ -190,7 +190,7 @@ def simulate(
         trace_folder=trace,
         picture=plot,
     )
-    is_flawless = all(results.is_flawless(values) for values in records)
+    is_flawless = all(results.is_flawless(record) for record in records)
     return EXIT_OK if is_flawless else EXIT_FAILED
 
 

@@ -116,7 +116,12 @@ def sitl(
     if seed < 0:
         raise ConfigError(f"--seed is {seed}; it must be 0 or more.")
 
-    wind = WindSettings((*wind_of(wind_m_s), 0.0), gust_m_s, gust_s, common_gusts)
+    wind = WindSettings(
+        mean_enu_m_s=(*wind_of(wind_m_s), 0.0),
+        gust_std_m_s=gust_m_s,
+        gust_time_s=gust_s,
+        is_common=common_gusts,
+    )
     if not all(0.0 <= value <= _LARGEST for value in (gust_m_s, gust_s, error_scale)):
         raise ConfigError("--gust-m-s, --gust-s and --error-scale must lie between 0 and 30.")
 

@@ -111,7 +111,9 @@ def sitl_check(
 
 def _facts(patterns: tuple[str, ...], px4: str) -> dict[str, Fact]:
     """Return the facts to check by name, with their expectations for a version of PX4."""
-    version = VERSIONS[0] if px4 == "auto" else px4
+    version = px4
+    if px4 == "auto":
+        version = VERSIONS[0]  # until the endpoint has reported its version
     try:
         return matching(facts_of(version, FACTS).values(), patterns)
     except KeyError as error:

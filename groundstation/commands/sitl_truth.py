@@ -28,10 +28,12 @@ def sitl_truth(*, fleet: FleetFile, vehicles: Names | None = None, mocap: bool =
     exclude = None if vehicles else ",".join(emulated)
     names = config.select(vehicles, exclude)
 
-    named_emulated = [name for name in names if name in emulated]
-    if named_emulated or not names:
+    refused = [name for name in names if name in emulated]
+    if not names:  # no vehicle is left, because all are emulated
+        refused = list(emulated)
+    if refused or not names:
         raise ConfigError(
-            f"{', '.join(named_emulated or emulated)}: emulated = true in {config.path}. The"
+            f"{', '.join(refused)}: emulated = true in {config.path}. The"
             " emulator tells their truth and their poses; a body may get them from one source only."
             " Name the others, or remove the key."
         )

@@ -21,7 +21,7 @@ from onboard.arrays import Array
 DOTS_ACROSS = 2
 DOTS_DOWN = 4
 
-# Bit of each dot within a cell, by row and column (the Unicode braille block's own order).
+# Bit of each dot within a cell, by row and column, in the order of Unicode's braille block.
 _BITS = np.array([[0x01, 0x08], [0x02, 0x10], [0x04, 0x20], [0x40, 0x80]], np.uint8)
 _MAX_STEPS = 4000  # largest number of dots of one line or circle
 _SPACE = 0x20
@@ -59,15 +59,13 @@ class Canvas:
         """
         with np.errstate(invalid="ignore"):
             # The comparisons are false for NaN.
-            is_inside = (x >= 0) & (x < 2 * self.width) & (y >= 0) & (y < 4 * self.height)
-        dot_columns = x[is_inside].astype(np.int64)
-        dot_rows = y[is_inside].astype(np.int64)
+            is_across = (x >= 0) & (x < DOTS_ACROSS * self.width)
+            is_inside = is_across & (y >= 0) & (y < DOTS_DOWN * self.height)
+        columns, columns_in_cell = np.divmod(x[is_inside].astype(np.int64), DOTS_ACROSS)
+        rows, rows_in_cell = np.divmod(y[is_inside].astype(np.int64), DOTS_DOWN)
 
-        # A cell has 4 rows and 2 columns of dots: the shifts divide by these, the masks give the
-        # remainders.
-        cells = (dot_rows >> 2, dot_columns >> 1)
-        np.bitwise_or.at(self.cells, cells, _BITS[dot_rows & 3, dot_columns & 1])
-        self.styles[cells] = _style_number(colour, False)
+        np.bitwise_or.at(self.cells, (rows, columns), _BITS[rows_in_cell, columns_in_cell])
+        self.styles[rows, columns] = _style_number(colour)
 
     def line(
         self, start: tuple[float, float], end: tuple[float, float], colour: str, gap: int = 1
@@ -93,8 +91,8 @@ class Canvas:
         if not is_drawable.any():
             return
 
-        longest = int(lengths[is_drawable].max()) + 1
-        shares = (np.arange(0, longest + 1, gap) / longest)[:, None]
+        steps = int(lengths[is_drawable].max()) + 1  # of the longest line, and used for all
+        shares = (np.arange(0, steps + 1, gap) / steps)[:, None]
         # (lines, 1, 2) + (lines, 1, 2) * (steps, 1) gives points (lines, steps, 2).
         points = starts[is_drawable, None] + along[is_drawable, None] * shares
         self.dots(points[..., 0].ravel(), points[..., 1].ravel(), colour)
@@ -121,7 +119,7 @@ class Canvas:
         if not 0 <= row < self.height:
             return
 
-        style_number = _style_number(colour, bold)
+        style_number = _style_number(colour, bold=bold)
         codes = self._chars[row]
         for char in text:
             width = get_character_cell_size(char)
@@ -133,7 +131,9 @@ class Canvas:
                 if end < self.width and codes[end] == _TAIL:
                     codes[end] = _SPACE
 
-                codes[column:end] = [ord(char), _TAIL][:width]
+                codes[column] = ord(char)
+                if width == 2:
+                    codes[column + 1] = _TAIL
                 self.styles[row, column:end] = style_number
             column = end
 
@@ -153,8 +153,7 @@ class Canvas:
         source_columns = np.maximum.accumulate(columns, axis=1)
         styles = np.take_along_axis(self.styles, source_columns, axis=1)
 
-        # Row and column of each cell whose style differs from that of its left neighbour, for all
-        # rows at once. Row by row, this would take most of the time of a picture.
+        # Each cell whose style differs from that of its left neighbour.
         rows, left_columns = np.nonzero(styles[:, 1:] != styles[:, :-1])
         change_columns = (left_columns + 1).tolist()
         change_styles = styles[rows, left_columns + 1].tolist()
@@ -187,8 +186,8 @@ _STYLE_NUMBERS: dict[tuple[str, bool], int] = {(TEXT, False): 0}
 _STYLES: list[Style] = [style(TEXT)]
 
 
-def _style_number(colour: str, bold: bool) -> int:
-    """Return the index in _STYLES of a colour and weight, which is the same in every picture."""
+def _style_number(colour: str, *, bold: bool = False) -> int:
+    """Return the index in _STYLES of a colour and weight."""
     key = (colour, bold)
     if key not in _STYLE_NUMBERS:
         _STYLE_NUMBERS[key] = len(_STYLES)

@@ -17,10 +17,9 @@ from numpy.typing import NDArray
 from groundstation.fleet.state import FleetState, VehicleView
 from onboard.config.pair_separation import separations_m
 
-# Points of one vehicle's trail at most and at least, and points of all trails together.
-TRAIL_LENGTH = 600
-_LEAST_TRAIL = 80
-_ALL_TRAILS = 12_000
+TRAIL_LENGTH = 600  # most points of one vehicle's trail
+_LEAST_TRAIL = 80  # the trail of a vehicle in a large fleet
+_ALL_TRAILS = 12_000  # points of all trails together, unless each has only the least
 _TRAIL_STEP_M = 0.03  # smallest distance between two points of a trail
 
 CHART_LENGTH = 3000  # number of smallest distances that are kept
@@ -116,7 +115,7 @@ class History:
 
     def clear(self) -> None:
         """Forget everything, because a replay has jumped back."""
-        vars(self).update(vars(History(self._land_frac)))
+        vars(self).update(vars(History(self._land_frac)))  # all attributes as in a new history
 
     def add(self, state: FleetState, now_ns: int) -> None:
         """Take in the present state of the fleet; a second call at the same time has no effect."""
@@ -144,8 +143,8 @@ class History:
 
         fair_share = _ALL_TRAILS // max(1, len(state.vehicles))
         length = max(_LEAST_TRAIL, min(TRAIL_LENGTH, fair_share))
-        for name, position in known.items():
-            self._lengthen(name, position[0], position[1], length)
+        for name, (x_m, y_m, _) in known.items():
+            self._lengthen(name, x_m, y_m, length)
 
     def _lengthen(self, name: str, x_m: float, y_m: float, length: int) -> None:
         count, last_x_m, last_y_m = self._ends.get(name, (0, math.inf, math.inf))
@@ -208,14 +207,15 @@ class History:
 
     def _add_charge(self, name: str, boot_id: int, now_s: float, charge_frac: float) -> None:
         boot, samples = self._charges.get(name, (boot_id, deque(maxlen=_BATTERY_SAMPLES)))
-        is_refilled = bool(samples) and charge_frac > samples[-1][1] + _REFILLED_FRAC
-        if boot != boot_id or is_refilled:
+        _, last_frac = samples[-1] if samples else (now_s, charge_frac)
+        if boot != boot_id or charge_frac > last_frac + _REFILLED_FRAC:
             samples = deque(maxlen=_BATTERY_SAMPLES)  # the agent or the battery was changed
         samples.append((now_s, charge_frac))
         self._charges[name] = boot_id, samples
 
         self.drains.pop(name, None)
-        if samples[-1][0] - samples[0][0] < _TREND_S:
+        first_s, _ = samples[0]
+        if now_s - first_s < _TREND_S:
             return
 
         # The slope of the straight line through the samples (least squares).
@@ -245,6 +245,7 @@ def closest_pairs(
     if len(known) < 2:
         return []
 
+    names = [view.name for view, _ in known]
     positions_m = np.array([position for _, position in known])
     velocities_m_s = np.array([_velocity_m_s(view) for view, _ in known])
     is_airborne = np.array([view.is_airborne for view, _ in known])
@@ -254,8 +255,7 @@ def closest_pairs(
     distances_m = separations_m(gaps_m, height_share)
     is_flying = is_airborne[first] | is_airborne[second]
 
-    # A pair on the ground gets a distance that no pair in the air can have, so it comes last: no
-    # coordinate is beyond FAR_M.
+    # A pair on the ground comes last: it gets a distance that no pair in the air can have.
     ranks = np.where(is_flying, distances_m, distances_m + FAR_M * 4)
     closest = np.arange(len(ranks))
     if len(ranks) > most:
@@ -274,8 +274,8 @@ def closest_pairs(
             approach_s = math.inf  # they move apart
 
         pair = ClosePair(
-            first=known[first[index]][0].name,
-            second=known[second[index]][0].name,
+            first=names[first[index]],
+            second=names[second[index]],
             distance_m=float(distances_m[index]),
             approach_s=approach_s,
             approach_m=float(separations_m(closest_gap_m, height_share)),

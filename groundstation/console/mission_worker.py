@@ -56,7 +56,7 @@ class MissionWorker:
         self._connect = connect
         self._mission_worker: Worker[object] | None = None
         self._connect_worker: Worker[object] | None = None
-        self._line = ""
+        self._line = ""  # the mission's state or outcome, for the title
         self.status = 0  # exit status of the console so far
         self.verdict: Sequence[str] = ()  # sentences of the verdict; empty before the end
 
@@ -134,13 +134,13 @@ class MissionWorker:
 
         screen = self._app.screen_stack[0]
         if not self._panels.verdict.display:
-            self._show_box(True)
-        elif not screen.has_class(_ALONE):
+            self._show_box(is_shown=True)
+        elif not screen.has_class(_ALONE):  # it is in its box
             screen.add_class(_ALONE)
             self._panels.verdict.border_subtitle = "v hides · q quits"
             self._panels.verdict.post_message(Lines.Alone("verdict"))
         else:
-            self._show_box(False)
+            self._show_box(is_shown=False)
 
     async def _fly(self, mission: MissionCall) -> object:
         verdict = await mission()
@@ -180,13 +180,13 @@ class MissionWorker:
         box.border_title = self._line
         box.set_class(not is_passed, "bad")
         box.update("\n".join(lines))
-        self._show_box(True)
+        self._show_box(is_shown=True)
 
         sign = SEVERITY_SIGNS["info" if is_passed else "warning"]
         for sentence in sentences:
             self._panels.events.add(sentence, sign)
 
-    def _show_box(self, is_shown: bool) -> None:
+    def _show_box(self, *, is_shown: bool) -> None:
         """Show or hide the verdict's box below plan and events."""
         self._panels.verdict.display = is_shown
         self._panels.verdict.border_subtitle = "v enlarges · q quits"
@@ -194,7 +194,7 @@ class MissionWorker:
         screen = self._app.screen_stack[0]
         screen.set_class(is_shown, "judged")
         screen.remove_class(_ALONE)
-        self._panels.verdict.post_message(Lines.Alone(""))
+        self._panels.verdict.post_message(Lines.Alone(""))  # no panel has all the room now
 
 
 def _exit_status(verdict: object) -> int:

@@ -56,7 +56,7 @@ class OrderEntry:
     Args:
         app: app that runs workers and shows the preview.
         fleet: the fleet file.
-        client: client of the fleet, or a record.
+        client: client of the fleet, or of a record.
         panels: panels that show orders and results.
         forecaster: computes the previews; None: every order is sent at once.
         refresh: function that draws the fleet now.
@@ -181,9 +181,11 @@ class OrderEntry:
         self._written = text
 
         words = text.split()
-        is_about_control = words[1:2] == ["control"] and words[0] in ("take", "give", "keep")
-        if is_about_control and len(words) <= 3:
-            self._change_control(words[0], *words[2:])
+        is_about_control = words[0] in ("take", "give", "keep") and words[1:2] == ["control"]
+        if is_about_control and len(words) == 2:
+            self._change_control(words[0])
+        elif is_about_control and len(words) == 3:
+            self._change_control(words[0], words[2])
         elif mission_words.are_of_mission(words) and self.missions is not None:
             refusal = self.missions.take(words)
             if refusal:

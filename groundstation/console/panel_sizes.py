@@ -12,8 +12,8 @@ TIGHT = 36  # height below which a verdict replaces the separation
 SHORT = 22  # height below which a verdict replaces the plan as well
 LINES_AROUND = 4  # rows of title, result, order line and status
 _TABLE_SHARE = 0.45  # largest share of the height for the table
-_PLAN_LEAST = 0.36  # smallest share of the width for the plan
-_PLAN_SHARE = 0.62  # largest share of the width for the plan
+_PLAN_LEAST_SHARE = 0.36  # smallest share of the width for the plan
+_PLAN_MOST_SHARE = 0.62  # largest share of the width for the plan
 _EVENTS_LEAST = 3  # rows that a verdict leaves to the events, with their border
 _BESIDE_VERDICT = 6  # rows that a verdict leaves to plan and events if both have room
 _VERDICT_LEAST = 4  # smallest height of a verdict, with its border
@@ -51,10 +51,12 @@ def panel_sizes(
 
     rows_without_border = height - table_height - LINES_AROUND - 2
     plan_rows = max(_PLAN_LEAST_ROWS, rows_without_border)
-    proportion = min(_WIDEST_FENCE, (fence.x[1] - fence.x[0]) / (fence.y[1] - fence.y[0]))
+    west, east = fence.x
+    south, north = fence.y
+    proportion = min(_WIDEST_FENCE, (east - west) / (north - south))
     fence_width = math.ceil(2 * plan_rows * proportion) + 6  # with numbers and border
-    wanted_width = min(fence_width, round(_PLAN_SHARE * width))
-    plan_width = max(_PLAN_LEAST_WIDTH, round(_PLAN_LEAST * width), wanted_width)
+    wanted_width = min(fence_width, round(_PLAN_MOST_SHARE * width))
+    plan_width = max(_PLAN_LEAST_WIDTH, round(_PLAN_LEAST_SHARE * width), wanted_width)
 
     if alone == "fleet":
         return "1fr", plan_width
@@ -64,10 +66,7 @@ def panel_sizes(
 
 
 def largest_verdict_height(height: int, table_height: int) -> int:
-    """Return the largest height of a verdict in rows, with its border.
-
-    A verdict of this height leaves room for later events. The operator can enlarge the verdict to
-    see all of it.
+    """Return the largest height of a verdict in rows, with its border, that leaves room for events.
 
     Args:
         height: height of the terminal, in cells.

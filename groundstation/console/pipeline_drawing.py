@@ -13,7 +13,7 @@ import numpy as np
 from rich.segment import Segment
 from textual.strip import Strip
 
-from groundstation.console.canvas import Canvas
+from groundstation.console.canvas import DOTS_ACROSS, DOTS_DOWN, Canvas
 from groundstation.console.theme import CALM, FAINT, RULE, TEXT, WARN, clean, number
 from groundstation.console.vehicle_subject import Text, VehicleSubject
 from onboard.arrays import Array
@@ -214,17 +214,16 @@ def _chart(
         rows: height in cells.
     """
     canvas = Canvas(width, rows)
-    # in dots, of which a cell is two wide and four high
-    columns = 2 * width - _SCALE_DOTS - 1
-    height = 4 * rows - 1
+    columns = DOTS_ACROSS * width - _SCALE_DOTS - 1
+    height = DOTS_DOWN * rows - 1
     if columns < _LEAST_COLUMNS:
         return canvas.strips()
 
     low, high = limits
     for value in {low, 0.0, high}:
         row = height * (high - value) / (high - low)
-        canvas.line((_SCALE_DOTS, row), (2 * width, row), RULE, gap=4)
-        canvas.text(0, min(rows - 1, int(row // 4)), f"{value:>5.0f}", FAINT)
+        canvas.line((_SCALE_DOTS, row), (DOTS_ACROSS * width, row), RULE, gap=4)
+        canvas.text(0, min(rows - 1, int(row // DOTS_DOWN)), f"{value:>5.0f}", FAINT)
 
     is_shown = times >= -CHART_S
     x = _SCALE_DOTS + columns * (1.0 + times[is_shown] / CHART_S)
@@ -233,7 +232,7 @@ def _chart(
 
     # Values between the samples are interpolated, so that steep changes are lines and not dots.
     samples = np.arange(len(x))
-    fine = np.linspace(0, max(0, len(x) - 1), max(2, 4 * columns))
+    fine = np.linspace(0, len(x) - 1, 4 * columns)
     for values, colour in series:
         y = height * (high - np.clip(values[is_shown], low, high)) / (high - low)
         canvas.dots(np.interp(fine, samples, x), np.interp(fine, samples, y), colour)
@@ -246,16 +245,17 @@ def _dial(tick: TickSample, width: int, rows: int, top_m_s2: float) -> list[Stri
     A thrust of ``top_m_s2`` reaches the ring.
     """
     canvas = Canvas(width, rows)
-    middle = (width - 1.0, 2.0 * rows - 0.5)
-    radius = min(middle) - 0.5
-    canvas.circles(np.array([middle]), radius, RULE, gap=2)
+    middle_x = width - 1.0  # in dots
+    middle_y = 2.0 * rows - 0.5
+    radius = min(middle_x, middle_y) - 0.5
+    canvas.circles(np.array([(middle_x, middle_y)]), radius, RULE, gap=2)
 
     vectors = (
         (tick.thrust_baseline_enu_m_s2, WARN),
         (tick.thrust_safe_enu_m_s2, CALM),
     )
-    for vector, colour in vectors:
-        x = middle[0] + radius * vector[0] / top_m_s2
-        y = middle[1] - radius * vector[1] / top_m_s2
-        canvas.line(middle, (x, y), colour)
+    for (east_m_s2, north_m_s2, _), colour in vectors:
+        x = middle_x + radius * east_m_s2 / top_m_s2
+        y = middle_y - radius * north_m_s2 / top_m_s2
+        canvas.line((middle_x, middle_y), (x, y), colour)
     return canvas.strips()

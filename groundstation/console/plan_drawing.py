@@ -113,24 +113,21 @@ def _is_plausible(point: Sequence[float]) -> bool:
 def draw_background(window: Window, fleet: FleetConfig) -> Canvas:
     """Draw the grid with its metres, the fence and the obstacles."""
     canvas = Canvas(window.width, window.height)
-    fence = fleet.fleet.geofence_m
+    west, east = fleet.fleet.geofence_m.x
+    south, north = fleet.fleet.geofence_m.y
 
     half_x_m = window.width / window.scale
     half_y_m = 2 * window.height / window.scale
     grid_xs_m = _grid_lines(
-        max(fence.x[0], window.x_m - half_x_m),
-        min(fence.x[1], window.x_m + half_x_m),
-        window.step_m,
+        max(west, window.x_m - half_x_m), min(east, window.x_m + half_x_m), window.step_m
     )
     grid_ys_m = _grid_lines(
-        max(fence.y[0], window.y_m - half_y_m),
-        min(fence.y[1], window.y_m + half_y_m),
-        window.step_m,
+        max(south, window.y_m - half_y_m), min(north, window.y_m + half_y_m), window.step_m
     )
     for x_m in grid_xs_m:
-        canvas.line(window.dot(x_m, fence.y[0]), window.dot(x_m, fence.y[1]), RULE, gap=4)
+        canvas.line(window.dot(x_m, south), window.dot(x_m, north), RULE, gap=4)
     for y_m in grid_ys_m:
-        canvas.line(window.dot(fence.x[0], y_m), window.dot(fence.x[1], y_m), RULE, gap=4)
+        canvas.line(window.dot(west, y_m), window.dot(east, y_m), RULE, gap=4)
 
     for obstacle in fleet.obstacles:
         _draw_obstacle(canvas, window, obstacle)
@@ -141,8 +138,6 @@ def draw_background(window: Window, fleet: FleetConfig) -> Canvas:
         for begin, end in edges_of(outline.corners_enu_m):
             _draw_clipped_line(canvas, window.dot(*begin), window.dot(*end), colour)
 
-    west, east = fence.x
-    south, north = fence.y
     corners_m = ((west, south), (west, north), (east, north), (east, south))
     corners = [window.dot(x_m, y_m) for x_m, y_m in corners_m]
     for start, end in zip(corners, [*corners[1:], corners[0]], strict=True):
@@ -172,8 +167,8 @@ def draw_background(window: Window, fleet: FleetConfig) -> Canvas:
 def _grid_lines(low_m: float, high_m: float, step_m: float) -> list[float]:
     """Return the coordinates of the grid's lines between two limits [m]."""
     first = math.ceil(low_m / step_m)
-    count = math.floor(high_m / step_m) - first + 1
-    return [round(step * step_m, 6) for step in range(first, first + min(_MOST_LINES, count))]
+    last = min(math.floor(high_m / step_m), first + _MOST_LINES - 1)
+    return [round(number * step_m, 6) for number in range(first, last + 1)]
 
 
 def _draw_obstacle(canvas: Canvas, window: Window, obstacle: Obstacle) -> None:
@@ -381,7 +376,7 @@ def _draw_circles(canvas: Canvas, scene: PlanScene, too_close: set[str]) -> None
 
 
 def _draw_people(canvas: Canvas, scene: PlanScene) -> None:
-    """Draw the circle of each person who was seen, with the name; dotted if he is not seen now."""
+    """Draw the circle of each person who was seen, with the name; dotted if not seen now."""
     window = scene.window
     places = scene.places_of_people
     for person in scene.people:
@@ -437,16 +432,14 @@ def _draw_avoidance(canvas: Canvas, scene: PlanScene) -> None:
             ends = window.dots(ends_enu_m[:, 1])
             canvas.lines(starts, ends, colour, gap=2)
 
-    for position, other in bright:
-        east_m = other[0] - position[0]
-        north_m = other[1] - position[1]
+    for (x_m, y_m, _), (other_x_m, other_y_m, _) in bright:
+        east_m = other_x_m - x_m
+        north_m = other_y_m - y_m
         eighth = round(math.atan2(north_m, east_m) / (math.pi / 4.0))
         arrow = _ARROWS[eighth % 8]
 
         # Not in the middle, so that both arrows of two vehicles that avoid each other are visible.
-        column, row = window.cell(
-            position[0] + _ARROW_SHARE * east_m, position[1] + _ARROW_SHARE * north_m
-        )
+        column, row = window.cell(x_m + _ARROW_SHARE * east_m, y_m + _ARROW_SHARE * north_m)
         canvas.text(column, row, arrow, TEXT, bold=True)
 
 

@@ -21,7 +21,7 @@ KEYS = "space play  , . step  ← → 5 s  n N event  < > speed"
 _SKIP_S = 5.0
 _STEP_S = 0.1
 _LEAST_TRACK = 24  # width of the track from which the keys are shown beside it
-_ACTIONS = ("play_or_pause", "step", "skip", "jump", "speed", "go")
+_ACTIONS = ("play_or_pause", "step", "skip", "jump", "speed", "go")  # of the replay's keys
 # signs of events on the track; events of other severities only mark the line
 _MARKS = {"warning": ("┃", WARN), "critical": ("┃", BAD)}
 
@@ -116,7 +116,7 @@ class ReplayApp(ConsoleApp):
         self.replay = replay
         self.bar = ReplayBar(replay)
         self._begin_s = at_s
-        self._played_s = time.monotonic()  # time of the last call that played on
+        self._played_s = time.monotonic()  # monotonic time up to which the replay was played on
 
         self.panels.order_line.disable("a recorded flight: there is nobody to order")
         replay.add_listener(self.history.add, self._forget)
@@ -150,7 +150,7 @@ class ReplayApp(ConsoleApp):
         return f"{clock((stamp_ns - self.replay.timeline.begin_ns) * 1e-9):>8}"
 
     def check_action(self, action: str, parameters: tuple[object, ...]) -> bool | None:
-        """Let the keys of the replay be letters in texts."""
+        """Refuse the keys of the replay while a text is written: there they are letters."""
         if self.is_writing and action in _ACTIONS:
             return False
         return super().check_action(action, parameters)

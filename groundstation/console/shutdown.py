@@ -21,9 +21,7 @@ from onboard.config.fleet import FleetConfig
 
 INTERRUPTED = 130  # exit status of a program that Ctrl-C has ended
 LAND_WAIT_S = 90.0  # longest wait for landings, beyond the time of the descent
-# Time in which an order to land reaches all vehicles. Where an agent is silent, this ground sends
-# the order to the vehicle's PX4.
-HANG_UP_S = 1.0
+HANG_UP_S = 1.0  # time from the order to land until the end, in which it reaches all vehicles
 
 
 class Shutdown:
@@ -112,7 +110,7 @@ class Shutdown:
             self._app.push_screen(screen, self._quit_as_answered)
 
     async def interrupt(self) -> None:
-        """Land, then end the console, for ctrl+c and SIGTERM; the second call ends it at once."""
+        """Land, then end the console, for ctrl+c and SIGTERM; a second call ends it at once."""
         if self._status is not None or self._may_leave:
             self._app.exit(INTERRUPTED)
             return
@@ -123,7 +121,7 @@ class Shutdown:
         if answer == "land":
             await self._land_and_leave(self._quit_status)
         elif answer == "leave":
-            self._app.exit(self._mission.status)
+            self._app.exit(self._quit_status)
 
     async def _land_and_leave(self, status: int) -> None:
         self._mission.cancel()

@@ -77,7 +77,7 @@ def is_light_wanted(environ: Mapping[str, str]) -> bool:
     if own_choice in ("light", "dark"):
         return own_choice == "light"
 
-    background = environ.get("COLORFGBG", "").rpartition(";")[2]
+    _, _, background = environ.get("COLORFGBG", "").rpartition(";")
     return background in ("7", "15")  # the two whites of the ANSI colours
 
 
@@ -127,11 +127,7 @@ class TerminalFilters:
         self._no_colour = NoColor()
 
     def active(self, *, has_colour: bool) -> Sequence[LineFilter]:
-        """Return the filters that every line passes before it is written.
-
-        Textual's own filters are not used: they would take a tenth of all drawing, and the console
-        does not use colours by ANSI number.
-        """
+        """Return the filters that every line passes before it is written, without Textual's own."""
         filters: list[LineFilter] = []
         if not has_colour:
             filters.append(self._no_colour)

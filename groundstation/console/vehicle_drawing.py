@@ -28,6 +28,7 @@ from onboard.safety.failsafe_table import WORDS, Action
 MAX_LOG = 40
 _MOST_NEIGHBOURS = 8
 _MOST_ORDERS = 8
+_MOST_ORDER_LINES = 2  # lines of one order
 _MOST_REASONS = 8
 _NEAR_FACTOR = 1.25  # distance over the safety distance below which a neighbour is marked
 _REMARK_WIDTH = 56  # width from which the avoided neighbour has a remark
@@ -396,9 +397,11 @@ def _orders(subject: VehicleSubject, width: int) -> Block:
             (f"{sign} {kind:<10} ", colour),
         ]
         sentence = f"{event.order_outcome}. {event.sentence}"
-        lines += _wrapped(head, sentence, width, colour)[:2]
+        lines += _wrapped(head, sentence, width, colour)[:_MOST_ORDER_LINES]
 
-    return lines or [[(" none yet", FAINT)]]
+    if not lines:
+        return [[(" none yet", FAINT)]]
+    return lines
 
 
 def _log(subject: VehicleSubject, width: int) -> Block:
@@ -414,4 +417,6 @@ def _log(subject: VehicleSubject, width: int) -> Block:
         head: Text = [(f" {subject.time_text(logged.received_ns)} ", FAINT), (f"{sign} ", colour)]
         lines += _wrapped(head, logged.event.sentence, width, colour)
 
-    return lines or [[(" nothing yet", FAINT)]]
+    if not lines:
+        return [[(" nothing yet", FAINT)]]
+    return lines

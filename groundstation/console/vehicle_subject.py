@@ -23,7 +23,7 @@ class VehicleSubject:
     state: FleetState
     fleet: FleetConfig
     now_ns: int
-    tick_samples: Sequence[TickSample]  # values of its pipeline, oldest first
+    tick_samples: Sequence[TickSample]  # values of the vehicle's pipeline, oldest first
     alarms: Sequence[AlarmLine] = ()
     # function that returns the words for a time of reception [ns]
     time_text: Callable[[int], str] = field(default=str)

@@ -1,9 +1,8 @@
 """Covey's modules under the names that scripts of Crazyswarm import.
 
-`covey fly script` provides them while a script runs, so the script needs no change. They take
-precedence over files beside the script, because a checkout of Crazyswarm has its own `pycrazyswarm`
-there, which flies Crazyflies. A `uav_trajectory` beside the script is kept, because it does not fly
-anything.
+`covey fly script` provides them while a script runs. They take precedence over files beside the
+script, because the `pycrazyswarm` of a checkout of Crazyswarm flies Crazyflies. A `uav_trajectory`
+beside the script is kept, because it flies nothing.
 """
 
 from __future__ import annotations
@@ -36,12 +35,12 @@ def crazyswarm_names(script: str) -> Iterator[None]:
     if not own_trajectories.is_file():
         names[_TRAJECTORIES] = uav_trajectory
 
-    before = {name: sys.modules.get(name) for name in names}
+    former_modules = {name: sys.modules.get(name) for name in names}
     sys.modules.update(names)
     try:
         yield
     finally:
-        for name, module in before.items():
+        for name, module in former_modules.items():
             sys.modules.pop(name, None)
             if module is not None:
                 sys.modules[name] = module

@@ -30,10 +30,10 @@ from onboard.control.path import Path
 from onboard.tuples import Xyz
 
 _TIMESCALES = (1.25, 1.5, 2.0, 2.5, 3.0, 4.0)  # timescales that are tried for a refused trajectory
-# Longest waits for the end of orders; for a move, beyond its own duration.
+# longest waits for the end of orders
 _TAKEOFF_S = 60.0
 _LAND_S = 60.0
-_MOVE_S = 40.0
+_MOVE_S = 40.0  # beyond the move's own duration
 _SAME_TIME_S = 1e-6  # allowance for rounding errors of times
 _SMALL_YAW_DEG = 1.0  # a smaller heading counts as 0
 _UNKNOWN: Xyz = (math.nan, math.nan, math.nan)
@@ -328,6 +328,7 @@ class ScriptOrders:
             has_failed = bool(phases - {"done", "superseded"})
             if has_failed:
                 raise
+            # A superseded order is no step of the flight, so that the verdict leaves it out.
             steps = self.fleet.steps
             steps[:] = [step for step in steps if "superseded" not in step.vehicles.values()]
 

@@ -231,10 +231,10 @@ class Crazyflie:
         x, y, z = (float(value) for value in goal)
         yaw_deg = math.degrees(float(yaw))
         if relative:
-            spot, spot_yaw_deg = self._orders.spot(self._name)
-            x = spot[0] + x
-            y = spot[1] + y
-            z = spot[2] + z
+            (spot_x, spot_y, spot_z), spot_yaw_deg = self._orders.spot(self._name)
+            x = spot_x + x
+            y = spot_y + y
+            z = spot_z + z
             yaw_deg = spot_yaw_deg + yaw_deg
         self._orders.go_to(self._name, (x, y, z), yaw_deg, float(duration))
 
@@ -275,13 +275,10 @@ class Crazyflie:
         if reverse:
             path = backwards(path)
         if relative:
-            begin = point_at(path, 0.0).position_enu_m
-            spot, _ = self._orders.spot(self._name)
-            offset_m = [
-                spot_value - begin_value
-                for spot_value, begin_value in zip(spot, begin, strict=True)
-            ]
-            path = moved(path, np.array([*offset_m, 0.0]))  # yaw is not relative
+            begin_x, begin_y, begin_z = point_at(path, 0.0).position_enu_m
+            (spot_x, spot_y, spot_z), _ = self._orders.spot(self._name)
+            offset = (spot_x - begin_x, spot_y - begin_y, spot_z - begin_z, 0.0)  # the same yaw
+            path = moved(path, np.array(offset))
         self._orders.follow(self._name, path)
 
     def position(self) -> Array:

@@ -17,7 +17,7 @@ from onboard.config.fleet import FleetConfig
 from onboard.constants import GRAVITY_M_S2
 from onboard.control.path import Path, path_of, point_at
 
-_SLOWING_SLACK = 1.01  # necessary slowing up to which a trajectory is accepted, as for paths
+_SLOWING_SLACK = 1.01  # a trajectory is accepted if it needs no more slowing than this factor
 
 
 class TrajectoryOutput(NamedTuple):
@@ -82,11 +82,10 @@ class Trajectory:
         )
 
     def _body_rates_rad_s(self, t: float) -> Array:
-        """Return the body rates at a time, as a multirotor's thrust and heading define them.
+        """Return the rates of roll, pitch and yaw that a multirotor needs at a time.
 
-        The thrust points along the acceleration without gravity, and its direction turns with the
-        jerk across it: Mellinger and Kumar, Minimum snap trajectory generation and control for
-        quadrotors (2011), section III.
+        Mellinger and Kumar, Minimum snap trajectory generation and control for quadrotors (2011),
+        section III.
         """
         piece, time_s = self._piece_at(t)
         axes = (piece.px, piece.py, piece.pz)
@@ -104,6 +103,7 @@ class Trajectory:
         left_b /= np.linalg.norm(left_b)
         forward_b = np.cross(left_b, up_b)
 
+        # The direction of the thrust turns with the part of the jerk across it.
         turning_rad_s = (jerk_m_s3 - up_b * (up_b @ jerk_m_s3)) / thrust_norm_m_s2
         return np.array(
             [-turning_rad_s @ left_b, turning_rad_s @ forward_b, up_b[2] * yaw_rate_rad_s]
@@ -124,7 +124,7 @@ class Trajectory:
 
 
 def path_of_trajectory(trajectory: Any) -> Path:
-    """Return the path of a trajectory, which may be of this class or of Crazyswarm's own.
+    """Return the path of a :class:`Trajectory`, or of a trajectory of Crazyswarm's own class.
 
     Raises:
         ValueError: the trajectory has no pieces.

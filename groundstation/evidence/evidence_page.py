@@ -177,8 +177,9 @@ def _matrix_row(row: MatrixRow) -> str:
         nearest = f"<br>nearest two {row.smallest_m:.2f} m"
     flights = "none"
     if row.flights:
+        first_seed, last_seed = row.seeds
         flights = (
-            f"{row.flights}, seeds {row.seeds[0]} to {row.seeds[1]}{nearest}"
+            f"{row.flights}, seeds {first_seed} to {last_seed}{nearest}"
             f"<br><code>{row.digest[:_SHORT_HASH]}</code>"
         )
 

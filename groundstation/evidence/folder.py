@@ -42,8 +42,8 @@ def write_folder(
         OSError: a file cannot be written.
     """
     shapes = geojson(evidence.volumes, fleet)
-    encoded = msgspec.json.format(msgspec.json.encode(shapes), indent=1)
-    (folder / GEOGRAPHY_NAME).write_bytes(encoded + b"\n")
+    encoded_shapes = msgspec.json.format(msgspec.json.encode(shapes), indent=1)
+    (folder / GEOGRAPHY_NAME).write_bytes(encoded_shapes + b"\n")
 
     title = f"{evidence.fleet}, {evidence.mission}, {evidence.wind_m_s:g} m/s of wind"
     drawing = folder / DRAWING_NAME
@@ -58,6 +58,6 @@ def write_folder(
 
     text = page(evidence, drawing.read_bytes(), agreements, other_machine)
     (folder / PAGE_NAME).write_text(text, encoding="utf-8")
-    encoded = msgspec.json.format(msgspec.json.encode(evidence), indent=1)
-    (folder / EVIDENCE_NAME).write_bytes(encoded + b"\n")
+    encoded_evidence = msgspec.json.format(msgspec.json.encode(evidence), indent=1)
+    (folder / EVIDENCE_NAME).write_bytes(encoded_evidence + b"\n")
     return agreements

@@ -62,10 +62,7 @@ def upper_bound(events: int, count: int) -> float:
 
 
 def _share_where(is_below: Callable[[float], bool]) -> float:
-    """Return the share below which a condition is true and above which it is false.
-
-    The share is found by bisection.
-    """
+    """Return, by bisection, the share up to which ``is_below`` is true."""
     low = 0.0
     high = 1.0
     for _ in range(60):

@@ -43,10 +43,8 @@ class FlownCase(msgspec.Struct, frozen=True, kw_only=True):
     took_off: bool
     first_airborne_s: float
     last_airborne_s: float
-    # smallest distance by ground truth, of pairs that the law flies, and of pairs of which one
-    # vehicle has stopped avoiding
-    smallest_m: float | None
-    smallest_silenced_m: float | None
+    smallest_m: float | None  # smallest distance, by ground truth, of pairs that the law flies
+    smallest_silenced_m: float | None  # the same of pairs of which one vehicle no longer avoids
     hull_m: tuple[tuple[float, float], ...]  # convex hull of positions in the air, east and north
     highest_m: float
     fastest_m_s: float  # horizontal
@@ -99,7 +97,7 @@ class KeptFlights:
             try:
                 flight = msgspec.json.decode(line, type=FlownCase)
             except (msgspec.DecodeError, UnicodeDecodeError, RecursionError):
-                break  # the last line, which is incomplete if the campaign was stopped
+                break  # an incomplete last line: the campaign was stopped while it was written
             self.flown[flight.case] = flight
         self._write_whole(origin)
 

@@ -18,7 +18,7 @@ DRAWING_NAME = "volumes.png"
 _GREEN = "#1a9850"
 _YELLOW = "#e6ab02"
 _RED = "#d73027"
-_MARGIN = 0.04  # margin as a share of the width
+_MARGIN_SHARE = 0.04  # margin around the volumes, as a share of their width
 _LONGEST_NAME = 24  # letters of a fence's name in the legend
 
 
@@ -67,12 +67,13 @@ def _add_outline(axes: Any, outline: Outline, tint: str, label: str) -> None:
 
 
 def _add_fence(axes: Any, fleet: FleetConfig) -> None:
-    fence = fleet.fleet.geofence_m
+    west_m, east_m = fleet.fleet.geofence_m.x
+    south_m, north_m = fleet.fleet.geofence_m.y
     axes.add_patch(
         Rectangle(
-            (fence.x[0], fence.y[0]),
-            fence.x[1] - fence.x[0],
-            fence.y[1] - fence.y[0],
+            (west_m, south_m),
+            east_m - west_m,
+            north_m - south_m,
             fill=False,
             linestyle="--",
             ec="black",
@@ -101,7 +102,7 @@ def _set_limits(axes: Any, outline: Outline, fleet: FleetConfig) -> None:
     fence = fleet.fleet.geofence_m
     all_east_m = [*(east_m for east_m, _ in outline), *fence.x]
     all_north_m = [*(north_m for _, north_m in outline), *fence.y]
-    margin_m = _MARGIN * (max(all_east_m) - min(all_east_m))
+    margin_m = _MARGIN_SHARE * (max(all_east_m) - min(all_east_m))
     axes.set_xlim(min(all_east_m) - margin_m, max(all_east_m) + margin_m)
     axes.set_ylim(min(all_north_m) - margin_m, max(all_north_m) + margin_m)
     axes.set_aspect("equal")

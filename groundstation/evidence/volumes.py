@@ -11,9 +11,8 @@ Each of the three is a convex outline, seen from above, with a height.
   vehicle without thrust can fall, from the greatest height and at the greatest speed flown, with
   the wind.
 
-The distance of the fall is an upper bound. Its time is that of a body with the drag of the fleet
-file, which makes the fall longer. Its horizontal speed is the full flown speed, as if there were no
-drag, plus the full speed of the wind, as if the drag were infinite.
+The distance of a fall is an upper bound: drag lengthens the time of the fall, and does not slow the
+vehicle horizontally, where its greatest speed and the wind with gusts add up.
 """
 
 from __future__ import annotations

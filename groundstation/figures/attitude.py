@@ -16,6 +16,8 @@ def draw(flight: FlightData) -> Any:
     figure = new_figure(11.0, 1.2 + 2.1 * rows, f"Commanded and flown attitude: {flight.title}")
     axes = figure.subplots(rows, 2, sharex=True, sharey=True, squeeze=False)
 
+    begin_s = flight.grid_s[0]
+    end_s = max(flight.grid_s[-1], begin_s + 0.1)  # a short record has an axis, too
     for index, track in enumerate(flight.tracks):
         tint = colour(index)
         for column, angle in enumerate(("roll", "pitch")):
@@ -31,7 +33,7 @@ def draw(flight: FlightData) -> Any:
             ax.axhline(0.0, color="#c5ccd2", linewidth=0.8, zorder=0)
 
             ax.set_title(f"{track.name} {angle}", loc="left", color=tint)
-            ax.set_xlim(flight.grid_s[0], max(flight.grid_s[-1], flight.grid_s[0] + 0.1))
+            ax.set_xlim(begin_s, end_s)
             if column == 0:
                 ax.set_ylabel("angle [deg]")
             if index == rows - 1:

@@ -11,7 +11,7 @@ from groundstation.figures.style import LIMIT, SOFT, colour, new_figure
 from onboard.arrays import Array
 
 MAX_PAIRS = 10  # with more pairs, one line for each vehicle shows its nearest neighbour
-_FAR_M = 10.0  # more room than this around a line makes no difference for its name
+_FAR_M = 10.0  # room around a line, at most, of which its name makes use
 
 
 def draw(flight: FlightData) -> Any:
@@ -21,7 +21,7 @@ def draw(flight: FlightData) -> Any:
     figure = new_figure(max(6.0, 3.7 * columns), 9.2, title)
     grid = figure.add_gridspec(3, columns, height_ratios=(1.0, 1.0, 1.5))
 
-    first: Any = None  # all others share its axes
+    first: Any = None  # the first plot, whose axes all others share
     for index, track in enumerate(flight.tracks):
         for row, axis in enumerate("xy"):
             ax = figure.add_subplot(grid[row, index], sharex=first, sharey=first)
@@ -37,7 +37,9 @@ def draw(flight: FlightData) -> Any:
             if index == 0:
                 ax.set_ylabel(f"thrust {axis} [m/s²]")
 
-    first.set_xlim(flight.grid_s[0], max(flight.grid_s[-1], flight.grid_s[0] + 0.1))
+    begin_s = flight.grid_s[0]
+    end_s = max(flight.grid_s[-1], begin_s + 0.1)  # a short record has an axis, too
+    first.set_xlim(begin_s, end_s)
     _limit_thrust(first, flight)
     _draw_distances(figure.add_subplot(grid[2, :], sharex=first), flight)
     return figure
@@ -73,7 +75,8 @@ def _draw_distances(ax: Any, flight: FlightData) -> None:
         _draw_nearest(ax, flight)
     _draw_limit(ax, flight.safety_distance_m)
     _draw_closest(ax, flight)
-    ax.set_ylim(0.0, 1.08 * ax.get_ylim()[1])
+    _, top_m = ax.get_ylim()
+    ax.set_ylim(0.0, 1.08 * top_m)
 
     quantity = "horizontal distance between centres"
     if flight.height_share > 0.0:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -13,6 +14,7 @@ from groundstation.figures.style import LIMIT, SOFT, colour, new_figure
 from onboard.arrays import Array
 
 _SAME_M = 0.05  # slots that are nearer to each other than this are one
+_LABEL_ROOM_M = 0.15  # least distance of two labelled time marks of one path
 _DASHED = (0, (4, 3))
 # Possible positions of a number beside its slot, x and y, in half widths and heights of the number.
 _SIDES = np.array(
@@ -48,9 +50,9 @@ def draw(flight: FlightData) -> Any:
         _draw_path(ax, flight, track, tint)
         marks_m.append(_draw_time_marks(ax, track, mark_times_s, tint))
         _draw_start(ax, track, tint)
-        for slot_m, orders in _slots(track.slots_enu_m):
-            ax.plot(slot_m[0], slot_m[1], "+", color=tint, markersize=15, markeredgewidth=2.2)
-            labels.append(_SlotLabel(slot_m[:2], orders, tint))
+        for slot_m, orders in _slots(track.slots_enu_m[:, :2]):
+            ax.plot(*slot_m, "+", color=tint, markersize=15, markeredgewidth=2.2)
+            labels.append(_SlotLabel(slot_m, orders, tint))
 
     draw_outlines(ax, flight)
     _draw_walks(ax, flight)
@@ -84,7 +86,7 @@ def _draw_time_marks(ax: Any, track: Track, times_s: Array, tint: str) -> Array:
     written_m: list[Array] = []
     for time_s, mark_m in zip(times_s, marks_m, strict=True):
         position_m = mark_m[:2]
-        is_free = all(np.hypot(*(position_m - other)) > _SAME_M * 3 for other in written_m)
+        is_free = all(math.dist(position_m, other_m) > _LABEL_ROOM_M for other_m in written_m)
         if is_free:
             ax.annotate(
                 f"{time_s:g}",
@@ -105,21 +107,23 @@ def _draw_start(ax: Any, track: Track, tint: str) -> None:
         ax.plot(*known_m[0, :2], "s", color=tint, markersize=9, markeredgecolor="white")
 
 
-def _slots(slots_enu_m: Array) -> list[tuple[Array, str]]:
-    """Return the slots, each with the numbers of all orders that went to it."""
-    slots: list[tuple[Array, str]] = []
-    for number, slot_m in enumerate(slots_enu_m, start=1):
-        same = [
-            index
-            for index, (other_m, _) in enumerate(slots)
-            if np.hypot(*(other_m[:2] - slot_m[:2])) < _SAME_M
-        ]
-        if not same:
-            slots.append((slot_m, str(number)))
-            continue
-        other_m, orders = slots[same[0]]
-        slots[same[0]] = (other_m, f"{orders}, {number}")
-    return slots
+def _slots(goals_m: Array) -> list[tuple[Array, str]]:
+    """Return the slots (2,), each with the numbers of all orders that went to it.
+
+    Args:
+        goals_m: goals (n, 2) of all orders, in the order in which they were given.
+    """
+    slots_m: list[Array] = []
+    orders: list[list[str]] = []  # of each slot
+    for number, goal_m in enumerate(goals_m, start=1):
+        for index, slot_m in enumerate(slots_m):
+            if math.dist(slot_m, goal_m) < _SAME_M:
+                orders[index].append(str(number))
+                break
+        else:
+            slots_m.append(goal_m)
+            orders.append([str(number)])
+    return [(slot_m, ", ".join(numbers)) for slot_m, numbers in zip(slots_m, orders, strict=True)]
 
 
 def draw_outlines(ax: Any, flight: FlightData) -> None:
@@ -248,21 +252,20 @@ def _write_slot_labels(figure: Any, ax: Any, labels: list[_SlotLabel], marks_m: 
     per_point = figure.dpi / 72.0
 
     slots_m = np.reshape([label.position_m for label in labels], (-1, 2))
-    points = ax.transData.transform(np.concatenate([marks_m, slots_m])) / per_point
-    times = np.add(points[: len(marks_m)], _TIME_SHIFT_PT)  # at the upper right of their marks
-    busy = [*points, *times]
+    mark_points = ax.transData.transform(marks_m) / per_point
+    slot_points = ax.transData.transform(slots_m) / per_point
+    time_points = mark_points + np.array(_TIME_SHIFT_PT)  # where the times of the marks stand
+    busy_points = [*mark_points, *slot_points, *time_points]
 
-    for label in labels:
-        own_point = ax.transData.transform(label.position_m) / per_point
+    for label, slot_point in zip(labels, slot_points, strict=True):
         size = np.array([5.0 * len(label.text) + 2.0, 9.0])  # points, about that of its text
-        # all but the slot itself
-        others = [other for other in busy if np.hypot(*(other - own_point)) > 0.5]
+        others = [other for other in busy_points if math.dist(other, slot_point) > 0.5]
 
         best_shift = np.zeros(2)
         best_room = -1.0
         for side in _SIDES:
             shift = (size / 2.0 + _SLOT_SHIFT_PT) * side
-            room = _room(own_point + shift, size, np.array(others).reshape(-1, 2))
+            room = _room(slot_point + shift, size, np.array(others).reshape(-1, 2))
             if room > best_room:
                 best_shift = shift
                 best_room = room
@@ -278,7 +281,7 @@ def _write_slot_labels(figure: Any, ax: Any, labels: list[_SlotLabel], marks_m: 
             ha="center",
             va="center",
         )
-        busy.append(own_point + best_shift)
+        busy_points.append(slot_point + best_shift)
 
 
 def _room(middle: Array, size: Array, others: Array) -> float:

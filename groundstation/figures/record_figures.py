@@ -93,9 +93,9 @@ def _limits(flight_folder: Path) -> dict[str, Any]:
     """Return distances, fences and persons of the fleet file in the folder, or the paper's."""
     for path in sorted(flight_folder.glob("*.toml")):
         try:
-            is_fleet = "vehicles" in read_toml(path, "fleet or mission file")[0]
-            if not is_fleet:
-                continue
+            values, *_ = read_toml(path, "fleet or mission file")
+            if "vehicles" not in values:
+                continue  # a mission file
             config = load_fleet(path)
         except ConfigError:
             continue

@@ -52,7 +52,10 @@ def examine(
         ConfigError: the file is wrong, or the imported law is.
     """
     path = existing_file(path, "fleet or mission file")
-    is_mission = path.endswith(".py") or "step" in read_toml(path, "fleet or mission file")[0]
+    is_mission = path.endswith(".py")
+    if not is_mission:
+        values, *_ = read_toml(path, "fleet or mission file")
+        is_mission = "step" in values
     if is_mission:
         examined = _examine_mission(path, fleet_path, errors)
     else:
@@ -70,13 +73,13 @@ def examine(
 
 def _with_words_about_law(findings: Iterable[Finding], sentence: str) -> tuple[Finding, ...]:
     """Return the findings, with one more sentence in the finding about a user's own law."""
-    longer = []
+    result = []
     for finding in findings:
         if finding.name == OWN_LAW:
-            longer.append(replace(finding, sentence=f"{finding.sentence} {sentence}"))
+            result.append(replace(finding, sentence=f"{finding.sentence} {sentence}"))
         else:
-            longer.append(finding)
-    return tuple(longer)
+            result.append(finding)
+    return tuple(result)
 
 
 def _examine_mission(path: str, fleet_path: str | None, errors: ErrorClass | None) -> ExaminedFile:

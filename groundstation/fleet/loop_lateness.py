@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Callable
 
-WINDOW_S = 10.0  # time that a late call counts
+WINDOW_S = 10.0  # time for which a late call counts
 _LEAST_LATE_S = 0.03  # lateness that a computer with time to spare does not reach
 _MOST_KEPT = 500  # calls in the window, at 50 a second
 
@@ -38,6 +38,4 @@ class LoopLateness:
     def worst_s(self) -> float:
         """The largest lateness within the window [s]; 0 if no call was late."""
         oldest_ns = self._clock_ns() - round(WINDOW_S * 1e9)
-        while self._late and self._late[0][0] < oldest_ns:
-            self._late.popleft()
-        return max((late_s for _, late_s in self._late), default=0.0)
+        return max((late_s for time_ns, late_s in self._late if time_ns >= oldest_ns), default=0.0)

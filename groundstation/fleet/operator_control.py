@@ -25,6 +25,7 @@ from onboard.bus.schema import Telemetry
 SETTLE_S = 0.5  # time in which every vehicle reports the operator
 SILENCE_S = 10.0  # time without an answer after which control may be taken by force
 FORCE_WORD = "force"
+_FIRST_TERM = 1  # number of the first operator's token; who takes over by force counts on
 # verbs that the operator may order from any of his grounds, see onboard/bus/control_token.py
 _OPEN_TO_SAME_PERSON = ("resume", "skip", "home", "bring_home")
 
@@ -72,9 +73,8 @@ class Control:
         self._say = say
         self._clock_ns = clock_ns
         self._own_tokens: dict[ControlClaim, ControlToken] = {}  # tokens of this ground by claim
-        # Begin of two waits: SETTLE_S for the reports of all vehicles, and SILENCE_S for an answer.
-        # Both begin with the first telemetry, and again with each claim and each request of this
-        # ground. 0 before the first telemetry.
+        # Time of the first telemetry, or of this ground's last claim or request. From then on it
+        # waits SETTLE_S for reports, and SILENCE_S for an answer. 0: no telemetry has come yet.
         self._wait_begin_ns = 0
         self._announced: ControlToken | None = None  # the last holder that was announced
         self.holder: ControlToken | None = None  # the operator, by the vehicles' telemetry
@@ -169,7 +169,7 @@ class Control:
         if self.is_operator:
             return "You have control."
         if holder is None:
-            self._claim(1)
+            self._claim(_FIRST_TERM)
             return "You take control."
 
         if word != FORCE_WORD:
@@ -280,9 +280,9 @@ class Control:
 
         if self.is_waiting and first_request == self._own_tokens["asks"]:
             self._drop("asks")
-            self._claim(1)
+            self._claim(_FIRST_TERM)
         elif self._takes_control and is_settled and first_request is None:
-            self._claim(1)
+            self._claim(_FIRST_TERM)
 
     def _announce(self) -> None:
         """Say who operates, if that has changed."""

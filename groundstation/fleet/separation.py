@@ -29,18 +29,17 @@ def closest_pair(
     Returns:
         Both indices and the separation [m]; None if no two vehicles are that close.
     """
-    rows = np.flatnonzero(is_updated)
-    if not len(rows) or not is_up.any():
+    updated = np.flatnonzero(is_updated)  # indices of the updated vehicles (u,)
+    if not len(updated) or not is_up.any():
         return None
 
-    offsets = position_enu_m[rows, None] - position_enu_m[None]  # (updated, n, 3)
-    distances_m = separations_m(offsets, height_share)
-    distances_m[~(is_up[rows, None] | is_up[None])] = np.inf  # both stand on the ground
-    distances_m[np.arange(len(rows)), rows] = np.inf  # a vehicle and itself
+    offsets = position_enu_m[updated, None] - position_enu_m[None]  # (u, n, 3)
+    distances_m = separations_m(offsets, height_share)  # (u, n)
+    distances_m[~(is_up[updated, None] | is_up[None])] = np.inf  # both stand on the ground
+    distances_m[np.arange(len(updated)), updated] = np.inf  # a vehicle and itself
 
-    # argmin counts through the matrix row by row; a row has one distance for each vehicle
-    row, other = divmod(int(distances_m.argmin()), len(position_enu_m))
+    row, other = np.unravel_index(distances_m.argmin(), distances_m.shape)
     smallest_m = float(distances_m[row, other])
     if smallest_m >= below_m:
         return None
-    return int(rows[row]), other, smallest_m
+    return int(updated[row]), int(other), smallest_m

@@ -60,9 +60,8 @@ PREFLIGHT_STALE_NS = int(TOPICS[Topic.PREFLIGHT].stale_after_s * 1e9)
 PERSON_STALE_NS = int(TOPICS[Topic.ALL_POSES].stale_after_s * 1e9)
 TRUTH_STALE_NS = int(TOPICS[Topic.TRUTH].stale_after_s * 1e9)
 _NEVER = -(1 << 62)  # time of something that has not happened, long before every other time [ns]
-# A message whose number is lower than the last number, by less than this, was overtaken by the last
-# message and is dropped. If it is lower by more, the last number was false, and the message counts.
-# So one false, high number suppresses at most this many messages.
+# A message whose number is less than this below the last number was overtaken, and is dropped. If
+# it is lower still, the last number was false, and the message counts.
 _REORDERED_TICKS = 50
 _REORDERED_REPORTS = 2
 
@@ -191,7 +190,9 @@ class VehicleView(Struct, frozen=True):
         Args:
             now_ns: the ground's monotonic clock [ns].
         """
-        position_enu_m = self.resting_enu_m or self.position_enu_m(now_ns)
+        position_enu_m = self.resting_enu_m
+        if position_enu_m is None:
+            position_enu_m = self.position_enu_m(now_ns)
         if position_enu_m is None and self.truth is not None and self.has_new_truth(now_ns):
             position_enu_m = self.truth.position_enu_m
         return position_enu_m
@@ -233,15 +234,15 @@ class VehicleView(Struct, frozen=True):
 
 
 class PersonView(Struct, frozen=True):
-    """A person of the fleet file as the ground knows him."""
+    """A person of the fleet file as the ground knows the person."""
 
     name: str
     body: str  # in the motion capture
-    position_enu_m: Xyz | None = None  # where he was seen last; None: never
+    position_enu_m: Xyz | None = None  # position where the person was seen last; None: never
     seen_ns: int = _NEVER
 
     def is_fresh(self, now_ns: int) -> bool:
-        """Whether he was seen a moment ago."""
+        """Whether the person was seen a moment ago."""
         return now_ns - self.seen_ns < PERSON_STALE_NS
 
 
@@ -505,9 +506,8 @@ def fold_telemetry(state: FleetState, received: Sequence[tuple[Telemetry, int]])
     updated: set[str] = set()  # vehicles with a new position that is not compared yet
     malformed = state.malformed
     late = state.late
-    now_ns = 0
 
-    for message, now_ns in received:  # after the loop, now_ns belongs to the last message
+    for message, now_ns in received:
         view = vehicles.get(message.vehicle)
         if view is None and message.vehicle in state.disabled:
             view = VehicleView(message.vehicle)
@@ -541,7 +541,8 @@ def fold_telemetry(state: FleetState, received: Sequence[tuple[Telemetry, int]])
         return replace(state, late=late)
 
     state = replace(state, vehicles=MappingProxyType(vehicles), malformed=malformed, late=late)
-    return _with_separation_of(state, updated, now_ns)
+    _, last_ns = received[-1]
+    return _with_separation_of(state, updated, last_ns)
 
 
 def _with_separation_of(state: FleetState, updated: Set[str], now_ns: int) -> FleetState:
@@ -780,11 +781,9 @@ def _with_view(state: FleetState, view: VehicleView) -> FleetState:
 
 
 def _extrapolated(position: Xyz, velocity: Xyz, ahead_s: float) -> Xyz:
-    return (
-        position[0] + velocity[0] * ahead_s,
-        position[1] + velocity[1] * ahead_s,
-        position[2] + velocity[2] * ahead_s,
-    )
+    x, y, z = position
+    v_x, v_y, v_z = velocity
+    return (x + v_x * ahead_s, y + v_y * ahead_s, z + v_z * ahead_s)
 
 
 def _is_finite(vector: Xyz) -> bool:

@@ -1,9 +1,7 @@
 """Vertical speed of simulated vehicles at their first contact with the ground. Pure.
 
-The physics of the emulator measures it at the end of each flight. The permitted speed depends on
-how well the vehicle knew its height: to millimetres with motion capture, to half a metre with
-satellites, and worse with dead reckoning. It also depends on whether the agent flew the vehicle, or
-PX4 alone.
+The emulator measures this speed at the end of each flight. The permitted speed depends on how well
+the vehicle knew its height, and on whether its agent flew it or PX4 alone.
 """
 
 from __future__ import annotations
@@ -18,16 +16,12 @@ from onboard.safety.failsafe_table import Condition
 LIMIT_BY_POSES_M_S = 0.8
 LIMIT_BY_SATELLITES_M_S = 1.0
 LIMIT_BLIND_M_S = 1.2
-# PX4's own landing without poses. Of 33 landings of real PX4s (SIH) most had 0.64 to 1.04 m/s, five
-# had 1.2 to 1.5 m/s, and one had 2.3 m/s.
-LIMIT_BY_PX4_M_S = 1.6
+LIMIT_BY_PX4_M_S = 1.6  # PX4's own landing without poses; of 33 with SIH, 32 stayed below
 
-# If the position returns less than this time before the contact, the vehicle comes down as fast as
-# without a position: its height estimate changes, and no height is left to slow down in.
+# A position that returns in this time before the contact comes too late to slow the vehicle down.
 SIGHT_RETURNED_NS = 1_000_000_000
 
-# A vehicle whose telemetry is older than this may have lost its position since.
-_MAY_BE_BLIND_S = 0.3
+_MAY_BE_BLIND_S = 0.3  # age of telemetry from which the vehicle may have lost its position since
 _LINK_IS_FRESH_S = 0.5  # age of PX4's last packet up to which the agent flies the vehicle
 
 _BLIND = {
@@ -98,22 +92,21 @@ def touchdown_of(
     is_fresh: bool,
     was_blind: bool,
 ) -> Touchdown | None:
-    """Return the contact that a ground truth reports for the first time; None if it has no new one.
+    """Return the contact that a ground truth reports for the first time; None if there is none.
 
     Args:
         truth: newest ground truth of the vehicle.
         before: ground truth before that; None for the first, which may report earlier contacts.
         telemetry: last telemetry of the vehicle.
         telemetry_age_s: its age.
-        is_fresh: whether that telemetry is fresh.
+        is_fresh: whether that telemetry is fresh enough to show who flies the vehicle.
         was_blind: whether the vehicle has reported a blind flight within
             :data:`SIGHT_RETURNED_NS`.
     """
     if before is None or truth.touchdowns <= before.touchdowns:
         return None
 
-    # Without fresh telemetry nothing shows that an agent flew it.
-    is_by_px4 = True
+    is_by_px4 = True  # unless fresh telemetry shows that an agent flew it
     is_blind = False
     if telemetry is not None and is_fresh:
         is_linked = telemetry.autopilot_age_s < _LINK_IS_FRESH_S

@@ -17,9 +17,7 @@ from onboard.tuples import Xyz
 
 KNOWN_S = 0.5  # age of a position up to which it counts as known
 MAX_KEPT = 200  # most periods that are kept: those with the smallest bounds
-# Largest observed speed, divided by max_speed_m_s. To keep distances, the law may fly faster than
-# max_speed_m_s.
-FASTEST_SHARE = 1.6
+FASTEST_SHARE = 1.6  # largest observed speed over max_speed_m_s, which the law may exceed
 
 
 class UnknownTime(Struct, frozen=True):
@@ -81,24 +79,20 @@ def unknown_time(
     for other in others:
         position_enu_m = before.position_enu_m
         if _is_seen(other, now_ns):
-            # The other is seen. Only this one has moved since it was last seen.
-            approach_ns = now_ns - before.seen_ns
+            # Only the vehicle has moved since its last sighting.
+            flown_ns = now_ns - before.seen_ns
         elif after is None:
-            # Both are still unseen. Each has moved since it was last seen.
-            approach_ns = (now_ns - before.seen_ns) + (now_ns - other.seen_ns)
+            # Both have moved since their last sightings.
+            flown_ns = (now_ns - before.seen_ns) + (now_ns - other.seen_ns)
         else:
-            # This one is seen again, the other is not. They may have met at any time since the
-            # earlier of their two last sightings. The longest ways are possible if they met at
-            # that very time: this one has flown to its new position since then, and the other had
-            # flown from there to the position at which it was last seen.
+            # The vehicle is seen again, the other is not. At worst they met at the earlier one of
+            # their last sightings, and both flew away from there to where they were seen next.
             position_enu_m = after.position_enu_m
-            earlier_ns = min(before.seen_ns, other.seen_ns)
-            by_this_ns = now_ns - earlier_ns
-            by_other_ns = other.seen_ns - earlier_ns
-            approach_ns = by_this_ns + by_other_ns
+            meeting_ns = min(before.seen_ns, other.seen_ns)
+            flown_ns = (now_ns - meeting_ns) + (other.seen_ns - meeting_ns)
 
         distance_m = separation_m(position_enu_m, other.position_enu_m, height_share)
-        possible_m = max(0.0, distance_m - top_speed_m_s * approach_ns * 1e-9)
+        possible_m = max(0.0, distance_m - top_speed_m_s * flown_ns * 1e-9)
 
         if nearest is None or possible_m < nearest.possible_m:
             nearest = UnknownTime(

@@ -55,8 +55,7 @@ def listen(mission_path: str, on_signal: Callable[[], None]) -> None:
 
     for number in SIGNALS:
         loop.add_signal_handler(number, handle_on_loop)
-        # asyncio still handles the signal by its wake-up descriptor; this handler is an addition
-        signal.signal(number, end_blocking_code)
+        signal.signal(number, end_blocking_code)  # asyncio's own handler stays
 
 
 def listen_no_more() -> None:

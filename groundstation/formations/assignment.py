@@ -118,7 +118,7 @@ def least_longest(costs: Array) -> float:
             if row_of[column] < 0:
                 break
             is_open[column] = False
-            through = np.maximum(reach[column], costs[row_of[column]])
+            through = np.maximum(reach[column], costs[row_of[column]])  # by way of this column
             is_better = is_open & (through < reach)
             reach[is_better] = through[is_better]
             came_from[is_better] = column
@@ -161,6 +161,7 @@ def least_sum(costs: Array) -> list[int]:
         while row_of[column] >= 0:
             is_open[column] = False
             chain_row = row_of[column]
+            # the reach by way of this column
             through = costs[chain_row] - price_of_row[chain_row] - price_of_column[:count]
             is_better = is_open[:count] & (through < reach)
             reach[is_better] = through[is_better]
@@ -180,6 +181,7 @@ def least_sum(costs: Array) -> list[int]:
             row_of[column] = row_of[before]
             column = before
 
-    columns = np.empty(count, dtype=np.int64)
-    columns[row_of[:count]] = np.arange(count)
-    return [int(column) for column in columns]
+    column_of = [0] * count
+    for column in range(count):
+        column_of[int(row_of[column])] = column
+    return column_of

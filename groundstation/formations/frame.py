@@ -25,7 +25,7 @@ from onboard.tuples import Xyz
 _SPEED_SHARE = 0.6  # share of the top speed that is flown if no duration is given
 _SLOWING_MARGIN = 1.005  # factor by which paths are slowed beyond the necessary slowing
 _LEAST_S = 2.0  # shortest duration between two points
-_LONGEST_S = 3600.0  # longest duration of a whole way, as of every other step
+_LONGEST_S = 3600.0  # longest duration of a whole way
 _MOST_POINTS = 1000
 
 
@@ -67,7 +67,7 @@ def frame_paths(
         begin: the formation at the begin.
         points: points that are flown through.
         positions: positions of the vehicles before the begin, by which the slots are assigned, also
-            those of later shapes; None: each vehicle has its own slots.
+            those of later shapes; None: each vehicle has its own slots, as always with a leader.
 
     Returns:
         Paths with a common begin.
@@ -84,16 +84,15 @@ def frame_paths(
             "Fly it in several steps."
         )
 
-    is_assigned = positions is not None and begin.leader is None
+    assigned_by = positions if begin.leader is None else None
     slots = _slots(fleet, begin.name, begin.spacing_m, begin.leader)
     names = list(slots)
-    if positions is not None and is_assigned:
+    if assigned_by is not None:
         turned = stretched(slots, None, begin.rotation_deg)
-        slot_of = nearest_slots(turned, positions, begin.position_enu_m)
+        slot_of = nearest_slots(turned, assigned_by, begin.position_enu_m)
         slots = {vehicle: slots[slot_of[vehicle]] for vehicle in names}
 
-    # The frame and the slots within it, at the begin and at each point. `offsets` has one array
-    # (N, 3) for each of them.
+    # The frame and the offsets (N, 3) within it, at the begin and at each point.
     name = begin.name
     spacing_m = begin.spacing_m
     centres = [begin.position_enu_m]
@@ -115,7 +114,7 @@ def frame_paths(
                 raise ConfigError(
                     f"Formation '{name}' has slots for other vehicles than '{begin.name}'."
                 )
-            if is_assigned:
+            if assigned_by is not None:
                 offset_of = {
                     vehicle: _xyz(offset)
                     for vehicle, offset in zip(names, offsets[-1], strict=True)
@@ -175,7 +174,7 @@ def _carried(
     count = max(2, math.ceil(times_s[-1] / GRID_S) + 1)
     grid_s = np.linspace(0.0, times_s[-1], count)
     centre = _smooth(times_s, centres, grid_s)
-    # the angle as the first of the three columns that _smooth takes
+    # _smooth takes three columns: the angle and two zeros
     padded = np.column_stack([angles_rad, np.zeros((len(angles_rad), 2))])
     angle_rad = _smooth(times_s, padded, grid_s)[:, 0]
     cosine = np.cos(angle_rad)
@@ -199,7 +198,8 @@ def _smooth(times_s: Array, values: Array, grid: Array) -> Array:
     """
     path = fitted(times_s, np.column_stack([values, np.zeros(len(values))]))
     stretch = path.duration_s / grid[-1]
-    return np.asarray(sampled(path, grid * stretch)[0][:, :3])
+    values, _, _ = sampled(path, grid * stretch)  # values (T, 4) and their two derivatives
+    return np.asarray(values[:, :3])
 
 
 def _slots(

@@ -97,7 +97,8 @@ def nearest_m(slots: Array) -> float:
     """Return the horizontal distance of the two nearest slots; infinite for a single one."""
     if len(slots) < 2:
         return math.inf
-    gaps = np.hypot(*(slots[:, None, :2] - slots[None, :, :2]).transpose(2, 0, 1))
+    offsets = slots[:, None] - slots[None]  # (N, N, 3)
+    gaps = np.hypot(offsets[..., 0], offsets[..., 1])
     return float(gaps[~np.eye(len(slots), dtype=bool)].min())
 
 
@@ -125,9 +126,10 @@ def layered(shape: Array, layers: int, height_m: float, *, is_stacked: bool, cou
 
 def turned(slots: Array, rotation_deg: float) -> Array:
     """Return slots (..., 3) turned about the vertical, counterclockwise seen from above."""
-    c = math.cos(math.radians(rotation_deg))
-    s = math.sin(math.radians(rotation_deg))
-    return np.asarray(slots @ np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]]))
+    cosine = math.cos(math.radians(rotation_deg))
+    sine = math.sin(math.radians(rotation_deg))
+    rotation = np.array([[cosine, sine, 0.0], [-sine, cosine, 0.0], [0.0, 0.0, 1.0]])
+    return np.asarray(slots @ rotation)  # row vectors, so the matrix is the transposed one
 
 
 def centred(slots: Array) -> Array:

@@ -169,13 +169,14 @@ def _spread(pixels: Array, count: int, title: str) -> Array:
     for _ in range(_ROUNDS):
         nearest = ((pixels[:, None] - centres[None]) ** 2).sum(-1).argmin(-1)
         sizes = np.bincount(nearest, minlength=count)
-        sums = [np.bincount(nearest, axis, minlength=count) for axis in pixels.T]
-        means = np.column_stack(sums) / sizes[:, None]
+        sum_x = np.bincount(nearest, pixels[:, 0], minlength=count)
+        sum_y = np.bincount(nearest, pixels[:, 1], minlength=count)
+        means = np.column_stack([sum_x, sum_y]) / sizes[:, None]
         if np.abs(means - centres).max() < _SETTLED_PX:
             break
         centres = means
 
-    # each slot is, of the pixels that are no slot yet, the nearest to its centre
+    # Each centre gets the nearest pixel that is no slot yet.
     chosen: list[int] = []
     for centre in centres:
         distances = ((pixels - centre) ** 2).sum(-1)

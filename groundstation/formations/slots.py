@@ -19,7 +19,7 @@ from onboard.config.fleet import ConfigError, FleetConfig, parking_distance_m
 from onboard.config.formation_shape import FormationShape
 from onboard.tuples import Xyz
 
-_SPACING_FACTOR = 1.15  # default spacing, divided by the smallest distance that the law permits
+_SPACING_FACTOR = 1.15  # default spacing over the smallest distance that the law permits
 _SAME_SPOT_M = 1e-6  # slots that are nearer than this are at one spot
 
 # shapes that need no more than the number of slots

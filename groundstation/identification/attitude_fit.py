@@ -27,10 +27,10 @@ _GRID_DELAYS_S = (0.0, 0.03, 0.06, 0.1, 0.15, 0.2)
 _GRID_WN = (4.0, 6.0, 9.0, 14.0, 22.0)
 _OUTLIER = 6.0  # a difference above this multiple of the median is an outlier
 # half steps of the numeric derivatives with respect to delay [s], wn [rad/s] and zeta
-_STEPS = np.array([1e-3, 1e-2, 1e-3])
+_HALF_STEPS = (1e-3, 1e-2, 1e-3)
 _LEAST = [-0.02, 1.5, 0.15]  # lower bounds of delay, wn, zeta
 _MOST = [0.5, 60.0, 3.0]  # upper bounds of the same
-_ROUNDS = 25  # most steps of Gauss-Newton
+_MOST_ROUNDS = 25  # of Gauss-Newton
 _MOST_DAMPING = 1e6
 
 
@@ -49,23 +49,23 @@ def fit_attitude(log: Log, begin_s: float, end_s: float) -> LeastSquares:
     time_s = log.attitude_time_s[used]
     measured = tilt_vector_rad(log.attitude_quaternion_wxyz[used])
     commands = commanded_tilt(log, time_s)
-    every_fourth = CommandedTilt(
+    # First the coarse grid, with every fourth sample.
+    few_measured = measured[::4]
+    few_commands = CommandedTilt(
         ago_s=commands.ago_s[::4], change=commands.change[::4], oldest=commands.oldest[::4]
     )
 
-    # First the coarse grid, with every fourth sample. For a given delay, wn and zeta, the gain and
-    # the errors are the solution of a linear fit.
     def gain_and_errors(theta: Array) -> tuple[Array, Array]:
         """Return the best gain and errors for a delay, wn and zeta, and the model's tilt."""
-        unit_tilt = response(every_fourth, theta)  # the tilt for a gain of one
+        unit_tilt = response(few_commands, theta)  # the tilt for a gain of one
         centred = unit_tilt - unit_tilt.mean(0)
-        gain = float((centred * measured[::4]).sum() / max(float((centred * centred).sum()), 1e-12))
-        error = (measured[::4] - gain * unit_tilt).mean(0)
+        gain = float((centred * few_measured).sum() / max(float((centred * centred).sum()), 1e-12))
+        error = (few_measured - gain * unit_tilt).mean(0)
         return np.concatenate([[gain], error]), gain * unit_tilt + error
 
     def cost(theta: Array) -> float:
         _, tilt = gain_and_errors(theta)
-        return float(((measured[::4] - tilt) ** 2).sum())
+        return float(((few_measured - tilt) ** 2).sum())
 
     grid = [np.array([delay, wn, 0.7]) for delay in _GRID_DELAYS_S for wn in _GRID_WN]
     best = min(grid, key=cost)
@@ -83,9 +83,11 @@ def fit_attitude(log: Log, begin_s: float, end_s: float) -> LeastSquares:
     def derivatives(theta: Array, unit_tilt: Array) -> Array:
         """Return the derivatives of the model's tilt with respect to theta, one column each."""
         columns = []
-        for step in np.diag(_STEPS):
+        for index, half_step in enumerate(_HALF_STEPS):
+            step = np.zeros(3)
+            step[index] = half_step
             difference = unit_tilt_of(theta[:3] + step) - unit_tilt_of(theta[:3] - step)
-            columns.append(theta[3] * difference.ravel() / (2.0 * step.sum()))
+            columns.append(theta[3] * difference.ravel() / (2.0 * half_step))
         errors = np.tile(np.eye(2), (time_s.size, 1))
         return np.stack([*columns, unit_tilt.ravel(), errors[:, 0], errors[:, 1]], axis=1)
 
@@ -93,7 +95,7 @@ def fit_attitude(log: Log, begin_s: float, end_s: float) -> LeastSquares:
     unit_tilt = unit_tilt_of(theta)
     residual = residuals(theta, unit_tilt)
     jacobian = derivatives(theta, unit_tilt)
-    for _ in range(_ROUNDS):
+    for _ in range(_MOST_ROUNDS):
         normal = jacobian.T @ jacobian
         damped = normal + damping * np.diag(np.diag(normal) + 1e-12)
         trial = theta + np.linalg.solve(damped, jacobian.T @ residual)
@@ -165,7 +167,7 @@ def commanded_tilt(log: Log, time_s: Array) -> CommandedTilt:
     # for each time the indices of the last commands before it, the oldest first
     newest = np.searchsorted(log.command_time_s, time_s)
     index = newest[:, None] - np.arange(width, 0, -1)
-    is_known = index > 0
+    is_known = index > 0  # the first command has none before it, and so changes nothing
     index = np.maximum(index, 1)
 
     return CommandedTilt(

@@ -1,8 +1,4 @@
-"""The report of ``covey identify``.
-
-It has a table that compares the flown parameters with those of the fleet file, says which
-differences matter, and gives TOML for the fleet file.
-"""
+"""The report of ``covey identify``: flown parameters beside the fleet file's, and TOML for it."""
 
 from __future__ import annotations
 
@@ -90,6 +86,7 @@ def rows(flown: IdentifiedVehicle) -> list[dict[str, Any]]:
         ),
     ]
 
+    # the two tilt errors together, if they are harmless
     tilt_deg = math.hypot(east_deg.value, north_deg.value)
     for row in table:
         if row["name"].startswith("tilt") and row["verdict"].startswith("differs"):

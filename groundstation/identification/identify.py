@@ -115,7 +115,8 @@ def identify(log: Log) -> Identified:
     delay_s, wn, zeta = attitude.theta[:3]
     delay_s += motion.theta[1]
     lag_std = math.hypot(motion.std[1], _FLOOR["lag"])
-    delay_std, wn_std, zeta_std = np.hypot(attitude.std[:3], [lag_std, 0.0, 0.0])
+    delay_std, wn_std, zeta_std = attitude.std[:3]
+    delay_std = math.hypot(delay_std, lag_std)
 
     # constant error of the measured attitude, plus the tilt of the thrust against that attitude
     deg_per_rad = math.degrees(1.0)
@@ -123,12 +124,12 @@ def identify(log: Log) -> Identified:
     tilt_std = np.hypot(attitude.std[4:6], motion.std[2:4] / GRAVITY_M_S2)
     tilt_std = np.hypot(tilt_std, _FLOOR["tilt_deg"] / deg_per_rad)
 
-    stds = _student(motion.clusters)  # half of the 95 % interval, in standard deviations
+    factor = _student(motion.clusters)  # half of the 95 % interval, in standard deviations
 
     def estimate(value: float, std: float, unit: float = 1.0) -> Estimate:
         value = float(value) * unit
         std = float(std) * unit
-        return Estimate(value=value, std=std, low=value - stds * std, high=value + stds * std)
+        return Estimate(value=value, std=std, low=value - factor * std, high=value + factor * std)
 
     return Identified(
         hover_thrust_frac=estimate(hover, hover_std),

@@ -14,7 +14,7 @@ from onboard.tuples import Xyz
 
 BOX_M = 0.6  # half width of the box
 HEIGHT_M = 1.0
-MOVES = 14
+MOVE_COUNT = 14
 _FENCE_M = 0.4  # distance that the box keeps from the fence, for the overshoot of a quick move
 _CEILING_M = 0.3  # the same below the ceiling
 _LEAST_HALF_M = 0.25  # in a smaller box nothing tilts enough to be measured
@@ -47,19 +47,21 @@ def manoeuvre(
         ConfigError: there is no room for a box of 0.25 m to each side.
     """
     x, y, _ = fleet.vehicles[name].start_enu_m
-    fence = fleet.fleet.geofence_m
 
+    # room to the other vehicles, which stand on their spots and do not give way
     others = [fleet.vehicles[other].start_enu_m for other in fleet.enabled_names if other != name]
-    apart_m = min((math.dist((x, y), other[:2]) for other in others), default=math.inf)
-    # the other vehicles stand on their spots, and do not give way
-    apart_m -= parking_distance_m(fleet) + fleet.law.uncooperative_margin_m
+    nearest_m = min((math.dist((x, y), other[:2]) for other in others), default=math.inf)
+    apart_m = nearest_m - (parking_distance_m(fleet) + fleet.law.uncooperative_margin_m)
 
-    room_m = min(x - fence.x[0], fence.x[1] - x, y - fence.y[0], fence.y[1] - y) - _FENCE_M
-    to_fence_m, _ = flight_space_of(fleet).room_m((x, y, height_m))
-    room_m = min(room_m, to_fence_m - _FENCE_M)
+    west, east = fleet.fleet.geofence_m.x
+    south, north = fleet.fleet.geofence_m.y
+    _, ceiling = fleet.fleet.geofence_m.z
+    room_m = min(x - west, east - x, y - south, north - y) - _FENCE_M
+    to_area_m, _ = flight_space_of(fleet).room_m((x, y, height_m))
+    room_m = min(room_m, to_area_m - _FENCE_M)
     # areas may have edges in any direction, so there the corners of the box must fit, too
     corner_factor = 1.0
-    if math.isfinite(to_fence_m):
+    if math.isfinite(to_area_m):
         corner_factor = math.sqrt(2.0)
     half_m = min(half_m, room_m / corner_factor, apart_m)
     if not half_m >= _LEAST_HALF_M:
@@ -69,10 +71,10 @@ def manoeuvre(
             "widen the fence."
         )
 
-    height_m = min(height_m, fence.z[1] - _CEILING_M)
+    height_m = min(height_m, ceiling - _CEILING_M)
     rng = np.random.default_rng(seed)
     steps: list[tuple[Xyz, float]] = []
-    for index in range(MOVES):
+    for index in range(MOVE_COUNT):
         reach_m = half_m * float(rng.uniform(0.7, 1.0))
         if index % 2 == 1:
             reach_m = -reach_m

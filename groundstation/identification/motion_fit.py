@@ -85,7 +85,7 @@ def _windows(
     drive: _Drive,
     axes: tuple[int, ...],
     inputs: list[Array],
-    target: Array,
+    known_m: Array,
     gust_m_s2: float,
 ) -> tuple[Array, Array, IntArray]:
     """Return the regression over all windows: columns (r, p), right side (r,), clusters (r,).
@@ -95,7 +95,7 @@ def _windows(
         drive: input of the motion on the grid.
         axes: indexes of the used axes of the position.
         inputs: contribution of each parameter to the position on the grid (g, axes).
-        target: known part of the position on the grid (g, axes), which is subtracted.
+        known_m: known part of the position on the grid (g, axes), which is subtracted.
         gust_m_s2: standard deviation of the gusts, for the weights.
 
     Raises:
@@ -126,15 +126,15 @@ def _windows(
                 np.interp(time_s, grid_s, contribution[first:last, column])
                 for contribution in inputs
             ]
-            known = np.interp(time_s, grid_s, target[first:last, column])
-            measured = log.position_enu_m[used, axis] - known
+            subtracted_m = np.interp(time_s, grid_s, known_m[first:last, column])
+            measured = log.position_enu_m[used, axis] - subtracted_m
 
             # remove what initial position and velocity explain
             all_columns = whiten @ np.stack([*columns, measured], axis=1)
             all_columns -= basis @ (basis.T @ all_columns)
             rows.append(all_columns[:, :-1])
             right.append(all_columns[:, -1])
-            # 10,000 keeps clusters of different axes from being neighbours
+            # neighbouring numbers are neighbouring windows, so the axes are far apart
             clusters.append(np.full(time_s.size, number + 10_000 * axis, dtype=np.int64))
     if len(rows) < 3 * len(axes):
         raise TooLittleFlown(
@@ -242,8 +242,8 @@ def fit_horizontal(
         ]
         columns, right, cluster = _windows(log, drive, (0, 1), inputs, push_twice, _GUST_M_S2)
 
-        # The known age is one more row. Its residual is about 1, as those of the whitened rows, and
-        # its cluster (-10) is no neighbour of another one.
+        # The known age is one more row, weighted as the whitened rows are. Its cluster, -10, is no
+        # neighbour of a window's.
         columns = np.concatenate([columns, [[0.0, weight, 0.0, 0.0]]])
         right = np.concatenate([right, [weight * (known_s - shift_s)]])
         cluster = np.concatenate([cluster, [-10]])

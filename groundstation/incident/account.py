@@ -17,7 +17,7 @@ from onboard.config.fleet import FleetConfig
 
 _TOPICS = frozenset(("tick", "telemetry", "truth", "event", "order"))
 _AFTER_NS = 1_000_000_000
-# these and larger values are mentioned
+# larger values are mentioned
 _OLD_S = 0.1  # age of a neighbour's state
 _LATE_S = 0.030  # time since the tick before
 _ERROR_M = 0.15  # error of a vehicle's own position

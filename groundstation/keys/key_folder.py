@@ -51,7 +51,7 @@ def write_files(contents: Mapping[Path, bytes]) -> None:
     Raises:
         ConfigError: a file cannot be written.
     """
-    path = Path()
+    path = Path()  # the file that is written now, which the refusal names
     try:
         for path, content in contents.items():
             new_path = _new_path(path)

@@ -165,7 +165,7 @@ def positions_by_name(positions: Mapping[str, Xyz], fleet: FleetConfig) -> dict[
             raise ConfigError(
                 f"'{key}' names {len(names)} vehicles for one position. Give each vehicle its own."
             )
-        name = names[0]
+        (name,) = names
         if name in by_name:
             raise ConfigError(f"{name} has two positions. Give each vehicle one.")
         by_name[name] = position
@@ -420,13 +420,13 @@ def _with_planned_fields(intent: Intent, fleet: FleetConfig, course_fleet: _Cour
 
 def _position_after(step: Intent, position: Xyz, ordered: Xyz | None) -> Xyz:
     """Return the position of a vehicle after an order; `ordered` is the goal in the order."""
+    x, y, z = position if ordered is None else ordered
     if isinstance(step, Takeoff):
-        return (position[0], position[1], step.height_m)
-
-    goal = position if ordered is None else ordered
+        x, y, _ = position
+        return (x, y, step.height_m)
     if isinstance(step, Land | Home):
-        return (goal[0], goal[1], 0.0)
-    return goal
+        return (x, y, 0.0)
+    return (x, y, z)
 
 
 # -- durations -------------------------------------------------------------------------------------
@@ -439,8 +439,10 @@ def _vertical_order_s(
 
     It consists of the horizontal way, of the start, and of the climb or descent.
     """
-    height_m = max(position[2], goal[2], _LEAST_HEIGHT_M)
-    across_s = _move_or_stay_s(fleet, name, (position[0], position[1], goal[2]), goal, duration_s)
+    x, y, z = position
+    _, _, goal_z = goal
+    across_s = _move_or_stay_s(fleet, name, (x, y, goal_z), goal, duration_s)
+    height_m = max(z, goal_z, _LEAST_HEIGHT_M)
     return across_s + (_START_S + vertical_s(height_m, fleet.vehicles[name].max_speed_m_s))
 
 

@@ -310,7 +310,7 @@ def _inner_steps(tables: Any, key: str, path: str) -> tuple[Any, ...]:
     """Return the steps inside a step; for branches, one tuple of steps for each branch."""
     if not isinstance(tables, list) or not tables:
         raise ConfigError(f"{path}: '{key}' must be a list of steps, and not empty.")
-    if key.count("[") > _DEEPEST:
+    if key.count("[") > _DEEPEST:  # each list has a bracket in the key
         raise ConfigError(
             f"{path}: '{key}': steps within steps within steps. Write them one after the other."
         )

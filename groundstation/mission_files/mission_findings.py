@@ -133,13 +133,14 @@ def _step_findings(mission: Mission, errors: ErrorClass | None) -> Iterator[Find
             yield from spot_findings(fleet, flying_at, step_name, errors=errors)
 
     if flying and mission.expect.all_landed is not False:
+        names = ", ".join(sorted(flying))
         yield at_most(
-            "ending",
-            float(len(flying)),
-            0.0,
-            "",
-            f"The mission ends with {', '.join(sorted(flying))} in the air, so it cannot pass",
-            'Add a last [[step]] with do = "land", or say expect.all_landed = false.',
+            name="ending",
+            value=float(len(flying)),
+            bound=0.0,
+            unit="",
+            sentence=f"The mission ends with {names} in the air, so it cannot pass",
+            remedy='Add a last [[step]] with do = "land", or say expect.all_landed = false.',
             refuse_above=math.inf,
         )
 
@@ -158,12 +159,12 @@ def _unreachable_findings(
 
     name, words = next(iter(without_way.items()))
     yield at_most(
-        f"reach, {step_name}",
-        float(len(without_way)),
-        0.0,
-        "",
-        f"{_capitalised(step_name)}: the goal of {name} {words}",
-        "Choose another goal, or move what stands in the way.",
+        name=f"reach, {step_name}",
+        value=float(len(without_way)),
+        bound=0.0,
+        unit="",
+        sentence=f"{_capitalised(step_name)}: the goal of {name} {words}",
+        remedy="Choose another goal, or move what stands in the way.",
     )
 
 
@@ -179,13 +180,13 @@ def _way_findings(fleet: FleetConfig, course_step: CourseStep, step_name: str) -
 
     farthest = max(beyond_m, key=lambda name: beyond_m[name])
     yield at_most(
-        f"ways, {step_name}",
-        beyond_m[farthest],
-        0.0,
-        "m",
-        f"{_capitalised(step_name)}: {{value}} of the straight way of {farthest} lie beyond a "
-        "fence or in its buffer; it is led around, which takes longer",
-        "Put a goal between, from which both ways are free.",
+        name=f"ways, {step_name}",
+        value=beyond_m[farthest],
+        bound=0.0,
+        unit="m",
+        sentence=f"{_capitalised(step_name)}: {{value}} of the straight way of {farthest} lie "
+        "beyond a fence or in its buffer; it is led around, which takes longer",
+        remedy="Put a goal between, from which both ways are free.",
         refuse_above=math.inf,
     )
 
@@ -200,13 +201,13 @@ def _flying_after(course_step: CourseStep) -> set[str]:
 def _time_limit(timeout_s: float, name: str, alone_s: float, step_name: str) -> Finding:
     """Return the finding about the time that a step gives to one vehicle."""
     return at_least(
-        f"time, {step_name}",
-        timeout_s,
-        _DETOUR_FACTOR * alone_s,
-        "s",
-        f"{_capitalised(step_name)}: timeout_s is {{value}}; {name} needs {alone_s:.1f} s "
+        name=f"time, {step_name}",
+        value=timeout_s,
+        bound=_DETOUR_FACTOR * alone_s,
+        unit="s",
+        sentence=f"{_capitalised(step_name)}: timeout_s is {{value}}; {name} needs {alone_s:.1f} s "
         "alone, so {relation} {bound} leaves room for detours",
-        "Raise its timeout_s by {difference}.",
+        remedy="Raise its timeout_s by {difference}.",
         refuse_below=alone_s,
     )
 
@@ -218,13 +219,13 @@ def _separation_expectation(mission: Mission) -> Iterator[Finding]:
         return
 
     yield at_most(
-        "expectation",
-        expected_m,
-        mission.fleet.fleet.safety_distance_m,
-        "m",
-        "The mission expects vehicles to stay {value} apart; fleet.safety_distance_m promises "
-        "{bound}",
-        "Lower expect.min_separation_m, or raise fleet.safety_distance_m.",
+        name="expectation",
+        value=expected_m,
+        bound=mission.fleet.fleet.safety_distance_m,
+        unit="m",
+        sentence="The mission expects vehicles to stay {value} apart; fleet.safety_distance_m "
+        "promises {bound}",
+        remedy="Lower expect.min_separation_m, or raise fleet.safety_distance_m.",
     )
 
 
@@ -236,13 +237,13 @@ def _arrival_expectation(mission: Mission, errors: ErrorClass | None) -> Iterato
 
     accuracy = ACCURACIES[errors or error_class(mission.fleet)]
     yield at_least(
-        "arrival",
-        within_m,
-        _ARRIVAL_M + 2.0 * accuracy.position_std_m,
-        "m",
-        f"The mission expects arrivals within {{value}}; with the accuracy of '{accuracy.name}', "
-        "expect {relation} {bound}: nearly every arrival is within that",
-        "Raise expect.arrived_within_m by {difference}, or fly on a better position.",
+        name="arrival",
+        value=within_m,
+        bound=_ARRIVAL_M + 2.0 * accuracy.position_std_m,
+        unit="m",
+        sentence=f"The mission expects arrivals within {{value}}; with the accuracy of "
+        f"'{accuracy.name}', expect {{relation}} {{bound}}: nearly every arrival is within that",
+        remedy="Raise expect.arrived_within_m by {difference}, or fly on a better position.",
         refuse_below=0.0,
     )
 
@@ -259,13 +260,13 @@ def _endurance(mission: Mission) -> Iterator[Finding]:
         if hover_s is None:
             continue
         yield at_least(
-            "endurance",
-            100.0 * (1.0 - needed_s / hover_s),
-            fleet.fleet.battery_land_pct + _SPARE_PCT,
-            "%",
-            f"The mission takes about {needed_s:.0f} s, after which {name}'s battery of "
+            name="endurance",
+            value=100.0 * (1.0 - needed_s / hover_s),
+            bound=fleet.fleet.battery_land_pct + _SPARE_PCT,
+            unit="%",
+            sentence=f"The mission takes about {needed_s:.0f} s, after which {name}'s battery of "
             f"{hover_s:.0f} s has {{value}} left; it needs {{relation}} {{bound}}, the level at "
             "which it lands by itself and some to spare",
-            "Make the mission shorter, or split it.",
+            remedy="Make the mission shorter, or split it.",
             refuse_below=fleet.fleet.battery_land_pct,
         )

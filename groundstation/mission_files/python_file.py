@@ -118,7 +118,7 @@ def arguments_of(
             without a default is missing.
     """
     parameters = list(inspect.signature(function).parameters.items())
-    known = dict(parameters[1:])  # the first one is the fleet
+    known = dict(parameters[1:])  # without the first one, which is the fleet
 
     for name in given:
         if name not in known:

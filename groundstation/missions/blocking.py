@@ -78,8 +78,7 @@ class BlockingFleet(_Blocking):
         ready_timeout_s: float | None = None,
     ) -> None:
         host = host_of(fleet)
-        # Set before the connection is open, because `close` needs it when the program ends while
-        # the fleet still waits for its vehicles.
+        # `close` needs these already while the fleet waits for its vehicles.
         self._host = host
         self._is_connected = False
         self._end: asyncio.Event | None = None  # set to end the connection

@@ -78,8 +78,8 @@ def run_script(path: str | Path, arguments: Sequence[str], host: Host) -> None:
         arguments: arguments for its ``sys.argv``.
         host: the flight.
     """
-    argv_before = sys.argv
-    path_before = list(sys.path)
+    former_argv = sys.argv
+    former_sys_path = list(sys.path)
     sys.argv = [str(path), *arguments]
     sys.path.insert(0, str(Path(path).resolve().parent))
     try:
@@ -89,8 +89,8 @@ def run_script(path: str | Path, arguments: Sequence[str], host: Host) -> None:
             finally:
                 close_all()
     finally:
-        sys.argv = argv_before
-        sys.path[:] = path_before
+        sys.argv = former_argv
+        sys.path[:] = former_sys_path
 
 
 @contextlib.contextmanager
@@ -160,7 +160,8 @@ class RealTime:
         SIGTERM ends the script as Ctrl-C does.
         """
         client = FleetClient(self.config, extra_topics=RECORDED if self.folder is not None else ())
-        record = self._record = self._begin_record(client)
+        record = self._begin_record(client)
+        self._record = record
         is_main_thread = threading.current_thread() is threading.main_thread()
         loop = asyncio.get_running_loop()
         task = asyncio.current_task()
@@ -179,7 +180,7 @@ class RealTime:
                 await asyncio.to_thread(record.stop)
 
     def _begin_record(self, client: FleetClient) -> RecordWriter | None:
-        """Start the record of what a client receives and orders; return None without a folder."""
+        """Start the record of a client, and return it; return None without a folder."""
         if self.folder is None:
             return None
 

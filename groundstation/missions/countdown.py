@@ -19,15 +19,13 @@ from groundstation.mission_files.world_time import WorldTime, local_now, time_wo
 from onboard.plain_text import listed
 
 APART_S = 0.5  # largest permitted difference between the clocks of two computers
-# Largest permitted change between the world's clock and the monotonic clock of this computer; both
-# are read one after the other, which takes time.
+# Largest change of this computer's world's clock against its monotonic clock that is no setting.
 STEP_S = 0.1
 LOOK_S = 0.2  # period of the checks
-# Checks in a row that must see the step: this process may have been stopped between the two
-# readings of one check.
-_STEP_LOOKS = 2
+# Checks in a row that must see that a clock was set: one may be interrupted between two readings.
+_STEP_LOOK_COUNT = 2
 # Checks in a row that must see different clocks: computers report their time twice a second.
-_APART_LOOKS = 7
+_APART_LOOK_COUNT = 7
 _MEASURE_S = 3.0  # time after the connection within which the clocks are measured
 # Times before the start at which a line says how long the countdown still takes.
 _SAID_S = (3600.0, 1800.0, 600.0, 300.0, 60.0, 30.0, 10.0, 5.0)
@@ -120,7 +118,7 @@ class Countdown:
             return ""
 
         self._steps_seen += 1
-        if self._steps_seen < _STEP_LOOKS:
+        if self._steps_seen < _STEP_LOOK_COUNT:
             return ""
         forwards = "forwards" if step_s > 0.0 else "back"
         return (
@@ -141,7 +139,7 @@ class Countdown:
 
             self._apart_seen[name] = self._apart_seen.get(name, 0) + 1
             is_measured = name in self._agreed or since_begin_s > _MEASURE_S
-            if is_measured and self._apart_seen[name] >= _APART_LOOKS:
+            if is_measured and self._apart_seen[name] >= _APART_LOOK_COUNT:
                 return problem
         return ""
 

@@ -1,9 +1,7 @@
 """The pause of vehicles that follow another vehicle.
 
-The order `pause` stops the clock of vehicles that fly paths. Vehicles that follow a leader hold
-where they are instead. (A leader that flies a path gets its own order to pause.) The weakest
-battery limits the pause: pause_watch.py brings all followers home while that battery still has
-enough charge for the way.
+The order `pause` lets vehicles that follow a leader hold where they are. The weakest battery limits
+the pause: pause_watch.py brings all followers home while that battery has enough charge for it.
 """
 
 from __future__ import annotations

@@ -544,13 +544,13 @@ class Group:
             ConfigError: two successive waypoints are equal, or a vehicle does not fly.
         """
         paths = {}
-        waypoints = by_vehicle(waypoints, self.state)
-        for name in self.select(list(waypoints)):
+        own_waypoints = by_vehicle(waypoints, self.state)
+        for name in self.select(list(own_waypoints)):
             telemetry = self.state.vehicles[name].telemetry
             if telemetry is None or not telemetry.is_airborne:
                 raise ConfigError(f"{name} does not fly: order take-off first.")
 
-            points = np.array([telemetry.goal_position_enu_m, *waypoints[name]], dtype=float)
+            points = np.array([telemetry.goal_position_enu_m, *own_waypoints[name]], dtype=float)
             yaw_rad = np.full(len(points), math.radians(telemetry.yaw_deg))
             speeds_m_s = np.full(len(points), speed_m_s)
             try:

@@ -1,9 +1,8 @@
 """The hover check of a mission: is the wind too strong to fly on after a take-off?
 
-On the ground, vehicles cannot measure the wind. A hovering vehicle can, because it tilts against
-the wind. It reports a mean over two seconds, which gusts change. The limit applies to the long-term
-mean. If gusts can explain a wind above the limit, this check waits up to ten seconds until the wind
-is within the limit. If they cannot, the mission ends at once.
+Only a hovering vehicle can measure the wind, because it tilts against it. It reports a mean over
+two seconds, which gusts change. If gusts can explain a wind above the limit, this check waits up to
+ten seconds until the wind is within the limit. If they cannot, the mission ends at once.
 """
 
 from __future__ import annotations
@@ -18,7 +17,7 @@ from onboard.config.wind_limit import GUSTY
 
 _NOTABLE_SHARE = 0.8  # share of the limit from which a line tells the wind
 _SAMPLE_S = 0.2  # time between two samples
-_SAMPLES = 50  # number of samples, which take ten seconds
+_SAMPLE_COUNT = 50  # these take ten seconds
 
 
 class WindTooStrong(RuntimeError):
@@ -58,7 +57,7 @@ async def hover_check(
     if strongest.may_be_a_gust:
         say(f"{strongest.words}: looking for a calmer moment before anybody sets out.")
 
-    for _ in range(_SAMPLES):
+    for _ in range(_SAMPLE_COUNT):
         if not strongest.may_be_a_gust:
             break
         await asyncio.sleep(_SAMPLE_S)

@@ -102,7 +102,7 @@ class OwnLink:
     # -- the loss ----------------------------------------------------------------------------------
 
     def _hears_nobody(self) -> bool:
-        """Whether two or more vehicles were last heard in flight, and all have been silent long."""
+        """Whether nobody is fresh, and one vehicle has been silent for SILENT_S in flight."""
         return bool(silent_in_flight(self._client)) and self._is_nobody_fresh()
 
     def _has_to_wait(self) -> bool:
@@ -112,11 +112,7 @@ class OwnLink:
         return self._is_nobody_fresh()  # not yet for so long that the link counts as lost
 
     def _is_nobody_fresh(self) -> bool:
-        """Whether two or more vehicles were last heard in flight, and no telemetry is fresh.
-
-        When a link is lost, the last telemetry of the vehicles arrives at slightly different times.
-        When the first vehicle has been silent for SILENT_S, the telemetry of all others is stale.
-        """
+        """Whether two or more vehicles were last heard in flight, and no telemetry is fresh."""
         now_ns = self._client.now_ns()
         views = self._client.state.vehicles.values()
         return len(self._in_flight()) >= 2 and not any(view.is_fresh(now_ns) for view in views)

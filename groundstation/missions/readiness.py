@@ -12,7 +12,7 @@ READY_STATES = ("ready", "landed", "armed", "flying", "holding")
 class NotReady(RuntimeError):
     """The fleet did not get ready in time; ``heard`` is whether any vehicle answered at all."""
 
-    def __init__(self, sentence: str, heard: bool) -> None:
+    def __init__(self, sentence: str, *, heard: bool) -> None:
         self.heard = heard
         super().__init__(sentence)
 
@@ -47,7 +47,7 @@ def not_ready(state: FleetState, names: Sequence[str], now_ns: int, timeout_s: f
         if not is_ready(state, name, now_ns):
             reasons.append(_reason(view, now_ns))
 
-    return NotReady(f"Not ready within {timeout_s:g} s. {' '.join(reasons)}", heard)
+    return NotReady(f"Not ready within {timeout_s:g} s. {' '.join(reasons)}", heard=heard)
 
 
 def _reason(view: VehicleView, now_ns: int) -> str:

@@ -304,7 +304,8 @@ def _blocks(step: MissionStep) -> tuple[Sequence[MissionStep], ...]:
 
 def _outermost_index(course_step: CourseStep) -> int:
     """Return the index of the mission's outermost step that a step belongs to."""
-    return int(course_step.key.removeprefix("step[").partition("]")[0])
+    index_word, _, _ = course_step.key.removeprefix("step[").partition("]")
+    return int(index_word)
 
 
 def first_failure(failures: BaseExceptionGroup[BaseException]) -> BaseException:

@@ -107,7 +107,9 @@ class FleetWatch:
             # If there are several orders, the one to the most vehicles is named.
             (author, verb), names = max(vehicles_by_order.items(), key=lambda item: len(item[1]))
             words = f"has ordered {verb} {','.join(names)}"
-            self.taken = Taken(author, words, self._client.now_ns(), is_by_other)
+            self.taken = Taken(
+                by=author, words=words, since_ns=self._client.now_ns(), is_by_other=is_by_other
+            )
         return self.taken
 
     async def after_failure(self, results: Results) -> Taken | None:
@@ -132,7 +134,7 @@ class FleetWatch:
     def _is_replaced(self, result: VehicleResult) -> bool:
         """Whether somebody else's order has replaced or prevented the mission's order."""
         if result.phase == "refused":
-            return result.sentence.endswith(ORDER_STAYS)
+            return result.sentence.endswith(ORDER_STAYS)  # the words about somebody else's order
         is_newest = self._client.is_newest_of_mission(result.vehicle, result.order_id)
         return result.phase == "superseded" and is_newest
 
@@ -161,7 +163,12 @@ class FleetWatch:
         control = self._client.control
         if control.is_operator or control.holder is None:
             return None
-        return Taken(control.holder.label, "has taken control", self._client.now_ns(), True)
+        return Taken(
+            by=control.holder.label,
+            words="has taken control",
+            since_ns=self._client.now_ns(),
+            is_by_other=True,
+        )
 
 
 def flown_by_hand(client: FleetClient) -> list[str]:

@@ -59,7 +59,7 @@ _UNKNOWN_NODE = "unknown-node"  # no fleet file has a node of this name
 _AUTHOR = "intruder"  # author of an attempt's orders
 
 # Topics whose messages are published; the others are queries and tokens.
-_SAMPLES = tuple(
+_PUBLISHED = tuple(
     topic for topic, spec in TOPICS.items() if spec.delivery in (Delivery.LATEST, Delivery.RELIABLE)
 )
 # The message that is published under every topic. Under any topic but its own, a light counts as
@@ -164,7 +164,7 @@ def spare_vehicle(context: AttackContext) -> BusSession:
     )
     node.start()
 
-    def keep_sample(topic: Topic, name: str, _message: Message | Malformed) -> None:
+    def keep_message(topic: Topic, name: str, _message: Message | Malformed) -> None:
         context.arrived.add((topic, name))
 
     def keep_order(order: object, _reply: object) -> None:
@@ -173,8 +173,8 @@ def spare_vehicle(context: AttackContext) -> BusSession:
             author = order.author
         context.order_authors.append(author)
 
-    for topic in _SAMPLES:
-        node.subscribe(topic, "*", keep_sample)
+    for topic in _PUBLISHED:
+        node.subscribe(topic, "*", keep_message)
     node.serve_orders(SPARE, keep_order)
     return node
 
@@ -325,7 +325,7 @@ def _exceeds_role(context: AttackContext, identity: str) -> bool:
     names = (own_name, "attacked")
 
     with context.joined(identity, own_name, SPARE) as node:
-        keys = [(topic, name) for topic in _SAMPLES for name in names]
+        keys = [(topic, name) for topic in _PUBLISHED for name in names]
         arrived = _arrivals(context, node, keys)
         # The spare vehicle answers no order, but notes the author of each one.
         is_obeyed(node, SPARE, order_of(node, "land"), _ARRIVAL_S)
@@ -518,7 +518,8 @@ def _sets_signing_key(context: AttackContext, vehicle: str) -> bool:
 
 def _address(endpoint: str) -> tuple[str, int]:
     """Return host and port of an endpoint such as ``udpin://HOST:PORT``."""
-    host, _, port = endpoint.rpartition("/")[2].rpartition(":")
+    _, _, host_and_port = endpoint.rpartition("/")
+    host, _, port = host_and_port.rpartition(":")
     return host, int(port)
 
 

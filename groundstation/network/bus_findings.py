@@ -13,7 +13,7 @@ from onboard.feasibility.finding import Finding
 from onboard.neighbours.subscription import most_near
 from onboard.safety.limits import POSITION_LOST_S
 
-_ROUTER_GAP_S = 1.0  # measured with QUIC, docs/network.md
+_ROUTER_GAP_S = 1.0  # time without poses when a router dies, measured with QUIC: docs/network.md
 
 
 def bus_findings(fleet: FleetConfig) -> list[Finding]:
@@ -23,7 +23,7 @@ def bus_findings(fleet: FleetConfig) -> list[Finding]:
     # vehicles whose agents other computers can reach
     reachable = [name for name in fleet.enabled_names if not is_loopback(fleet.vehicles[name].host)]
     if len(fleet.enabled_names) > 1 and (fleet.radio is not None or reachable):
-        radio = fleet.radio or RadioConfig()
+        radio = RadioConfig() if fleet.radio is None else fleet.radio
         findings.append(airtime_finding(fleet, radio, _most_near(fleet)))
 
     # vehicles whose poses come over the bus only

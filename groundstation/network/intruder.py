@@ -35,7 +35,7 @@ NODES = {
     NodeRole.EMULATOR: "sitl",
 }
 
-# identities of outsiders, which have no valid key of the fleet
+# identities of outsiders, in words that end the names of attempts
 NOBODY = "without a certificate"
 FOREIGN = "with another authority's"
 EXPIRED = "with an expired one"

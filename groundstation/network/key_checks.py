@@ -51,10 +51,11 @@ def key_checks(fleet: FleetConfig) -> list[Diagnosis]:
 
     first_to_expire = min(expiry, key=lambda node: expiry[node])
     words = end_words(expiry[first_to_expire], now)
+    is_far_off = (expiry[first_to_expire] - now).total_seconds() > SOON_S
     diagnoses.append(
         graded(
             "keys",
-            (expiry[first_to_expire] - now).total_seconds() > SOON_S,
+            is_far_off,
             f"Here are those of {', '.join(expiry)};"
             f" the first to expire is {first_to_expire}'s, {words}.",
             "covey keys renew FLEET, and copy them",

@@ -33,7 +33,7 @@ _GOVERNORS = Path("/sys/devices/system/cpu")
 _TRIAL_PRIORITY = 10
 
 # The timer: how late this computer wakes up a process after a sleep.
-_SLEEPS = 100
+_SLEEP_COUNT = 100
 _SLEEP_S = 0.002
 _LATE_MS = 5.0
 
@@ -73,14 +73,15 @@ def machine() -> list[Diagnosis]:
 
 
 def _python() -> Diagnosis:
-    own = sys.version_info[:2]
-    text = f"Python {sys.version.split()[0]}."
-    oldest = f"{_OLDEST[0]}.{_OLDEST[1]}"
-    newest = f"{_NEWEST[0]}.{_NEWEST[1]}"
+    version_words, *_ = sys.version.split()
+    text = f"Python {version_words}."
+    oldest = ".".join(map(str, _OLDEST))
+    newest = ".".join(map(str, _NEWEST))
 
-    if own < _OLDEST:
+    running = sys.version_info[:2]
+    if running < _OLDEST:
         return Diagnosis("Python", Grade.FAIL, text, f"Covey needs {oldest} or newer.")
-    return graded("Python", own <= _NEWEST, text, f"Covey is tested with {oldest} to {newest}.")
+    return graded("Python", running <= _NEWEST, text, f"Covey is tested with {oldest} to {newest}.")
 
 
 def _libraries() -> Iterator[Diagnosis]:
@@ -218,11 +219,11 @@ def _priority() -> Diagnosis:
 def _timer() -> Diagnosis:
     """Return the finding about how late this computer wakes up a sleeping process."""
     delays_ms = []
-    for _ in range(_SLEEPS):
+    for _ in range(_SLEEP_COUNT):
         begin_s = time.perf_counter()
         time.sleep(_SLEEP_S)
         delays_ms.append(1e3 * (time.perf_counter() - begin_s - _SLEEP_S))
-    p99_ms = sorted(delays_ms)[round(0.99 * (_SLEEPS - 1))]
+    p99_ms = sorted(delays_ms)[round(0.99 * (_SLEEP_COUNT - 1))]
 
     try:
         slack_ms = int(Path("/proc/self/timerslack_ns").read_text()) * 1e-6
@@ -259,8 +260,8 @@ def _is_synchronised() -> bool:
 
     # The field ``status`` comes after an int with its padding, and four longs.
     offset = 5 * ctypes.sizeof(ctypes.c_long)
-    status = int(struct.unpack_from("i", bytes(timex), offset)[0])
-    return not status & _UNSYNCHRONISED
+    (status,) = struct.unpack_from("i", bytes(timex), offset)
+    return not int(status) & _UNSYNCHRONISED
 
 
 # -- disk and terminal -----------------------------------------------------------------------------

@@ -34,7 +34,10 @@ def packet(
         sequence: number of the packet; only its lowest byte counts.
         component_id: component id of the sender.
     """
-    payload = payload.rstrip(b"\0") or b"\0"
+    if payload.strip(b"\0"):
+        payload = payload.rstrip(b"\0")
+    else:
+        payload = b"\0"  # one byte always stays
     header = bytes((len(payload), 0, 0, sequence & 255))
     ids = bytes((system_id & 255, component_id)) + message_id.to_bytes(3, "little")
     body = header + ids + payload

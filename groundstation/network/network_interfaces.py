@@ -56,7 +56,7 @@ def _packet_size(interface: str) -> Diagnosis | None:
     if answer is None:
         return None
 
-    mtu = int(struct.unpack_from("i", answer, _NAME_BYTES)[0])
+    (mtu,) = struct.unpack_from("i", answer, _NAME_BYTES)
     return graded(
         f"packets of {interface}",
         mtu >= _USUAL_MTU,

@@ -103,17 +103,15 @@ def for_another_vehicle(key_expression: str, order: bytes, signatures: OrderSign
     return signatures.seal(f"{key_expression}-other", order)
 
 
-def now(hold: Order, _last: Telemetry) -> Order:
-    """Return the order unchanged: it is new."""
+def unchanged(hold: Order, _last: Telemetry) -> Order:
+    """Return the order as it is."""
     return hold
 
 
 def kept_back(hold: Order, last: Telemetry) -> Order:
     """Return an order of the operator to locate the vehicle, as if it had been kept for 10 s.
 
-    The age must be the only reason for which the vehicle can refuse it. Therefore it is no hold,
-    which is accepted up to a greater age, and it has the name of the operator's node, because
-    orders of other nodes are refused at any age.
+    The age is the only reason to refuse it: a vehicle accepts `locate` from its operator's node.
     """
     node = hold.node
     operator = parse_control_token(last.operator)
@@ -135,7 +133,7 @@ class OrderAttempt(NamedTuple):
     tamper: Tamper  # changes the signature
     signer: NodeRole = NodeRole.GROUND  # role whose key signs
     # returns the order to sign, given a new one to hold and the vehicle's last telemetry
-    change: Callable[[Order, Telemetry], Order] = now
+    change: Callable[[Order, Telemetry], Order] = unchanged
 
 
 ORDER_ATTEMPTS = (

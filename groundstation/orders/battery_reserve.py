@@ -95,8 +95,7 @@ def weakest(
         return_s = way_home_s(fleet.vehicles[name], spot_enu_m, telemetry.position_enu_m)
         hover_s = fleet.vehicles[name].hover_time_s or ASSUMED_HOVER_S
         observed_1_s = discharge.rate_1_s(name, now_ns, telemetry.battery_frac)
-        # An observed discharge that is slower than that of a hover is not used, to be safe.
-        rate_pct_s = 100.0 * max(1.0 / hover_s, observed_1_s)
+        rate_pct_s = 100.0 * max(1.0 / hover_s, observed_1_s)  # the faster one, to be safe
 
         has_pct = 100.0 * telemetry.battery_frac
         needs_pct = fleet.fleet.battery_land_pct + SPARE_PCT + return_s * rate_pct_s

@@ -32,7 +32,7 @@ _PATH_POINTS = 80  # approximate number of drawn points of each path
 _MANY_VEHICLES = 20  # largest fleet that is flown ahead more than once
 _SPARE_S = 10.0  # time that a flight may take beyond its expected duration
 _LONGEST_S = 90.0  # longest flight that is computed
-_DETOUR = 4.0  # expected duration divided by the duration of the longest way at top speed
+_DETOUR = 4.0  # expected duration over the duration of the longest way at top speed
 _CLOSER_M = 0.02  # least decrease of a distance that counts as caused by the order
 
 
@@ -180,18 +180,19 @@ def _closest(
         return math.inf, ("", ""), 0.0
 
     gaps_m = separations_m(trace_enu_m[:, first] - trace_enu_m[:, second], height_share)
-    # argmin counts through the rows of gaps (T, pairs): the quotient is the tick, the rest the pair
-    step, index = divmod(int(gaps_m.argmin()), len(first))
+    tick, index = np.unravel_index(gaps_m.argmin(), gaps_m.shape)
     pair = (names[first[index]], names[second[index]])
-    return float(gaps_m[step, index]), pair, step * TICK_S
+    return float(gaps_m[tick, index]), pair, int(tick) * TICK_S
 
 
 def _outside(fleet: FleetConfig, legs: Mapping[str, Leg], trace_enu_m: Array) -> tuple[str, ...]:
     """Return the vehicles that leave the fence on a trace (T, N, 3)."""
-    fence = fleet.fleet.geofence_m
+    west, east = fleet.fleet.geofence_m.x
+    south, north = fleet.fleet.geofence_m.y
+    _, ceiling = fleet.fleet.geofence_m.z
     # No lower limit, because vehicles that stand on the floor are inside.
-    low = np.array([fence.x[0], fence.y[0], -math.inf])
-    high = np.array([fence.x[1], fence.y[1], fence.z[1]])
+    low = np.array([west, south, -math.inf])
+    high = np.array([east, north, ceiling])
     is_outside = np.any((trace_enu_m < low) | (trace_enu_m > high), axis=(0, 2))
     is_outside |= is_breached(flight_space_of(fleet).areas, trace_enu_m).any(axis=0)
 

@@ -9,9 +9,8 @@ second, but it has to compile first. That takes seconds with numba's cache, and 
 the first time on a machine. Until then the interpreted child answers: it runs the same functions
 without compilation, and flies the order ahead once.
 
-A process pool of the standard library was measured (Python 3.11) and has two defects for this use:
-its workers cannot be cancelled, so a new forecast waits for the end of the old one, and a worker
-lives on when its parent is killed.
+A process pool of the standard library is not used, because its workers cannot be cancelled, and
+live on when their parent is killed.
 """
 
 from __future__ import annotations

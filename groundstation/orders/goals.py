@@ -141,7 +141,8 @@ def _home(intent: Home, facts: GoalFacts) -> Goals:
             # A vehicle on the ground gets a goal as well; its agent refuses the order with a better
             # reason.
             lowest_m = floor_m(facts.fleet) + least_height_m(vehicle)
-            height_m = max(destinations[name][2], lowest_m)
+            _, _, present_height_m = destinations[name]
+            height_m = max(present_height_m, lowest_m)
         goals[name] = (x, y, height_m)
     return Goals(intent, goals)
 
@@ -176,7 +177,8 @@ def _bring_home(intent: BringHome, facts: GoalFacts) -> Goals:
         height_m = intent.height_m
         if height_m is None:
             lowest_m = floor_m(facts.fleet) + least_height_m(facts.fleet.vehicles[name])
-            height_m = max(positions[name][2], lowest_m)
+            _, _, present_height_m = positions[name]
+            height_m = max(present_height_m, lowest_m)
         goals[name] = (x, y, height_m)
 
     if not intent.duration_s:
@@ -262,6 +264,7 @@ def _slot_goals(
         )
         return Goals(intent, {}, dict.fromkeys(facts.names, reason))
 
+    x, y, z = position_enu_m
     goals = {}
     refusals = {}
     for name in facts.names:
@@ -270,12 +273,8 @@ def _slot_goals(
             refusals[name] = f"{name} has no slot in formation '{held.name}' (slots: {known})."
             continue
 
-        offset = slots[name]
-        goals[name] = (
-            position_enu_m[0] + offset[0],
-            position_enu_m[1] + offset[1],
-            position_enu_m[2] + offset[2],
-        )
+        east_m, north_m, up_m = slots[name]
+        goals[name] = (x + east_m, y + north_m, z + up_m)
     return Goals(intent, goals, refusals)
 
 

@@ -127,7 +127,8 @@ def _verb_of(words: list[str]) -> type[Intent]:
         line = " ".join(["locate", *words[1:]])
         raise OrderError(f"The order 'identify' is now called 'locate': say: {line}")
     if verb not in INTENTS:
-        raise OrderError(f"'{words[0][:_MOST_QUOTED]}' is no order. Orders are: {verbs}.")
+        first_word = words[0]
+        raise OrderError(f"'{first_word[:_MOST_QUOTED]}' is no order. Orders are: {verbs}.")
     return INTENTS[verb]
 
 
@@ -175,19 +176,19 @@ def _take_options(words: list[str], kind: type[Intent]) -> tuple[dict[str, float
     options: dict[str, float] = {}
     tail = words[begin:]
     while tail:
-        option = tail[0]
-        if option not in kind.options or option in options or len(tail) < 2:
+        option, *behind_option = tail
+        if option not in kind.options or option in options or not behind_option:
             raise OrderError(
                 f"'{option[:_MOST_QUOTED]}' is not understood there. Write: {kind.usage}"
             )
 
-        value = _number(tail[1])
+        number_word, *tail = behind_option
+        value = _number(number_word)
         if value is None or not _may_follow(option, value):
-            raise OrderError(f"'{tail[1][:_MOST_QUOTED]}' is no {_OPTION_MEANINGS[option]}.")
+            raise OrderError(f"'{number_word[:_MOST_QUOTED]}' is no {_OPTION_MEANINGS[option]}.")
         options[option] = value
 
-        tail = tail[2:]
-        if option == "in" and tail[:1] == ["s"]:
+        if option == "in" and tail[:1] == ["s"]:  # the unit, as in `in 5 s`
             tail = tail[1:]
 
     return options, words[:begin]
@@ -222,7 +223,8 @@ def _take_goals(words: list[str], fleet: FleetConfig) -> dict[str, Xyz]:
                 f"'{name_word[:_MOST_QUOTED]}' must be one vehicle, and only once: each has a goal "
                 "of its own."
             )
-        goals[names[0]] = (values[0], values[1], values[2])
+        x, y, z = values
+        goals[names[0]] = (x, y, z)
 
     if not goals:
         raise OrderError(f"Whose goals? Write: {usage}")

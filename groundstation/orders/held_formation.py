@@ -108,15 +108,9 @@ def formation_position(
         if not view.telemetry.is_position_valid:
             continue
 
-        vehicle_position = view.telemetry.position_enu_m
-        offset = slots[name]
-        positions.append(
-            (
-                vehicle_position[0] - offset[0],
-                vehicle_position[1] - offset[1],
-                vehicle_position[2] - offset[2],
-            )
-        )
+        x, y, z = view.telemetry.position_enu_m
+        offset_x, offset_y, offset_z = slots[name]
+        positions.append((x - offset_x, y - offset_y, z - offset_z))
 
     if not positions:
         return None

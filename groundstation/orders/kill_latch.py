@@ -32,17 +32,12 @@ class KillLatch:
 
         The result is empty if that press would be a first one.
         """
-        first = self._first_press
-        if first is None:
-            return ()
-        if now_s - first.time_s > KILL_WINDOW_S:
-            self._first_press = None
-            return ()
-        return first.vehicles
+        self._drop_old_press(now_s)
+        return () if self._first_press is None else self._first_press.vehicles
 
     def press(self, key: str, vehicles: tuple[str, ...], now_s: float) -> bool:
         """Return whether this press is the second one of the same key for the same vehicles."""
-        self.armed(now_s)  # drops a first press that is too old
+        self._drop_old_press(now_s)
         first = self._first_press
         if first is not None and (first.key, first.vehicles) == (key, vehicles):
             self._first_press = None
@@ -50,6 +45,11 @@ class KillLatch:
 
         self._first_press = _Press(key, vehicles, now_s)
         return False
+
+    def _drop_old_press(self, now_s: float) -> None:
+        first = self._first_press
+        if first is not None and now_s - first.time_s > KILL_WINDOW_S:
+            self._first_press = None
 
     def add(self, vehicles: Iterable[str]) -> None:
         """Latch vehicles whose kill was sent."""

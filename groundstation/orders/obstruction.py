@@ -22,7 +22,7 @@ _BLOCKED = ("unfinished", "timed out")  # phases of results that get an explanat
 _NEAR_WALL_M = 0.5  # distance from a body's edge at which an obstacle or the fence counts as near
 _MOST_NAMED = 3  # hindrances that a sentence names
 _ACTIVE_M_S2 = 0.05  # smallest intervention of the law that a sentence mentions
-_STEPS = 20  # points of the straight way that are compared with obstacles
+_STEP_COUNT = 20  # steps of the straight way, at whose ends it is compared with obstacles
 
 
 def explained(
@@ -118,7 +118,7 @@ def _walls(fleet: FleetConfig, position: Xyz, goal: Xyz) -> Iterator[tuple[float
     """Yield obstacles near the straight way, and sides of the fence near the vehicle."""
     near_m = _NEAR_WALL_M + 0.5 * fleet.fleet.body_diameter_m
 
-    shares = [k / _STEPS for k in range(_STEPS + 1)]
+    shares = [k / _STEP_COUNT for k in range(_STEP_COUNT + 1)]
     route = [
         (
             position[0] + share * (goal[0] - position[0]),

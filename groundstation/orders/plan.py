@@ -43,7 +43,7 @@ _LONGEST_MOVE_S = 600.0  # longest duration of a move, and longest time between 
 _MOST_SPACING_M = 1000.0
 _MIN_HEIGHT_M = 0.2  # of a take-off
 _OTHER_HEIGHT_M = 0.3  # difference from which a refusal says that heights do not count
-_NO_FORMATION = HeldFormation(None)
+_NO_FORMATION = HeldFormation(name=None)
 
 
 @dataclass(frozen=True, slots=True)
@@ -164,7 +164,9 @@ def _place_for(name: str, intent: Intent) -> str:
     A place is the name of the vehicle that the spare replaces.
     """
     if isinstance(intent, Swap) and name == intent.spare:
-        return intent.place or intent.swapped
+        if intent.place:
+            return intent.place
+        return intent.swapped
     return ""
 
 
@@ -173,9 +175,9 @@ def _without_disabled(intent: Intent, fleet: FleetConfig, state: FleetState | No
 
     An order to some vehicles is not changed, and neither is one that brings vehicles down.
     """
-    is_to_all = set(intent.names) == set(fleet.enabled_names)
+    names_all_enabled = set(intent.names) == set(fleet.enabled_names)
     has_goal_for_each = isinstance(intent, Goto)  # whoever wrote it has named each vehicle
-    if state is None or not is_to_all or has_goal_for_each or intent.brings_down:
+    if state is None or not names_all_enabled or has_goal_for_each or intent.brings_down:
         return intent
 
     excluded = out_of_service(state)
@@ -211,12 +213,12 @@ def _without_slotless(
     """
     if not isinstance(intent, (Formation, Move, Rotate)) or not _is_to_all(intent, fleet, state):
         return intent
-    held = held_after(intent, held)
-    if held.name is None:
+    next_held = held_after(intent, held)
+    if next_held.name is None:
         return intent
 
     try:
-        slots = held_slots(fleet, held)
+        slots = held_slots(fleet, next_held)
     except ConfigError:  # a formation that cannot be made; goals_of says why
         return intent
     names = tuple(name for name in intent.names if place_of(name, state) in slots)
@@ -421,7 +423,7 @@ def _goal_refusals(
 def _space_refusal(name: str, goal: Xyz, fleet: FleetConfig) -> str | None:
     """Return why a goal is outside the permitted space; None if it is inside."""
     fence = fleet.fleet.geofence_m
-    goal_text = f"({goal[0]:.2f}, {goal[1]:.2f}, {goal[2]:.2f})"
+    goal_text = _goal_text(goal)
     if not fence.contains(goal):
         return (
             f"{name}: the goal {goal_text} lies outside the "
@@ -435,7 +437,8 @@ def _space_refusal(name: str, goal: Xyz, fleet: FleetConfig) -> str | None:
 
     ground_m = floor_m(fleet)
     least_m = least_height_m(fleet.vehicles[name])
-    if goal[2] < ground_m + least_m:
+    _, _, height_m = goal
+    if height_m < ground_m + least_m:
         return (
             f"{name}: the goal {goal_text} is less than {least_m:g} m above the ground at "
             f"{ground_m:g} m. Choose a higher goal, or order land."
@@ -453,14 +456,20 @@ def _way_refusal(name: str, goal: Xyz, fleet: FleetConfig, state: FleetState | N
     words = unreachable(fleet, name, telemetry.position_enu_m, goal)
     if not words:
         return None
-    goal_text = f"({goal[0]:.2f}, {goal[1]:.2f}, {goal[2]:.2f})"
-    return f"{name}: the goal {goal_text} {words}. Choose another one."
+    return f"{name}: the goal {_goal_text(goal)} {words}. Choose another one."
+
+
+def _goal_text(goal: Xyz) -> str:
+    x, y, z = goal
+    return f"({x:.2f}, {y:.2f}, {z:.2f})"
 
 
 def _too_near(name: str, goal: Xyz, other: str, position: Xyz, fleet: FleetConfig) -> str:
     """Return the sentence about a goal that is too near to another one."""
-    distance_m = math.dist(goal[:2], position[:2])
-    height_difference_m = abs(goal[2] - position[2])
+    goal_x, goal_y, goal_z = goal
+    x, y, z = position
+    distance_m = math.dist((goal_x, goal_y), (x, y))
+    height_difference_m = abs(goal_z - z)
 
     height_words = ""
     if height_difference_m > _OTHER_HEIGHT_M:

@@ -20,7 +20,7 @@ def unreachable(fleet: FleetConfig, name: str, begin_enu_m: Xyz, goal_enu_m: Xyz
     Args:
         fleet: the fleet file.
         name: one of its vehicles.
-        begin_enu_m, goal_enu_m: where it is, and the goal [m], ENU.
+        begin_enu_m, goal_enu_m: position of the vehicle, and the goal [m], ENU.
     """
     return no_way(_around(fleet, name), name, begin_enu_m, goal_enu_m)
 
@@ -31,7 +31,7 @@ def way_m(fleet: FleetConfig, name: str, begin_enu_m: Xyz, goal_enu_m: Xyz) -> f
     Args:
         fleet: the fleet file.
         name: one of its vehicles.
-        begin_enu_m, goal_enu_m: where it is, and the goal [m], ENU.
+        begin_enu_m, goal_enu_m: position of the vehicle, and the goal [m], ENU.
     """
     return router.route_length_m(_around(fleet, name), begin_enu_m, goal_enu_m)
 

@@ -27,7 +27,7 @@ STEP_S = 0.05  # time from one sample to the next
 # difference between the parking distance and the distance at which the law begins to act
 _PARKING_MORE_M = 0.10
 _END_SPEED_M_S = 0.05  # largest speed at the begin and at the end of a path
-_BLOCK = 400  # samples whose pairs are compared at once, which limits the memory
+_BLOCK_SAMPLES = 400  # number of samples compared at once, which limits the memory
 _MOST_LISTED = 12  # items of a list that a sentence names
 _TILT_SHARE = 0.8  # share of the largest tilt that a path may use
 _LIMIT_FACTOR = 1.01  # factor on a limit above which a path is refused
@@ -111,8 +111,8 @@ def closest_pairs(
 
     xy = flown.values[0, :, :, :2]
     z = flown.values[0, :, :, 2]
-    for begin in range(0, len(xy) - 1, _BLOCK):
-        block = slice(begin, begin + _BLOCK + 1)
+    for begin in range(0, len(xy) - 1, _BLOCK_SAMPLES):
+        block = slice(begin, begin + _BLOCK_SAMPLES + 1)
 
         # The point of each step, from sample to sample, at which the two vehicles are nearest. The
         # lower limit of the divisor avoids a division by zero if both move alike.
@@ -129,25 +129,25 @@ def closest_pairs(
             least = np.minimum(abs(height[:-1]), abs(height[1:]))
             distance_m = np.maximum(distance_m, height_share * np.where(is_one_above, least, 0.0))
 
-        index = distance_m.argmin(0)
-        smallest_of_block_m = distance_m[index, np.arange(len(first))]
+        nearest_step = distance_m.argmin(0)  # of each pair, counted from the begin of the block
+        smallest_of_block_m = distance_m[nearest_step, np.arange(len(first))]
         is_nearer = smallest_of_block_m < smallest_m
         smallest_m[is_nearer] = smallest_of_block_m[is_nearer]
-        sample_of_smallest[is_nearer] = begin + index[is_nearer]
+        sample_of_smallest[is_nearer] = begin + nearest_step[is_nearer]
 
-    nearest = smallest_m.argmin()
+    nearest_pair = smallest_m.argmin()
     pairs = []
-    for k in np.argsort(smallest_m):
-        if smallest_m[k] >= below_m and k != nearest:
+    for pair in np.argsort(smallest_m):
+        if smallest_m[pair] >= below_m and pair != nearest_pair:
             continue
-        index = sample_of_smallest[k]
+        instant = sample_of_smallest[pair]
         pairs.append(
             ClosestApproach(
-                distance_m=float(smallest_m[k]),
-                first=flown.names[first[k]],
-                second=flown.names[second[k]],
-                time_s=float(flown.times_s[index]),
-                height_m=abs(float(z[index, first[k]] - z[index, second[k]])),
+                distance_m=float(smallest_m[pair]),
+                first=flown.names[first[pair]],
+                second=flown.names[second[pair]],
+                time_s=float(flown.times_s[instant]),
+                height_m=abs(float(z[instant, first[pair]] - z[instant, second[pair]])),
             )
         )
     return pairs
@@ -175,8 +175,7 @@ def needed_slowing(
         limits: limits of the vehicles.
         begin_s: begin of the paths, on the clock of the times in the words [s].
     """
-    velocity = flown.values[1]
-    acceleration = flown.values[2]
+    _, velocity, acceleration = flown.values
     speed_m_s = np.sqrt((velocity[:, :, :3] ** 2).sum(-1))
     acceleration_m_s2 = np.sqrt((acceleration[:, :, :3] ** 2).sum(-1))
 
@@ -267,7 +266,7 @@ def path_findings(fleet: FleetConfig, paths: Mapping[str, Path], where: str) -> 
     acceleration_m_s2 = np.sqrt((flown.values[2, :, :, :3] ** 2).sum(-1))
 
     findings = [
-        _at_most(
+        _limit_finding(
             flown,
             speed_m_s,
             noun="speed",
@@ -275,7 +274,7 @@ def path_findings(fleet: FleetConfig, paths: Mapping[str, Path], where: str) -> 
             bounds=[vehicle.max_speed_m_s for vehicle in vehicles],
             where=where,
         ),
-        _at_most(
+        _limit_finding(
             flown,
             acceleration_m_s2,
             noun="acceleration",
@@ -283,7 +282,7 @@ def path_findings(fleet: FleetConfig, paths: Mapping[str, Path], where: str) -> 
             bounds=[vehicle.max_acceleration_m_s2 for vehicle in vehicles],
             where=where,
         ),
-        _at_most(
+        _limit_finding(
             flown,
             _tilt_deg(fleet, flown),
             noun="tilt",
@@ -291,7 +290,7 @@ def path_findings(fleet: FleetConfig, paths: Mapping[str, Path], where: str) -> 
             bounds=[vehicle.max_tilt_deg for vehicle in vehicles],
             where=where,
         ),
-        _at_most(
+        _limit_finding(
             flown,
             speed_m_s[[0, -1]],
             noun="speed at the ends",
@@ -306,7 +305,7 @@ def path_findings(fleet: FleetConfig, paths: Mapping[str, Path], where: str) -> 
     return findings
 
 
-def _at_most(
+def _limit_finding(
     flown: SampledPaths,
     values: Array,
     *,
@@ -327,16 +326,21 @@ def _at_most(
         time_s = flown.times_s[-1]
 
     return at_most(
-        f"path {noun}, {where}",
-        float(values[step, index]),
-        bound,
-        unit,
-        f"{where[0].upper()}{where[1:]}: on {name}'s path {noun} is {{value}} at {time_s:.1f} s; "
-        "{relation} {bound} can be flown",
-        "Slow the path, or raise the vehicle's limit: 'covey import' slows a show by itself.",
+        name=f"path {noun}, {where}",
+        value=float(values[step, index]),
+        bound=bound,
+        unit=unit,
+        sentence=f"{_capitalised(where)}: on {name}'s path {noun} is {{value}} at "
+        f"{time_s:.1f} s; {{relation}} {{bound}} can be flown",
+        remedy="Slow the path, or raise the vehicle's limit: 'covey import' slows a show by "
+        "itself.",
         refuse_above=_LIMIT_FACTOR * bound,
         warn_above=_LIMIT_FACTOR * bound,
     )
+
+
+def _capitalised(words: str) -> str:
+    return f"{words[0].upper()}{words[1:]}"
 
 
 def _tilt_deg(fleet: FleetConfig, flown: SampledPaths) -> Array:
@@ -352,13 +356,15 @@ def _tilt_deg(fleet: FleetConfig, flown: SampledPaths) -> Array:
 def _room(fleet: FleetConfig, flown: SampledPaths, where: str) -> list[Finding]:
     """Return the findings about the distance to the fence and the height above the ground."""
     fence = fleet.fleet.geofence_m
-    positions = flown.values[0]
+    positions, _, _ = flown.values
     x = positions[..., 0]
     y = positions[..., 1]
     z = positions[..., 2]
-    walls = (x - fence.x[0], fence.x[1] - x, y - fence.y[0], fence.y[1] - y)
-    to_fence_m = np.minimum.reduce([*walls, fence.z[1] - z])
-    to_fence_m = np.minimum(to_fence_m, clearances_m(flight_space_of(fleet).areas, positions))
+    low_x, high_x = fence.x
+    low_y, high_y = fence.y
+    _, top = fence.z
+    to_box_m = np.minimum.reduce([x - low_x, high_x - x, y - low_y, high_y - y, top - z])
+    to_fence_m = np.minimum(to_box_m, clearances_m(flight_space_of(fleet).areas, positions))
     height_m = z - floor_m(fleet)
     least_m = max([LOWEST_M, *(least_height_m(fleet.vehicles[name]) for name in flown.names)])
 
@@ -370,13 +376,13 @@ def _room(fleet: FleetConfig, flown: SampledPaths, where: str) -> list[Finding]:
         step, index = np.unravel_index(values.argmin(), values.shape)
         findings.append(
             at_least(
-                f"path {noun}, {where}",
-                float(values[step, index]),
-                bound,
-                "m",
-                f"{where[0].upper()}{where[1:]}: on {flown.names[index]}'s path {noun} is "
+                name=f"path {noun}, {where}",
+                value=float(values[step, index]),
+                bound=bound,
+                unit="m",
+                sentence=f"{_capitalised(where)}: on {flown.names[index]}'s path {noun} is "
                 f"{{value}} at {flown.times_s[step]:.1f} s; {{relation}} {{bound}} is needed",
-                "Move the path, or the fence of the fleet file.",
+                remedy="Move the path, or the fence of the fleet file.",
             )
         )
     return findings
@@ -400,13 +406,13 @@ def _spacing(fleet: FleetConfig, flown: SampledPaths, where: str) -> Finding:
             "each other."
         )
     return at_least(
-        f"path spacing, {where}",
-        pairs[0].distance_m,
-        least_m,
-        "m",
-        f"{where[0].upper()}{where[1:]}: the paths come to {{value}} ({listed}); the law "
+        name=f"path spacing, {where}",
+        value=pairs[0].distance_m,
+        bound=least_m,
+        unit="m",
+        sentence=f"{_capitalised(where)}: the paths come to {{value}} ({listed}); the law "
         f"'{fleet.law.name}' needs {{relation}} {{bound}}{how}",
-        remedy,
+        remedy=remedy,
     )
 
 

@@ -25,12 +25,13 @@ from groundstation.paths.pieces import fitted, through
 from onboard.arrays import Array
 from onboard.config.file_reading import CSV_FILE, read_text
 from onboard.config.fleet import ConfigError
-from onboard.control.path import LONGEST_S, NUMBER_COUNT, Path, path_of
+from onboard.control.path import LONGEST_S, Path, path_of
 
 MOST_LINES = 400_000
 LONGEST_LINE = 4096  # letters; Crazyswarm's 33 columns take 500
 _AXES = ("x", "y", "z", "yaw")
 _PIECE_COLUMNS = ("duration", *(f"{axis}^{k}" for axis in _AXES for k in range(8)))
+# other names of columns
 _NAMES = {
     "time": "t",
     "timestamp": "t",
@@ -39,6 +40,7 @@ _NAMES = {
     "v": "speed",
     "velocity": "speed",
 }
+# unit in a column's name -> factor to s, m, m/s or deg
 _UNITS = {
     **dict.fromkeys(("", "s", "sec", "m", "m/s", "deg"), 1.0),
     "ms": 1e-3,
@@ -73,7 +75,7 @@ def load_path(file: str | os.PathLike[str]) -> Path:
         raise ConfigError(f"{name}: {error}") from None
     raise ConfigError(
         f"{name}: the columns {', '.join(columns[:6])} are no path. Name them t,x,y,z[,yaw] or "
-        f"x,y,z,speed[,yaw] in the first line, or write Crazyswarm's {NUMBER_COUNT} columns "
+        f"x,y,z,speed[,yaw] in the first line, or write Crazyswarm's {len(_PIECE_COLUMNS)} columns "
         "duration,x^0,...,yaw^7."
     )
 
@@ -112,9 +114,9 @@ def read_columns(name: str) -> tuple[tuple[str, ...], Array]:
             f"{MOST_LINES} more."
         )
 
-    first_line = lines[0][1]
+    (first_number, first_line), *further_lines = lines
     delimiter = next((mark for mark in (";", "\t") if mark in first_line), ",")
-    names = _cells(name, lines[0], delimiter)
+    names = _cells(name, first_number, first_line, delimiter)
     # Files of Crazyswarm end their line of names with a comma, and may end every line with one.
     has_last_delimiter = len(names) > 1 and not names[-1].strip()
     if has_last_delimiter:
@@ -122,9 +124,8 @@ def read_columns(name: str) -> tuple[tuple[str, ...], Array]:
     columns, factors = zip(*(_column(name, text) for text in names), strict=True)
 
     numbers = []
-    for line in lines[1:]:
-        line_number = line[0]
-        cells = _cells(name, line, delimiter)
+    for line_number, line in further_lines:
+        cells = _cells(name, line_number, line, delimiter)
         if has_last_delimiter and not cells[-1].strip():
             cells = cells[:-1]
         values = _numbers_of(name, line_number, cells)
@@ -153,14 +154,13 @@ def _lines_of(name: str) -> list[tuple[int, str]]:
     return lines
 
 
-def _cells(name: str, line: tuple[int, str], delimiter: str) -> list[str]:
+def _cells(name: str, line_number: int, line: str, delimiter: str) -> list[str]:
     """Return the cells of one line."""
-    number, text = line
     try:
-        (cells,) = csv.reader([text], delimiter=delimiter)
+        (cells,) = csv.reader([line], delimiter=delimiter)
     except (csv.Error, ValueError) as error:
         raise ConfigError(
-            f"{name}, line {number}: it is no line of a CSV ({error}). Correct it."
+            f"{name}, line {line_number}: it is no line of a CSV ({error}). Correct it."
         ) from None
     return cells
 

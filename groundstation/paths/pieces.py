@@ -52,8 +52,8 @@ def fitted(times_s: Array, values: Array) -> Path:
 
     # A quarter of a second of rest on either side.
     padded = np.pad(on_grid, ((_WINDOW, _WINDOW), (0, 0)), mode="edge")
-    p, v, a = _smoothed(padded, step_s)
-    return path_of(_merged(p, v, a, step_s))
+    positions, velocities, accelerations = _smoothed(padded, step_s)
+    return path_of(_merged(positions, velocities, accelerations, step_s))
 
 
 def through(points: Array, speeds_m_s: Array) -> Path:
@@ -96,31 +96,33 @@ def through(points: Array, speeds_m_s: Array) -> Path:
 def quintic(duration_s: float, begin: Array, end: Array) -> Array:
     """Return the piece (33,) between two motions (3, 4) of value, first and second derivative."""
     t = duration_s
-    out = np.zeros((4, 8))
+    begin_value, begin_first, begin_second = begin
+    end_value, end_first, end_second = end
+    coefficients = np.zeros((4, 8))
 
     # The motion at the begin gives the first three coefficients.
-    out[:, 0] = begin[0]
-    out[:, 1] = begin[1]
-    out[:, 2] = 0.5 * begin[2]
+    coefficients[:, 0] = begin_value
+    coefficients[:, 1] = begin_first
+    coefficients[:, 2] = 0.5 * begin_second
 
     # The other three follow from value, first and second derivative at the end, minus the part that
     # the first three contribute.
-    p = end[0] - (begin[0] + t * begin[1] + 0.5 * t * t * begin[2])
-    v = (end[1] - (begin[1] + t * begin[2])) * t
-    a = (end[2] - begin[2]) * t * t
+    value = end_value - (begin_value + t * begin_first + 0.5 * t * t * begin_second)
+    first = (end_first - (begin_first + t * begin_second)) * t
+    second = (end_second - begin_second) * t * t
 
-    out[:, 3] = (10.0 * p - 4.0 * v + 0.5 * a) / t**3
-    out[:, 4] = (-15.0 * p + 7.0 * v - a) / t**4
-    out[:, 5] = (6.0 * p - 3.0 * v + 0.5 * a) / t**5
+    coefficients[:, 3] = (10.0 * value - 4.0 * first + 0.5 * second) / t**3
+    coefficients[:, 4] = (-15.0 * value + 7.0 * first - second) / t**4
+    coefficients[:, 5] = (6.0 * value - 3.0 * first + 0.5 * second) / t**5
 
-    return np.concatenate([[t], out.reshape(-1)])
+    return np.concatenate([[t], coefficients.reshape(-1)])
 
 
 def resting(duration_s: float, value: Array) -> Array:
     """Return the piece (33,) that stays at one value (4,)."""
-    out = np.zeros((4, 8))
-    out[:, 0] = value
-    return np.concatenate([[duration_s], out.reshape(-1)])
+    coefficients = np.zeros((4, 8))
+    coefficients[:, 0] = value
+    return np.concatenate([[duration_s], coefficients.reshape(-1)])
 
 
 def slowed(path: Path, factor: float) -> Path:
@@ -149,7 +151,7 @@ def backwards(path: Path) -> Path:
 
 def cut(path: Path, begin_s: float, end_s: float) -> Array:
     """Return the pieces (P, 33) between two times of a path."""
-    out = []
+    pieces = []
     for piece, piece_end_s in zip(path.pieces, path.ends_s, strict=True):
         duration_s = piece[0]
         piece_begin_s = piece_end_s - duration_s
@@ -161,8 +163,8 @@ def cut(path: Path, begin_s: float, end_s: float) -> Array:
             continue
 
         shifted = np.array(piece[1:]).reshape(4, 8) @ _shift(first_s)
-        out.append(np.concatenate([[last_s - first_s], shifted.reshape(-1)]))
-    return np.array(out).reshape(-1, NUMBER_COUNT)
+        pieces.append(np.concatenate([[last_s - first_s], shifted.reshape(-1)]))
+    return np.array(pieces).reshape(-1, NUMBER_COUNT)
 
 
 def moved(path: Path, by: Array) -> Path:
@@ -209,14 +211,14 @@ def _smoothed(padded: Array, step_s: float) -> tuple[Array, Array, Array]:
         behind = values[: -2 * _WINDOW]
         return np.asarray((ahead - 2.0 * middle + behind) / window_s**2)
 
-    p = averaged(twice)
-    v = averaged(once)
-    a = averaged(extended)
+    positions = averaged(twice)
+    velocities = averaged(once)
+    accelerations = averaged(extended)
     for end in (0, -1):
-        p[end] = padded[end]
-        v[end] = 0.0
-        a[end] = 0.0
-    return p, v, a
+        positions[end] = padded[end]
+        velocities[end] = 0.0
+        accelerations[end] = 0.0
+    return positions, velocities, accelerations
 
 
 def _summed(steps: Array) -> Array:
@@ -224,7 +226,9 @@ def _summed(steps: Array) -> Array:
     return np.concatenate([np.zeros((1, steps.shape[1])), np.cumsum(steps, axis=0)])
 
 
-def _merged(p: Array, v: Array, a: Array, step_s: float) -> list[list[float]]:
+def _merged(
+    positions: Array, velocities: Array, accelerations: Array, step_s: float
+) -> list[list[float]]:
     """Return few quintics that are near a motion on a grid, in position and in acceleration.
 
     A quintic that is near in position only may swing between the samples with twice the
@@ -233,20 +237,21 @@ def _merged(p: Array, v: Array, a: Array, step_s: float) -> list[list[float]]:
     pieces = []
     first = 0  # sample at which the next piece begins
     length = _FIRST_PIECE  # samples that the last piece covers
-    tolerance_m_s2 = max(_TOLERANCE_M_S2, 0.1 * float(np.abs(a[:, :3]).max()))
+    tolerance_m_s2 = max(_TOLERANCE_M_S2, 0.1 * float(np.abs(accelerations[:, :3]).max()))
 
-    while first < len(p) - 1:
+    while first < len(positions) - 1:
         # Try a piece twice as long as the last one, and halve it until it is near enough.
-        length = min(2 * length, _LONGEST_PIECE, len(p) - 1 - first)
+        length = min(2 * length, _LONGEST_PIECE, len(positions) - 1 - first)
         while True:
             last = first + length
             piece = quintic(
                 duration_s=length * step_s,
-                begin=np.array([p[first], v[first], a[first]]),
-                end=np.array([p[last], v[last], a[last]]),
+                begin=np.array([positions[first], velocities[first], accelerations[first]]),
+                end=np.array([positions[last], velocities[last], accelerations[last]]),
             )
+            covered = slice(first, last + 1)
             error_m, error_m_s2 = _largest_errors(
-                piece, p[first : last + 1], a[first : last + 1], step_s
+                piece, positions[covered], accelerations[covered], step_s
             )
             is_near = error_m < _TOLERANCE_M and error_m_s2 < tolerance_m_s2
             if length == 1 or is_near:
@@ -258,26 +263,28 @@ def _merged(p: Array, v: Array, a: Array, step_s: float) -> list[list[float]]:
     return pieces
 
 
-def _largest_errors(piece: Array, p: Array, a: Array, step_s: float) -> tuple[float, float]:
+def _largest_errors(
+    piece: Array, positions: Array, accelerations: Array, step_s: float
+) -> tuple[float, float]:
     """Return by how much a piece misses samples of a motion at most.
 
     Args:
         piece: the piece (33,).
-        p: positions and yaw (T, 4) at a grid from the begin to the end of the piece.
-        a: accelerations (T, 4) at the same times.
+        positions: positions and yaw (T, 4) at a grid from the begin to the end of the piece.
+        accelerations: accelerations (T, 4) at the same times.
         step_s: step of the grid.
 
     Returns:
         Largest errors of a position or yaw [m, rad], and of an acceleration [m/s^2].
     """
     coefficients = piece[1:].reshape(4, 8).T
-    times_s = (step_s * np.arange(len(p)))[:, None]
-    error_m = times_s ** np.arange(8) @ coefficients - p
+    times_s = (step_s * np.arange(len(positions)))[:, None]
+    error_m = times_s ** np.arange(8) @ coefficients - positions
 
     # the second derivative of t^k is k (k - 1) t^(k - 2)
     factors = np.arange(2, 8) * np.arange(1, 7)
     acceleration = times_s ** np.arange(6) @ (factors[:, None] * coefficients[2:])
-    error_m_s2 = (acceleration - a)[:, :3]
+    error_m_s2 = (acceleration - accelerations)[:, :3]
     return float(np.abs(error_m).max()), float(np.abs(error_m_s2).max())
 
 
@@ -288,32 +295,37 @@ def _spline(times_s: Array, values: Array, grid: Array) -> Array:
     count = len(times_s)
 
     # The velocities at the samples follow from the continuity of the acceleration. They are the
-    # solution of a tridiagonal system. First step of the solution: elimination from the front.
+    # solution of a tridiagonal system. Its row for sample k has the steps as weights of the two
+    # neighbouring velocities: that after k for the one before, and that before k for the one after.
+    # First step of the solution: elimination from the front. It leaves
+    # velocity[k] = right[k] - upper[k] * velocity[k + 1].
     upper = np.zeros(count)
     right = np.zeros((count, 4))
     for k in range(1, count - 1):
-        left = steps[k]
-        ahead = steps[k - 1]
-        pivot = 2.0 * (left + ahead) - left * upper[k - 1]
-        upper[k] = ahead / pivot
-        right[k] = (3.0 * (left * slopes[k - 1] + ahead * slopes[k]) - left * right[k - 1]) / pivot
+        before = steps[k - 1]
+        after = steps[k]
+        pivot = 2.0 * (after + before) - after * upper[k - 1]
+        upper[k] = before / pivot
+        rise = 3.0 * (after * slopes[k - 1] + before * slopes[k])
+        right[k] = (rise - after * right[k - 1]) / pivot
 
     # Second step: substitution from the back. The motion rests at both ends.
     velocity = np.zeros((count, 4))
     for k in range(count - 2, 0, -1):
         velocity[k] = right[k] - upper[k] * velocity[k + 1]
 
-    # Hermite's cubic between the two samples around each time of the grid.
+    # Hermite's cubic between the two samples around each time of the grid; u is the share of the
+    # step between them that has passed.
     index = np.clip(np.searchsorted(times_s, grid, side="right") - 1, 0, count - 2)
-    h = steps[index][:, None]
-    u = (grid - times_s[index])[:, None] / h
+    step = steps[index][:, None]
+    u = (grid - times_s[index])[:, None] / step
     begin = values[index]
     end = values[index + 1]
-    rise_a = velocity[index] * h
-    rise_b = velocity[index + 1] * h
+    begin_rise = velocity[index] * step
+    end_rise = velocity[index + 1] * step
     return np.asarray(
         begin * (1 + 2 * u) * (1 - u) ** 2
         + end * u * u * (3 - 2 * u)
-        + rise_a * u * (1 - u) ** 2
-        - rise_b * u * u * (1 - u)
+        + begin_rise * u * (1 - u) ** 2
+        - end_rise * u * u * (1 - u)
     )

@@ -2,8 +2,8 @@
 
 Each process has a process group of its own, so that a Ctrl-C at the terminal does not reach it. A
 session of its own would have the same effect. But on a busy machine the kernel gives every session
-the same share (autogroups), and a thread then can wait for up to half a second. With a session for
-each, ten agents that fill two cores fell out of the air; in one session they fly.
+the same share (autogroups), and a thread then can wait for up to half a second, which is too long
+for an agent in the air.
 
 Each process ends with this one. If this process is killed, the kernel sends SIGKILL to the others
 (Linux); on a normal end ``atexit`` does.
@@ -34,9 +34,7 @@ LOG_TAIL_LINES = 6
 
 # Agents' loops with real-time priority per core; more would leave nothing for network and ground.
 _LOOPS_PER_CORE = 5
-# Agents per core. Flights of 13 on two cores kept their time, flights of 20 did not
-# (docs/processes.md).
-_MOST_PER_CORE = 6.5
+_MOST_PER_CORE = 6.5  # agents per core with which flights keep their time (docs/processes.md)
 
 
 def agent_command(path: str, name: str, *, is_realtime: bool = True) -> list[str]:
@@ -167,7 +165,7 @@ class Processes:
             raise ProcessError(
                 f"{name} cannot be started ({error}). Is there disk space and memory left?"
             ) from None
-        self._started.append(StartedProcess(name, process, log, ends_last))
+        self._started.append(StartedProcess(name, process, log, ends_last=ends_last))
 
     def dead(self) -> list[StartedProcess]:
         """Return the processes that have ended before they were stopped."""

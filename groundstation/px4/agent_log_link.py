@@ -14,6 +14,7 @@ from __future__ import annotations
 import contextlib
 import queue
 import time
+from collections import deque
 from collections.abc import Iterable, Iterator, Sequence
 from typing import Any
 
@@ -51,7 +52,7 @@ class AgentLogLink:
         self._bus = bus
         self._codec = message_codec(self)
         self._pieces: queue.Queue[bytes] = queue.Queue(_MOST_PIECES)
-        self._messages: list[Any] = []  # decoded messages in reversed order: the oldest is last
+        self._messages: deque[Any] = deque()  # decoded messages, the oldest first
 
         bus.subscribe(Topic.TELEMETRY, vehicle.name, self._received)
         bus.subscribe(Topic.LOG_PIECES, vehicle.name, self._received)
@@ -81,7 +82,7 @@ class AgentLogLink:
             if self.is_armed:
                 raise ArmedInBetween
             while self._messages:
-                message = self._messages.pop()
+                message = self._messages.popleft()
                 is_own = is_of_autopilot(message, self._vehicle.system_id)
                 if is_own and message.get_type() in wanted:
                     return message
@@ -91,7 +92,7 @@ class AgentLogLink:
                 return None
             with contextlib.suppress(queue.Empty):
                 packet = self._pieces.get(timeout=min(left_s, _LOOK_S))
-                self._messages = list(reversed(self._codec.parse_buffer(packet) or []))
+                self._messages.extend(self._codec.parse_buffer(packet) or [])
 
     def _received(self, _topic: Topic, _name: str, message: Message | Malformed) -> None:
         """Receive telemetry or log pieces; called on a thread of the bus."""

@@ -38,9 +38,11 @@ class Pieces:
     @property
     def gap(self) -> tuple[int, int]:
         """Offset of the first missing byte, and offset at which the missing part ends."""
+        end = self.size
         if self._waiting:
-            return self.bytes_in_order, min(self.size, self._waiting[0][0])
-        return self.bytes_in_order, self.size
+            first_offset, _ = self._waiting[0]
+            end = min(end, first_offset)
+        return self.bytes_in_order, end
 
     def add(self, offset: int, data: bytes) -> bytes:
         """Add a piece.

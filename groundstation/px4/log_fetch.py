@@ -11,6 +11,7 @@ disarms, and until then the link is needed for the flight.
 from __future__ import annotations
 
 import contextlib
+import os
 import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
@@ -138,11 +139,11 @@ def _fetch_one(
         is_armed = bool(agent_link.is_armed)
         link_words = "through its agent"
     else:
-        return VehicleReport(name, False, _trouble(link), answers=False)
+        return VehicleReport(name, is_fine=False, headline=_trouble(link), answers=False)
 
     if is_armed:
         headline = "nothing was fetched: it is armed. Land and disarm it."
-        return VehicleReport(name, False, headline)
+        return VehicleReport(name, is_fine=False, headline=headline)
 
     lines: list[str] = []
     try:
@@ -155,17 +156,17 @@ def _fetch_one(
             "stopped: it was armed meanwhile. Land and disarm it, and fetch once more:"
             " it goes on where it was."
         )
-        return VehicleReport(name, False, headline, tuple(lines))
+        return VehicleReport(name, is_fine=False, headline=headline, lines=tuple(lines))
     except (ConfigError, IncompleteError) as error:
-        return VehicleReport(name, False, str(error), tuple(lines))
+        return VehicleReport(name, is_fine=False, headline=str(error), lines=tuple(lines))
     except OSError as error:
         headline = f"a file cannot be written: {error}. Make room, or give another folder."
-        return VehicleReport(name, False, headline, tuple(lines))
+        return VehicleReport(name, is_fine=False, headline=headline, lines=tuple(lines))
 
     if not logs:
         headline = "its PX4 has no log, or gives none out: look at SDLOG_MODE and at its card."
-        return VehicleReport(name, False, headline)
-    return VehicleReport(name, True, link_words, tuple(lines))
+        return VehicleReport(name, is_fine=False, headline=headline)
+    return VehicleReport(name, is_fine=True, headline=link_words, lines=tuple(lines))
 
 
 def _trouble(link: VehicleLink) -> str:
@@ -173,7 +174,7 @@ def _trouble(link: VehicleLink) -> str:
     if not is_device_of_another_computer(vehicle) or vehicle.direct is not None:
         return link.trouble
 
-    device = vehicle.autopilot.removeprefix("serial://").rpartition(":")[0]
+    device, _, _ = vehicle.autopilot.removeprefix("serial://").rpartition(":")  # without baud rate
     return (
         f"Its PX4 is at {device} of {vehicle.host}, another computer, and its agent, through which"
         f" the log would come, is not heard. Start the agent, or run 'covey log fetch DIR"
@@ -282,7 +283,7 @@ class _Download:
         """Return the first bytes of the file, as far as they have been received."""
         self._file.seek(0)
         head = self._file.read(_HEAD_BYTES)
-        self._file.seek(0, 2)
+        self._file.seek(0, os.SEEK_END)
         return head
 
     def take(self, piece: Piece) -> None:
@@ -333,8 +334,8 @@ def _without_another_flight(link: LogLink, log: VehicleLog, target: Path) -> Pat
     number = 1
     while path.exists() and path.stat().st_size != log.size:
         with opened(path, _LOG_HERE) as file:
-            known = file.read(_HEAD_BYTES)
-        if known == _head(link, log)[: len(known)]:
+            known_head = file.read(_HEAD_BYTES)
+        if known_head == _head(link, log)[: len(known_head)]:
             break
         number += 1
         path = target.with_name(f"{target.stem}-{number}{SUFFIX}")
@@ -353,18 +354,18 @@ def _by_all_methods(link: LogLink, log: VehicleLog, download: _Download) -> list
     count_by_data = 0  # bytes by LOG_DATA
     failures = 0
     while not pieces.is_whole and failures < _MOST_FAILURES:
-        before = pieces.bytes_in_order
+        count_before = pieces.bytes_in_order
         if log.path:
             sessions += _by_file_transfer(link, log.path, download)
-        count_by_file += pieces.bytes_in_order - before
-
-        between = pieces.bytes_in_order
+        count_between = pieces.bytes_in_order
         if not pieces.is_whole:
             _by_log_data(link, log, download)
-        count_by_data += pieces.bytes_in_order - between
+        count_after = pieces.bytes_in_order
 
+        count_by_file += count_between - count_before
+        count_by_data += count_after - count_between
         failures += 1
-        if pieces.bytes_in_order > before:
+        if count_after > count_before:
             failures = 0
 
     methods = []
@@ -389,16 +390,16 @@ def _usable_bytes(link: LogLink, log: VehicleLog, file: BinaryIO, part: Path) ->
     Raises:
         IncompleteError: PX4 does not say whether they are of this log; they are kept.
     """
-    count = file.seek(0, 2)
+    count = file.seek(0, os.SEEK_END)
     if count and count <= log.size:
         file.seek(0)
-        known = file.read(_HEAD_BYTES)
-        file.seek(0, 2)
+        known_head = file.read(_HEAD_BYTES)
+        file.seek(0, os.SEEK_END)
 
         head = _head(link, log)
-        if len(head) < len(known):
+        if len(head) < len(known_head):
             raise _incomplete(part, count, log)
-        if head.startswith(known):
+        if head.startswith(known_head):
             return count
     file.truncate(0)
     return 0
@@ -495,8 +496,8 @@ def _number_of(data: LogData, log: VehicleLog, download: _Download) -> int | Non
     candidates = [entry for entry in data.entries() if entry.size >= log.size]
     candidates.sort(key=lambda entry: (entry.size, -entry.unix_s))
 
-    known = download.head()
-    if not known:
+    known_head = download.head()
+    if not known_head:
         for entry in candidates:
             if entry.size == log.size:
                 return entry.number
@@ -504,6 +505,6 @@ def _number_of(data: LogData, log: VehicleLog, download: _Download) -> int | Non
 
     for entry in candidates:
         head = b"".join(piece.data for piece in data.read(entry.number, 0, _HEAD_BYTES))
-        if head.startswith(known):
+        if head.startswith(known_head):
             return entry.number
     return None

@@ -17,7 +17,7 @@ from typing import Any, NamedTuple, Protocol
 
 _PAYLOAD_BYTES = 251
 _HEAD = struct.Struct("<HBBBBBxI")  # the fields of _Head, with a byte of padding before the last
-_MOST_DATA = _PAYLOAD_BYTES - _HEAD.size
+_MOST_DATA = _PAYLOAD_BYTES - _HEAD.size  # bytes
 
 # operations
 _RESET = 2
@@ -31,8 +31,8 @@ _NAK = 129
 # errors
 END_OF_FILE = 6
 
-_ATTEMPTS = 4
-_ANSWER_S = 0.6
+_ATTEMPTS = 4  # number of times that a request is sent if no answer comes
+_ANSWER_S = 0.6  # longest wait for the answer to a request
 _SILENT_S = 1.0  # a burst has ended after this time without a piece
 _MOST_ENTRIES = 20_000  # entries of a folder
 _MOST_LOGS = 10_000
@@ -185,18 +185,28 @@ class FileTransfer:
             if head.is_complete:
                 return
 
-    def _ask(self, operation: int, *, offset: int = 0, data: bytes = b"", size: int = 0) -> bytes:
+    def _ask(
+        self, operation: int, *, offset: int = 0, data: bytes = b"", size: int | None = None
+    ) -> bytes:
         """Send a request until it is answered; return the data of the answer.
+
+        Args:
+            operation: number of the operation.
+            offset: offset in the file, or index in the folder.
+            data: data of the request.
+            size: number of bytes that are requested; None: the number of bytes in ``data``.
 
         Raises:
             TransferRefused: the answer is an error.
             TransferSilent: there is no answer.
         """
         self._sequence = (self._sequence + 1) & 0xFFFF
+        if size is None:
+            size = len(data)
         for _ in range(_ATTEMPTS):
             # When a request comes again with the same number, PX4 repeats its answer instead of
             # acting twice. The answer has the next number.
-            self._send_numbered(operation, offset, data, size or len(data))
+            self._send_numbered(operation, offset, data, size)
             answer_number = (self._sequence + 1) & 0xFFFF
             answer = self._next_answer(operation, _ANSWER_S, sequence=answer_number)
             if answer is None:
@@ -205,7 +215,7 @@ class FileTransfer:
             content = _data_of(answer)
             if _head_of(answer).operation != _NAK:
                 return content
-            error = 0
+            error = 0  # its number, which is the first byte of the answer
             if content:
                 error = content[0]
             raise TransferRefused(error)

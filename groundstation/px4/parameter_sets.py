@@ -112,7 +112,7 @@ def diff(links: Sequence[VehicleLink], fleet: FleetConfig, reference: str) -> li
             for link in links
         ]
 
-    reference_name = fleet.select(reference)[0]
+    reference_name, *_ = fleet.select(reference)
     reports = []
     for link in links:
         name = link.vehicle.name
@@ -204,7 +204,6 @@ def restore(links: Sequence[VehicleLink], path: Path, backup: Path) -> list[Vehi
             " Select others with --vehicles, or give their own file."
         )
 
-    # Vehicles that are not heard are among them: `save` says why their PX4s do not answer.
     to_restore = [link for link in links if link.vehicle.system_id in sets and not link.is_armed]
     troubles, _ = save(to_restore, backup)
 

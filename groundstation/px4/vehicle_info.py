@@ -173,9 +173,8 @@ def _uptime(heard: _Messages) -> str:
     ]
     if not times_ms:
         return "not said"
-    minutes, seconds = divmod(max(times_ms) // 1000, 60)
-    hours, minutes = divmod(minutes, 60)
-    return f"{hours} h {minutes} min {seconds} s"
+    up_s = max(times_ms) // 1000
+    return f"{up_s // 3600} h {up_s // 60 % 60} min {up_s % 60} s"
 
 
 def _snapshot(heard: _Messages, *names: str) -> Snapshot:
@@ -207,9 +206,13 @@ def _sensors(heard: _Messages) -> str:
     if "SYS_STATUS" not in heard:
         return "not said"
     reported = sensors(_snapshot(heard, "SYS_STATUS"))
-    healthy = ", ".join(name for name, is_healthy in reported if is_healthy)
-    unhealthy = ", ".join(name for name, is_healthy in reported if not is_healthy)
-    return f"healthy: {healthy or 'none'}; unhealthy: {unhealthy or 'none'}"
+    healthy = [name for name, is_healthy in reported if is_healthy]
+    unhealthy = [name for name, is_healthy in reported if not is_healthy]
+    return f"healthy: {_listed(healthy)}; unhealthy: {_listed(unhealthy)}"
+
+
+def _listed(names: Sequence[str]) -> str:
+    return ", ".join(names) if names else "none"
 
 
 def _satellites(heard: _Messages) -> str:
@@ -230,19 +233,19 @@ def _links(link: VehicleLink, traffic: _Traffic, key: bytes | None) -> str:
 
 
 def _direct_link(vehicle: Vehicle, key: bytes | None) -> str:
-    """Return in words whether PX4 also answers on its ground link."""
+    """Return in words whether PX4 also answers on its direct link."""
     if vehicle.direct is None:
         return "no direct link in the fleet file"
     try:
-        ground = AutopilotLink(vehicle.direct, vehicle.system_id, key=key)
+        direct_link = AutopilotLink(vehicle.direct, vehicle.system_id, key=key)
     except (OSError, ValueError) as error:
         return f"{vehicle.direct}: {error}"
 
     try:
-        is_heard = ground.is_armed() is not None
+        is_heard = direct_link.is_armed() is not None
         return f"{vehicle.direct}: {'answers' if is_heard else 'silent'}"
     finally:
-        ground.stop()
+        direct_link.stop()
 
 
 def exit_status(infos: Sequence[VehicleInfo]) -> int:

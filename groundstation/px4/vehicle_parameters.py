@@ -210,11 +210,11 @@ def read_whole(link: VehicleLink) -> dict[str, Value] | str:
         return str(error)
 
 
-def exit_status(answers: Sequence[VehicleParams]) -> int:
+def exit_status(vehicles: Sequence[VehicleParams]) -> int:
     """Return 0 if all vehicles are fine, 1 if none is, 10 if none answered, 50 if some are."""
-    if not any(answer.answers for answer in answers):
+    if not any(vehicle.answers for vehicle in vehicles):
         return EXIT_NO_ANSWER
-    return status_of([answer.is_fine for answer in answers])
+    return status_of([vehicle.is_fine for vehicle in vehicles])
 
 
 def status_of(fine: Sequence[bool]) -> int:
@@ -226,17 +226,17 @@ def status_of(fine: Sequence[bool]) -> int:
     return EXIT_FAILED
 
 
-def as_text(answers: Sequence[VehicleParams]) -> str:
+def as_text(vehicles: Sequence[VehicleParams]) -> str:
     """Return the list for people."""
     lines: list[str] = []
-    for answer in answers:
-        if answer.answers:
-            lines += _vehicle_lines(answer)
+    for vehicle in vehicles:
+        if vehicle.answers:
+            lines += _vehicle_lines(vehicle)
         else:
-            text = f"{answer.name}: no answer. {answer.trouble}"
+            text = f"{vehicle.name}: no answer. {vehicle.trouble}"
             lines += textwrap.wrap(text, _WIDTH, subsequent_indent="  ")
 
-    versions = {answer.version for answer in answers if answer.version}
+    versions = {vehicle.version for vehicle in vehicles if vehicle.version}
     if len(versions) > 1:
         lines.append(
             f"Not all are of one version ({', '.join(sorted(versions))}):"
@@ -245,36 +245,36 @@ def as_text(answers: Sequence[VehicleParams]) -> str:
     return "\n".join(lines)
 
 
-def _vehicle_lines(answer: VehicleParams) -> list[str]:
-    off = sum(1 for row in answer.rows if not row.is_met)
-    summary = f"all {len(answer.rows)} are as they should be"
-    if off:
-        summary = f"{off} of {len(answer.rows)} differ"
+def _vehicle_lines(vehicle: VehicleParams) -> list[str]:
+    differing = [row for row in vehicle.rows if not row.is_met]
+    summary = f"all {len(vehicle.rows)} are as they should be"
+    if differing:
+        summary = f"{len(differing)} of {len(vehicle.rows)} differ"
 
-    lines = [f"{answer.name}, {answer.version}, read at {answer.endpoint}: {summary}."]
-    for row in answer.rows:
+    lines = [f"{vehicle.name}, {vehicle.version}, read at {vehicle.endpoint}: {summary}."]
+    for row in vehicle.rows:
         lines += textwrap.wrap(
-            _line(row, answer), _WIDTH, subsequent_indent=" " * 10, initial_indent="  "
+            _line(row, vehicle), _WIDTH, subsequent_indent=" " * 10, initial_indent="  "
         )
-    lines += textwrap.wrap(answer.trouble, _WIDTH, initial_indent="  ", subsequent_indent="  ")
+    lines += textwrap.wrap(vehicle.trouble, _WIDTH, initial_indent="  ", subsequent_indent="  ")
 
-    if answer.is_stored:
+    if vehicle.is_stored:
         lines.append("  Stored: PX4 keeps them over a restart.")
-    if answer.restarts_for:
-        names = ", ".join(answer.restarts_for)
+    if vehicle.restarts_for:
+        names = ", ".join(vehicle.restarts_for)
         lines.append(f"  Restart PX4: it reads {names} only when it starts.")
     return lines
 
 
-def _line(row: ParameterState, answer: VehicleParams) -> str:
+def _line(row: ParameterState, vehicle: VehicleParams) -> str:
     """Return the line of one parameter."""
     demand = row.demand
     if row.value is not None:
         value = f"{row.value:g}"
-    elif answer.trouble:
+    elif vehicle.trouble:
         value = "not read"
     else:
-        value = f"unknown to {answer.version}"
+        value = f"unknown to {vehicle.version}"
 
     if row.change is not None and row.was_set:
         before = f"{row.change.before:g}"
@@ -290,21 +290,21 @@ def _line(row: ParameterState, answer: VehicleParams) -> str:
     return f"{mark:<8}{demand.name:<16} {value}{outcome}, {required}"
 
 
-def as_mapping(answers: Sequence[VehicleParams]) -> dict[str, Any]:
-    """Return the answers of vehicles as data for programs."""
-    return {answer.name: _vehicle_mapping(answer) for answer in answers}
+def as_mapping(vehicles: Sequence[VehicleParams]) -> dict[str, Any]:
+    """Return the parameters of vehicles as data for programs."""
+    return {vehicle.name: _vehicle_mapping(vehicle) for vehicle in vehicles}
 
 
-def _vehicle_mapping(answer: VehicleParams) -> dict[str, Any]:
+def _vehicle_mapping(vehicle: VehicleParams) -> dict[str, Any]:
     return {
-        "answers": answer.answers,
-        "is_fine": answer.is_fine,
-        "version": answer.version,
-        "asked_at": answer.endpoint,
-        "trouble": answer.trouble,
-        "is_stored": answer.is_stored,
-        "restart_for": list(answer.restarts_for),
-        "params": {row.demand.name: _row_mapping(row) for row in answer.rows},
+        "answers": vehicle.answers,
+        "is_fine": vehicle.is_fine,
+        "version": vehicle.version,
+        "asked_at": vehicle.endpoint,
+        "trouble": vehicle.trouble,
+        "is_stored": vehicle.is_stored,
+        "restart_for": list(vehicle.restarts_for),
+        "params": {row.demand.name: _row_mapping(row) for row in vehicle.rows},
     }
 
 

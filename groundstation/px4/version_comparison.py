@@ -223,7 +223,7 @@ def _changed_defaults(
         defaults = measured.parameters.get(version, {}).get("defaults", {})
         for name, (older, newer) in defaults.items():
             if name in changed:
-                older = changed[name][0]
+                older, _ = changed[name]
             changed[name] = (older, newer)
 
     def sentences(vehicle: Vehicle) -> Iterator[str]:
@@ -243,35 +243,51 @@ def _changed_defaults(
     return _by_vehicle(_enabled(fleet), sentences)
 
 
-def _lag_notes(vehicles: Sequence[Vehicle], new: str, measured: MeasuredPx4) -> list[str]:
-    """Return sentences about attitude values that were identified with another version."""
+def _lag_notes(vehicles: Sequence[Vehicle], new_name: str, measured: MeasuredPx4) -> list[str]:
+    """Return sentences about attitude values that were identified with another version.
+
+    Args:
+        vehicles: vehicles of the fleet.
+        new_name: the measured version that is nearest to the version to fly.
+        measured: measurements of the versions of PX4.
+    """
 
     def sentences(vehicle: Vehicle) -> Iterator[str]:
         identified = vehicle.px4_version
-        if identified == new:
+        if identified == new_name:
             return
         before_s = lag_s(_version(identified, measured), vehicle.px4_params)
-        after_s = lag_s(_version(new, measured), vehicle.px4_params)
+        after_s = lag_s(_version(new_name, measured), vehicle.px4_params)
 
         head = f"The attitude values of type '{vehicle.type}' were identified with v{identified}."
         if abs(after_s - before_s) > LAG_ERROR_S:
             yield (
-                f"{head} With v{new} the attitude lags by {after_s:.2f} s instead of"
+                f"{head} With v{new_name} the attitude lags by {after_s:.2f} s instead of"
                 f" {before_s:.2f} s and take-off is refused: identify the vehicle anew"
                 " (covey identify), and set px4_version."
             )
         else:
-            yield f"{head} With v{new} the attitude lags alike ({after_s:.2f} s): set px4_version."
+            yield (
+                f"{head} With v{new_name} the attitude lags alike ({after_s:.2f} s):"
+                " set px4_version."
+            )
 
     return _by_vehicle(vehicles, sentences)
 
 
 def _changed_facts(
-    fleet: FleetConfig, old: str, new: str, version: Version, measured: MeasuredPx4
+    fleet: FleetConfig, old_name: str, new_name: str, new_version: Version, measured: MeasuredPx4
 ) -> Iterator[ChangedFact]:
-    """Yield the measured facts that differ, with what they mean for the fleet."""
-    facts_before = measured.facts_of(old)
-    for name, fact in measured.facts_of(new).items():
+    """Yield the measured facts that differ, with what they mean for the fleet.
+
+    Args:
+        fleet: the fleet file.
+        old_name, new_name: the measured versions that are compared.
+        new_version: version to fly.
+        measured: measurements of the versions of PX4.
+    """
+    facts_before = measured.facts_of(old_name)
+    for name, fact in measured.facts_of(new_name).items():
         before = facts_before[name].expected
         if fact.expected == before:
             continue
@@ -279,7 +295,7 @@ def _changed_facts(
         row = _row_of(name)
         concerned = []
         for vehicle in _enabled(fleet):
-            if _concerns(row, _demanded(fleet, vehicle, version)):
+            if _concerns(row, _demanded(fleet, vehicle, new_version)):
                 concerned.append(vehicle.name)
         yield ChangedFact(
             name=name,
@@ -323,7 +339,10 @@ def as_text(comparison: Comparison) -> str:
     lines += _wrapped(comparison.notes, "  ! ")
 
     lines.append("Parameters")
-    lines += _wrapped(comparison.parameters or ("nothing changes.",), "  ")
+    parameters = comparison.parameters
+    if not parameters:
+        parameters = ("nothing changes.",)
+    lines += _wrapped(parameters, "  ")
 
     for group, title in _GROUPS.items():
         lines.append(title)

@@ -104,24 +104,24 @@ def align(record_time_s: Array, record_up: Array, log_time_s: Array, log_up: Arr
         if time_s[-1] - time_s[0] > _LONGEST_S:
             raise NoAlignment(f"The {source} is longer than {_LONGEST_S / 3600.0:g} h.")
 
-    record = _on_grid(record_time_s, record_up)
-    log = _on_grid(log_time_s, log_up)
-    for signal, source in ((record, "record"), (log, "log")):
-        tilt_deg = _spread_deg(signal)
+    record_tilt = _on_grid(record_time_s, record_up)
+    log_tilt = _on_grid(log_time_s, log_up)
+    for tilt, source in ((record_tilt, "record"), (log_tilt, "log")):
+        tilt_deg = _spread_deg(tilt)
         if tilt_deg < LEAST_TILT_DEG:
             raise NoAlignment(
                 f"The vehicle hardly tilts in the {source} ({tilt_deg:.1f} deg): nothing tells"
                 " which moments are the same."
             )
 
-    lags = _best_lags(record, log)
+    lags = _best_lags(record_tilt, log_tilt)
     begin_offset_s = float(record_time_s[0] - log_time_s[0])
     candidates = [
         _refined(record_time_s, record_up, log_time_s, log_up, begin_offset_s + lag * GRID_S)
         for lag in lags
     ]
     best = min(candidates, key=lambda candidate: candidate.residual_deg)
-    _check(best, _spread_deg(log), candidates)
+    _check(best, _spread_deg(log_tilt), candidates)
     return _stretched(record_time_s, record_up, log_time_s, log_up, best)
 
 
@@ -207,7 +207,7 @@ def _on_grid(time_s: Array, up: Array) -> Array:
 def _between(time_s: Array, values: Array, at_s: Array) -> Array:
     """Return values interpolated at other times; NaN outside the samples and in gaps."""
     interpolated = np.stack(
-        [np.interp(at_s, time_s, values[:, part], np.nan, np.nan) for part in range(3)], axis=-1
+        [np.interp(at_s, time_s, values[:, axis], np.nan, np.nan) for axis in range(3)], axis=-1
     )
     # index of the next sample after each time, so that the one before it exists
     after = np.clip(np.searchsorted(time_s, at_s), 1, time_s.size - 1)
@@ -216,22 +216,28 @@ def _between(time_s: Array, values: Array, at_s: Array) -> Array:
     return interpolated
 
 
-def _spread_deg(signal: Array) -> float:
+def _spread_deg(tilt: Array) -> float:
     """Return the standard deviation of roll and pitch together, of a tilt from _on_grid."""
-    if not signal.size:
+    if not tilt.size:
         return 0.0
-    return math.degrees(math.sqrt(float((signal**2).sum(-1).mean())))
+    return math.degrees(math.sqrt(float((tilt**2).sum(-1).mean())))
 
 
-def _best_lags(record: Array, log: Array) -> list[int]:
-    """Return the shifts at which the log fits the record best, in grid steps, best first."""
+def _best_lags(record_tilt: Array, log_tilt: Array) -> list[int]:
+    """Return the shifts at which the log fits the record best, in grid steps, best first.
+
+    Args:
+        record_tilt, log_tilt: tilts from _on_grid.
+    """
+    record_size = record_tilt.shape[0]
+    log_size = log_tilt.shape[0]
     # a power of two, large enough that the log is never compared with a wrapped-around record
-    size = 1 << (record.shape[0] + log.shape[0] - 1).bit_length()
-    score = _correlated(record, log, size).sum(-1)
+    size = 1 << (record_size + log_size - 1).bit_length()
+    score = _correlated(record_tilt, log_tilt, size).sum(-1)
 
     # The sum is not divided by the tilts within the overlap. So a lag at which little of the
     # tilting overlaps has a low score, even if that little fits by chance.
-    overlap = _correlated(np.ones(record.shape[0]), np.ones(log.shape[0]), size)
+    overlap = _correlated(np.ones(record_size), np.ones(log_size), size)
     score[overlap * GRID_S < LEAST_OVERLAP_S] = -1.0
 
     # The best lags, each far from those before. An index in the upper half is a negative lag.
@@ -276,7 +282,7 @@ def _refined(
         record_time_s, record_up, log_time_s, log_up: as for :func:`align`.
         offset_s: offset about which the search begins.
     """
-    best = Alignment(offset_s, math.inf, 0.0)
+    best = Alignment(offset_s, residual_deg=math.inf, overlap_s=0.0)
     for step_s, half_s in ((GRID_S, _FINE_HALF_S), (FINE_S, GRID_S)):
         # half a step more, so that rounding does not exclude the last shift
         for shift_s in np.arange(-half_s, half_s + step_s / 2.0, step_s):
@@ -299,9 +305,10 @@ def _fit(
     difference = (log_up_on_record - record_up)[:, :2]
     difference = difference[np.isfinite(difference).all(-1)]
     if difference.shape[0] < 2:
-        return Alignment(offset_s, math.inf, 0.0)
+        return Alignment(offset_s, residual_deg=math.inf, overlap_s=0.0)
 
     difference = difference - difference.mean(0)
     residual_deg = math.degrees(math.sqrt(float((difference**2).sum(-1).mean())))
     period_s = float(np.median(np.diff(record_time_s)))
-    return Alignment(offset_s, residual_deg, difference.shape[0] * period_s)
+    overlap_s = difference.shape[0] * period_s
+    return Alignment(offset_s, residual_deg=residual_deg, overlap_s=overlap_s)

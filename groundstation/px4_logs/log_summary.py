@@ -90,10 +90,10 @@ def _flight_lines(log: Px4Log) -> list[str]:
     """Return lines on the largest height, speed and tilt, and on the battery."""
     summary = []
     if log.position.size:
-        values = log.position.values
+        _, _, down_m, north_m_s, east_m_s, *_ = log.position.values.T
         with np.errstate(all="ignore"):
-            speed_m_s = np.hypot(values[:, 3], values[:, 4])
-        height_m = _most(-values[:, 2])
+            speed_m_s = np.hypot(north_m_s, east_m_s)
+        height_m = _most(-down_m)
         parts = [f"highest {height_m:.1f} m", f"fastest {_most(speed_m_s):.1f} m/s"]
 
         if log.attitude.size:
@@ -193,12 +193,15 @@ def _timeline(logs: Iterable[FlightLog]) -> list[str]:
 def modes(status: LogRows) -> list[tuple[float, str]]:
     """Return the times [s] at which PX4's mode changed, each with the new mode."""
     changes: list[tuple[float, str]] = []
-    for time_s, state in zip(status.time_s.tolist(), status.values[:, 1].tolist(), strict=True):
+    last_mode = ""
+    _, nav_states, *_ = status.values.T
+    for time_s, state in zip(status.time_s.tolist(), nav_states.tolist(), strict=True):
         mode = "not known"  # of a state that is NaN, since it was damaged
         if not np.isnan(state):
             mode = _MODES.get(int(state), f"mode {int(state)}")
-        if not changes or changes[-1][1] != mode:
+        if mode != last_mode:
             changes.append((time_s, mode))
+        last_mode = mode
     return changes
 
 

@@ -28,7 +28,7 @@ MOST_TEXTS = 5_000
 MOST_LETTERS = 300
 MOST_DROPOUTS = 100_000
 LARGEST = 1e9  # largest believable value of any quantity; larger ones become NaN
-_HEAD = b"ULog\x01\x12\x35"
+_HEAD = b"ULog\x01\x12\x35"  # the first bytes of every log
 _TOPICS = [
     "vehicle_attitude",
     "vehicle_attitude_setpoint",
@@ -37,8 +37,9 @@ _TOPICS = [
     "battery_status",
     "vehicle_status",
 ]
-_ANSI = re.compile(r"\x1b\[[0-9;]*[A-Za-z]")
+_ANSI = re.compile(r"\x1b\[[0-9;]*[A-Za-z]")  # codes for the colours of a terminal
 _ARMED = 2  # value of vehicle_status.arming_state
+# PX4's names of levels that are shown under another name
 _LEVELS = {"emerg": "error", "alert": "error", "crit": "error", "critical": "error", "err": "error"}
 _LEVELS |= {"emergency": "error", "notice": "info", "unknown": "info"}
 
@@ -123,7 +124,7 @@ def read_log(path: Path) -> Px4Log:
         ConfigError: the file is no log, or nothing in it can be read.
     """
     with opened(path, ULOG) as file:
-        size_bytes = file.seek(0, 2)
+        size_bytes = file.seek(0, io.SEEK_END)
         file.seek(0)
         if file.read(len(_HEAD)) != _HEAD:
             raise ConfigError(f"{path}: this is no log of PX4 (ULog).")

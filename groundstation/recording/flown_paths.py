@@ -35,7 +35,8 @@ def flown_paths(folder: Path, rate_hz: float) -> dict[str, list[str]]:
 
     flown = {}
     for name, topics in sorted(samples.items()):
-        flown[name] = of_one_flight(topics.get("truth") or topics["tick"])
+        topic = "truth" if "truth" in topics else "tick"
+        flown[name] = of_one_flight(topics[topic])
 
     begins_ns = []
     for path in flown.values():

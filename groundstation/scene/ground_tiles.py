@@ -27,7 +27,7 @@ MOST_BYTES = 8_000_000  # most bytes of all tiles together
 _MOST_ZOOM = 24
 _MOST_SIDE_PX = 1024
 _MOST_LETTERS = 200  # most letters of the attribution
-_MARGIN = 0.15  # margin around the fence, as a share of its size
+_MARGIN_SHARE = 0.15  # margin around the fence, as a share of its size
 _MERCATOR_LATITUDE_DEG = 85.05  # largest latitude with tiles in Web Mercator
 _PNG_BEGIN = b"\x89PNG\r\n\x1a\n"
 _HEADER_BYTES = 24  # bytes of a PNG up to the end of its size in pixels
@@ -141,12 +141,12 @@ def _zooms(folder: Path) -> Iterator[int]:
 def _covering(zoom: int, fleet: FleetConfig, origin: Origin) -> Iterator[_Address]:
     """Yield the tiles of a zoom that touch the fence, at most one more than MOST_TILES."""
     count = 2**zoom
-    columns_rows = [_tile_share(origin, corner, count) for corner in _fence_corners(fleet)]
-    x_middle, _ = _tile_share(origin, (0.0, 0.0), count)
+    corners = [_column_and_row(origin, corner, count) for corner in _fence_corners(fleet)]
+    x_middle, _ = _column_and_row(origin, (0.0, 0.0), count)
 
     # Columns are counted the shorter way around the Earth, which may cross the date line.
-    columns = [x_middle + _wrapped(x - x_middle, count) for x, _ in columns_rows]
-    rows = [y for _, y in columns_rows]
+    columns = [x_middle + math.remainder(x - x_middle, count) for x, _ in corners]
+    rows = [y for _, y in corners]
     first_x = math.floor(min(columns))
     last_x = math.floor(max(columns))
     first_y = max(0, math.floor(min(rows)))
@@ -163,25 +163,22 @@ def _covering(zoom: int, fleet: FleetConfig, origin: Origin) -> Iterator[_Addres
 
 def _fence_corners(fleet: FleetConfig) -> Iterator[tuple[float, float]]:
     """Yield the corners (east, north) [m] of the fence with a margin."""
-    fence = fleet.fleet.geofence_m
-    size_m = max(fence.x[1] - fence.x[0], fence.y[1] - fence.y[0])
-    margin_m = _MARGIN * size_m
-    for east in (fence.x[0] - margin_m, fence.x[1] + margin_m):
-        for north in (fence.y[0] - margin_m, fence.y[1] + margin_m):
-            yield east, north
+    west_m, east_m = fleet.fleet.geofence_m.x
+    south_m, north_m = fleet.fleet.geofence_m.y
+    margin_m = _MARGIN_SHARE * max(east_m - west_m, north_m - south_m)
+    for corner_east_m in (west_m - margin_m, east_m + margin_m):
+        for corner_north_m in (south_m - margin_m, north_m + margin_m):
+            yield corner_east_m, corner_north_m
 
 
-def _tile_share(origin: Origin, east_north: tuple[float, float], count: int) -> tuple[float, float]:
+def _column_and_row(
+    origin: Origin, east_north: tuple[float, float], count: int
+) -> tuple[float, float]:
     """Return column and row of a point in Web Mercator, with their fractions."""
     latitude_deg, longitude_deg = latitude_longitude_deg(origin, *east_north)
     latitude_deg = min(max(latitude_deg, -_MERCATOR_LATITUDE_DEG), _MERCATOR_LATITUDE_DEG)
     northwards = math.asinh(math.tan(math.radians(latitude_deg))) / math.pi
     return (longitude_deg + 180.0) / 360.0 * count, (1.0 - northwards) / 2.0 * count
-
-
-def _wrapped(columns: float, count: int) -> float:
-    """Return a number of columns by the shorter way around the Earth."""
-    return math.remainder(columns, count)
 
 
 def _corners(address: _Address, origin: Origin) -> tuple[tuple[float, float], ...]:

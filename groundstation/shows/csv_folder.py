@@ -16,7 +16,8 @@ from onboard.config.fleet import ConfigError
 from onboard.control.path import Path, point_at
 
 _COLOURS = ("red", "green", "blue")
-_MOST_BYTES = 268_435_456  # all CSVs together: 200 drones, 10 minutes, 40 lines in a second
+_MIB = 2**20
+_MOST_BYTES = 256 * _MIB  # all CSVs together: 200 drones, 10 minutes, 40 lines in a second
 
 
 def read_csv_zip(file: FilePath) -> Show:
@@ -70,7 +71,7 @@ def read_folder(folder: FilePath) -> Show:
         bytes_left -= file.stat().st_size
         if bytes_left < 0:
             raise ConfigError(
-                f"{folder}: its CSVs have more than {_MOST_BYTES >> 20} MB together. Export the "
+                f"{folder}: its CSVs have more than {_MOST_BYTES // _MIB} MB together. Export the "
                 "show with fewer lines a second."
             )
     return Show(folder.resolve().name, tuple(drones))

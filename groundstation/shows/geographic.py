@@ -120,18 +120,19 @@ def east_north_m(
     longitude_difference = np.radians(longitudes_deg - origin.longitude_deg)
 
     # the angle between origin and position, as seen from the centre of the Earth
-    cosine = math.sin(latitude_0) * np.sin(latitude)
-    cosine = cosine + math.cos(latitude_0) * np.cos(latitude) * np.cos(longitude_difference)
+    cosine = math.sin(latitude_0) * np.sin(latitude) + (
+        math.cos(latitude_0) * np.cos(latitude) * np.cos(longitude_difference)
+    )
     angle = np.arccos(np.clip(cosine, -1.0, 1.0))
     # angle / sin(angle) is 1 at the origin, where it would be 0 / 0
     stretch = np.where(angle > 1e-7, angle / np.maximum(np.sin(angle), 1e-12), 1.0)
 
-    east = stretch * np.cos(latitude) * np.sin(longitude_difference)
-    north = math.cos(latitude_0) * np.sin(latitude)
-    north = stretch * (
-        north - math.sin(latitude_0) * np.cos(latitude) * np.cos(longitude_difference)
+    # east and north of the position on the unit sphere, before the stretch
+    east = np.cos(latitude) * np.sin(longitude_difference)
+    north = math.cos(latitude_0) * np.sin(latitude) - (
+        math.sin(latitude_0) * np.cos(latitude) * np.cos(longitude_difference)
     )
-    return _EARTH_RADIUS_M * east, _EARTH_RADIUS_M * north
+    return _EARTH_RADIUS_M * (stretch * east), _EARTH_RADIUS_M * (stretch * north)
 
 
 def _columns(first_line: str) -> dict[str, tuple[int, float]]:

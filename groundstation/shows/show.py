@@ -13,7 +13,7 @@ import numpy as np
 from groundstation.paths.lights import TimedColour
 from groundstation.paths.pieces import fitted
 from onboard.config.fleet import ConfigError, Origin
-from onboard.control.path import NUMBER_COUNT, Path, path_of, sampled
+from onboard.control.path import Path, path_of, sampled
 from onboard.tuples import Xyz
 
 MOST_DRONES = 200
@@ -96,13 +96,14 @@ def _smooth(path: Path) -> Path:
     """Return the path without kinks between its pieces."""
     # velocities a moment before and after the end of each piece but the last
     ends_s = np.array(path.ends_s)[:-1]
-    before = sampled(path, ends_s - 1e-4)
-    after = sampled(path, ends_s + 1e-4)
-    if not len(ends_s) or np.abs(after[1] - before[1]).max() <= _KINK_M_S:
+    _, velocities_before, _ = sampled(path, ends_s - 1e-4)
+    _, velocities_after, _ = sampled(path, ends_s + 1e-4)
+    if not len(ends_s) or np.abs(velocities_after - velocities_before).max() <= _KINK_M_S:
         return path
 
     times_s = np.arange(0.0, path.duration_s, 0.05)
-    return fitted(times_s, sampled(path, times_s)[0])
+    positions, _, _ = sampled(path, times_s)
+    return fitted(times_s, positions)
 
 
 def bezier_piece(duration_s: float, points: list[list[float]]) -> list[float]:
@@ -115,16 +116,17 @@ def bezier_piece(duration_s: float, points: list[list[float]]) -> list[float]:
     control_points = np.array(points, dtype=float)
 
     # row k holds the factors of the control points in the coefficient of (t / duration)^k
-    linear = [[1, 0], [-1, 1]]
-    quadratic = [[1, 0, 0], [-2, 2, 0], [1, -2, 1]]
-    cubic = [[1, 0, 0, 0], [-3, 3, 0, 0], [3, -6, 3, 0], [-1, 3, -3, 1]]
-    rows = {2: linear, 3: quadratic}.get(len(control_points), cubic)
+    if len(control_points) == 2:
+        rows = [[1, 0], [-1, 1]]
+    elif len(control_points) == 3:
+        rows = [[1, 0, 0], [-2, 2, 0], [1, -2, 1]]
+    else:
+        rows = [[1, 0, 0, 0], [-3, 3, 0, 0], [3, -6, 3, 0], [-1, 3, -3, 1]]
 
     # absurdly large points overflow; the caller refuses pieces that are not finite
     with np.errstate(all="ignore"):
         powers = np.array(rows, dtype=float) @ control_points
         per_time = powers / duration_s ** np.arange(len(control_points))[:, None]
-    coefficients = np.zeros((4, 8))
+    coefficients = np.zeros((4, 8))  # x, y, z and yaw
     coefficients[:3, : len(control_points)] = per_time.T
-    # the first number of a piece is its duration
-    return [duration_s, *coefficients.reshape(NUMBER_COUNT - 1).tolist()]
+    return [duration_s, *coefficients.ravel().tolist()]

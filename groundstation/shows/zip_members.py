@@ -124,7 +124,7 @@ def _unpack(
         bytes_left -= len(data)
         if bytes_left < 0:
             raise ConfigError(
-                f"{name}: its members have more than {most_bytes >> 20} MB together. Export the "
+                f"{name}: its members have more than {most_bytes // 2**20} MB together. Export the "
                 "show with fewer lines a second."
             )
         target.write_bytes(data)

@@ -1,9 +1,7 @@
 """Computes take-off spots from the positions that resting vehicles report. Pure.
 
-Each spot is the mean of a vehicle's positions, and their spread tells how accurate it is. Positions
-by satellites wander by decimetres within a minute, with corrections by centimetres. Errors that
-change more slowly than the survey lasts do not show in the spread, and neither do errors that all
-vehicles share.
+Each spot is the mean of a vehicle's positions, and their spread tells how accurate the mean is.
+Errors that change more slowly than the survey lasts do not show in the spread.
 """
 
 from __future__ import annotations
@@ -53,17 +51,17 @@ def surveyed(
                 "Survey for longer, and see covey check vehicles."
             )
         positions_m = np.array(reported)[:, :2]
-        mean = positions_m.mean(axis=0)
-        away_m = np.hypot(*(positions_m - mean).T)
+        east_m, north_m = positions_m.mean(axis=0)
+        away_m = np.hypot(positions_m[:, 0] - east_m, positions_m[:, 1] - north_m)
         spots.append(
             SurveyedSpot(
                 name=name,
-                east_m=round(float(mean[0]), 2),
-                north_m=round(float(mean[1]), 2),
+                east_m=round(float(east_m), 2),
+                north_m=round(float(north_m), 2),
                 spread_m=float(np.sqrt((away_m**2).mean())),
                 farthest_m=float(away_m.max()),
                 samples=len(reported),
-                moved_m=math.dist(mean, fleet.vehicles[name].start_enu_m[:2]),
+                moved_m=math.dist((east_m, north_m), fleet.vehicles[name].start_enu_m[:2]),
             )
         )
     return spots
@@ -116,7 +114,7 @@ def changes_of(spots: Sequence[SurveyedSpot], fleet: FleetConfig) -> dict[str, A
     """
     vehicles = {}
     for spot in spots:
-        up_m = fleet.vehicles[spot.name].start_enu_m[2]
+        _, _, up_m = fleet.vehicles[spot.name].start_enu_m
         vehicles[spot.name] = {"start_enu_m": [spot.east_m, spot.north_m, up_m]}
     return {"vehicles": vehicles}
 

@@ -73,9 +73,9 @@ class AlarmList(ScrollView, can_focus=True):
     def show(self, now_ns: int) -> None:
         """Draw the present alarms."""
         self._now_ns = now_ns
-        before = self._present
+        former_lines = self._present
         self._present = self.alarms.lines
-        self.cursor = self._moved_cursor(before)
+        self.cursor = self._moved_cursor(former_lines)
 
         open_count = sum(1 for line in self._present if not line.is_acknowledged)
         acknowledged_count = len(self._present) - open_count
@@ -89,13 +89,13 @@ class AlarmList(ScrollView, can_focus=True):
         self.virtual_size = Size(width, len(self._rows))
         self.refresh()
 
-    def _moved_cursor(self, before: list[AlarmLine]) -> int:
-        """Return the place of the cursor's alarm, which other alarms may have moved.
+    def _moved_cursor(self, former_lines: list[AlarmLine]) -> int:
+        """Return the present place of the alarm under the cursor.
 
-        When the alarm is over, or was acknowledged, the cursor stays at its place for the next one.
+        If that alarm is over or was just acknowledged, the cursor stays where it is.
         """
-        if self.cursor < len(before):
-            chosen = _identity(before[self.cursor])
+        if self.cursor < len(former_lines):
+            chosen = _identity(former_lines[self.cursor])
             for index, line in enumerate(self._present):
                 if _identity(line) == chosen:
                     return index
@@ -123,7 +123,8 @@ class AlarmList(ScrollView, can_focus=True):
         heading = [Segment("  over", theme.style(FAINT, bold=True))]
         rows: list[_Row] = [(_NO_ALARM, []), (_NO_ALARM, heading)]
         for line in over:
-            ended_ago = f"{lasting((now_ns - (line.over_ns or 0)) * 1e-9)} ago"
+            over_ns = line.over_ns or now_ns  # never None: these alarms are over
+            ended_ago = f"{lasting((now_ns - over_ns) * 1e-9)} ago"
             duration = lasting(line.duration_s(now_ns))
             text = f"{clean(line.alarm.sentence)}, lasted {duration}"
             for segments in _wrapped(f"  · {ended_ago:<{_SINCE_WIDTH}}", text, width, FAINT):

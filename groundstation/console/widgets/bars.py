@@ -131,7 +131,7 @@ class StatusBar(Bar):
             sign, _ = SEVERITY[worst.alarm.severity]
             text = f" {sign} {clean(worst.text(now_ns))}"
         if len(lines) > 1:
-            more = f" (+{len(lines) - 1}: A)"
+            more = f" (+{len(lines) - 1}: A)"  # the key A opens the list of all alarms
 
         has_two_lines = self.size.height > 1  # in a narrow terminal the keys are below the alarm
         keys = self._fitting_keys(

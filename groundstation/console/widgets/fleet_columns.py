@@ -21,9 +21,8 @@ from onboard.safety.failsafe_table import Condition
 
 Cell = tuple[str, str]  # text and colour
 _FIX_CONDITIONS = {Condition.FIX_FELL_BACK.value, Condition.FIX_COARSE.value}
-# Ages of PX4's last message to the agent, from which the link is marked as slow or lost.
-_SLOW_LINK_S = 0.3
-_LOST_LINK_S = 1.0
+_SLOW_LINK_S = 0.3  # age of PX4's last message to the agent from which the link counts as slow
+_LOST_LINK_S = 1.0  # the age from which it counts as lost
 _SHORT_MIN = 2.0  # remaining flight time below which it is marked
 _LIVE_S = 0.3  # age below which the exact age is not shown, because it would only flicker
 _STEADY_PER_MIN_PCT = 0.05  # change of a charge below which it counts as steady
@@ -90,7 +89,7 @@ def _position(row: VehicleRow) -> Cell:
 def _height(row: VehicleRow) -> Cell:
     if not row.telemetry.is_position_valid:
         return "-", WARN
-    height_m = row.telemetry.position_enu_m[2]
+    _, _, height_m = row.telemetry.position_enu_m
     colour = theme.height_colour(height_m, row.fleet.fleet.geofence_m.z)
     return number(height_m, 2, limit=9999), colour
 

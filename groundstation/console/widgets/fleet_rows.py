@@ -28,10 +28,11 @@ _LONG_NAME = 24
 _SHORT_NAME = 16
 _FEW_COLUMNS = 10
 
-# Values of Column.cover from which a reason not to fly that has too little room covers a column.
+# A reason not to fly that has too little room is written over the columns whose ``cover`` is at
+# least one of these:
 _COVERED_ALWAYS = 2
 _COVERED_AMONG_FEW = 1  # where few columns are shown
-_NEVER_COVERED = 3  # larger than the ``cover`` of every column
+_NEVER_COVERED = 3  # no column has so much
 
 
 @dataclass(frozen=True, slots=True)
@@ -114,10 +115,7 @@ def draw_row(
 
 
 def _fresh(layout: RowLayout, row: VehicleRow) -> list[Segment]:
-    """Return the present values.
-
-    On the ground, the reason not to fly may cover the columns about flying.
-    """
+    """Return the present values; the reason not to fly may cover the last columns."""
     segments: list[Segment] = []
     least_cover = _least_cover(layout, row)
     reason_width = layout.reason_width
@@ -148,10 +146,10 @@ def _least_cover(layout: RowLayout, row: VehicleRow) -> int:
 
 
 def _silent(layout: RowLayout, row: VehicleRow, has_nodes: bool) -> list[Segment]:
-    """Return how long the vehicle has been silent, and its last values, faint.
+    """Return how long the vehicle has been silent, over the first columns, and its last values.
 
-    The duration of the silence covers the first columns. Old values show neither a warning nor an
-    "ok". After PX4 itself has reported that it is disarmed, only the last position is shown.
+    Old values are faint, and show neither a warning nor an "ok". If PX4 itself has reported that it
+    is disarmed, only the last position is shown.
     """
     silence = theme.fit(f"NO TELEM {number(row.age_s, 1, limit=99_999)} s", _SILENCE_WIDTH)
     segments = [Segment(f"{silence} ", theme.style(BAD, bold=True))]

@@ -1,8 +1,7 @@
 """The fleet table: a row per vehicle, sorted, filtered and marked.
 
-It is a ScrollView with its own ``render_line``, because Textual's DataTable took 57 % of a core for
-100 rows at 10 Hz. Cursor and marks belong to vehicles and not to rows: when rows are sorted, they
-move with their vehicles. So an order never reaches a vehicle that has just moved under the cursor.
+Cursor and marks belong to vehicles and not to rows: when rows are sorted, cursor and marks move
+with their vehicles. So an order never reaches a vehicle that has just moved under the cursor.
 """
 
 from __future__ import annotations

@@ -8,7 +8,7 @@ import numpy as np
 from textual.strip import Strip
 
 from groundstation.console import theme
-from groundstation.console.canvas import Canvas
+from groundstation.console.canvas import DOTS_ACROSS, DOTS_DOWN, Canvas
 from groundstation.console.plan_drawing import Window
 from groundstation.console.theme import FAINT
 from groundstation.console.widgets.lines import Lines
@@ -42,7 +42,7 @@ class PathPlan(Lines):
         if preview is None or not preview.legs:
             return canvas.strips()
 
-        goals_enu_m = {
+        goals_enu_m = {  # name -> east and north of the goal (1, 2)
             name: np.array([leg.goal_enu_m])[:, :2] for name, leg in preview.legs.items()
         }
         paths_enu_m = self._paths(preview)
@@ -55,7 +55,7 @@ class PathPlan(Lines):
             for name in paths_enu_m.keys() | preview.legs.keys()
         }
 
-        radius = self.fleet.fleet.safety_distance_m / 2.0 * window.scale
+        radius = self.fleet.fleet.safety_distance_m / 2.0 * window.scale  # in dots
         for name, path_enu_m in paths_enu_m.items():
             colour = colours[name] if preview.legs[name].is_by_this_order else FAINT
             dots = window.dots(path_enu_m)
@@ -91,9 +91,9 @@ def _window_around(points_enu_m: Array, canvas: Canvas) -> Window:
     high_m = points_enu_m.max(axis=0) + _MARGIN_M
     middle_m = (low_m + high_m) / 2.0
 
-    # a cell is two dots wide and four high
-    scale_x = 2 * canvas.width / (high_m[0] - low_m[0])
-    scale_y = 4 * canvas.height / (high_m[1] - low_m[1])
+    width_m, height_m = high_m - low_m
+    scale_x = DOTS_ACROSS * canvas.width / width_m  # dots for each metre
+    scale_y = DOTS_DOWN * canvas.height / height_m
     return Window(
         x_m=float(middle_m[0]),
         y_m=float(middle_m[1]),

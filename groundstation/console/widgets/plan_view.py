@@ -66,14 +66,13 @@ class PlanView(Lines, can_focus=True):
         starts_enu_m = [fleet.vehicles[name].start_enu_m for name in fleet.enabled_names]
         if not starts_enu_m:
             starts_enu_m = [(0.0, 0.0, 0.0)]
-        # the part that the fleet uses: spans to the east and to the north
+        # the part of the world that the fleet uses
         fence = fleet.fleet.geofence_m
-        self._spans = (
-            _span([start[0] for start in starts_enu_m], fence.x),
-            _span([start[1] for start in starts_enu_m], fence.y),
-        )
+        self._span_x = _span([x_m for x_m, _, _ in starts_enu_m], fence.x)
+        self._span_y = _span([y_m for _, y_m, _ in starts_enu_m], fence.y)
 
-        self._background_picture: tuple[Window, Canvas] | None = None
+        self._backdrop: Canvas | None = None
+        self._backdrop_window: Window | None = None  # window that the backdrop shows
         self._views: list[VehicleView] = []
         self._people: tuple[PersonView, ...] = ()
         self._positions_enu_m: dict[str, PointEnu] = {}
@@ -123,10 +122,7 @@ class PlanView(Lines, can_focus=True):
         self.redraw()
 
     def action_whole(self) -> None:
-        """Show the fleet's part of the fence without zoom; if it is shown already, the whole fence.
-
-        After the whole fence comes the fleet's part again.
-        """
+        """Show the fleet's part of the fence without zoom, and in turn with it the whole fence."""
         is_moved = self.zoom != 1.0 or self._middle is not None
         shows_fleets_part = not is_moved and not self.is_whole_fence
         self.is_whole_fence = shows_fleets_part
@@ -191,10 +187,11 @@ class PlanView(Lines, can_focus=True):
             return []
 
         window = self._window(width, height)
-        if self._background_picture is None or self._background_picture[0] != window:
-            self._background_picture = window, draw_background(window, self.fleet)
+        if self._backdrop is None or self._backdrop_window != window:
+            self._backdrop = draw_background(window, self.fleet)
+            self._backdrop_window = window
 
-        canvas = self._background_picture[1].copy()
+        canvas = self._backdrop.copy()
         scene = PlanScene(
             window=window,
             fleet=self.fleet,
@@ -235,23 +232,25 @@ class PlanView(Lines, can_focus=True):
         width = max(1, width)
         height = max(1, height)
 
-        span_x, span_y = self._spans
+        west_m, east_m = self._span_x
+        south_m, north_m = self._span_y
         if self.is_whole_fence:
-            span_x = self.fleet.fleet.geofence_m.x
-            span_y = self.fleet.fleet.geofence_m.y
+            west_m, east_m = self.fleet.fleet.geofence_m.x
+            south_m, north_m = self.fleet.fleet.geofence_m.y
 
         # A dot is left free at each side: a span reaches from the middle of the second dot to the
         # middle of the last but one, three dots less than the whole picture.
-        scale_x = (DOTS_ACROSS * width - 3) / (span_x[1] - span_x[0])
-        scale_y = (DOTS_DOWN * height - 3) / (span_y[1] - span_y[0])
+        scale_x = (DOTS_ACROSS * width - 3) / (east_m - west_m)
+        scale_y = (DOTS_DOWN * height - 3) / (north_m - south_m)
         scale = max(_LEAST_SCALE, min(scale_x, scale_y))
 
-        middle = self._middle or self._followed_point()
+        middle = self._middle
         if middle is None:
-            middle = (sum(span_x) / 2.0, sum(span_y) / 2.0)
-        return Window(
-            x_m=middle[0], y_m=middle[1], scale=scale * self.zoom, width=width, height=height
-        )
+            middle = self._followed_point()
+        if middle is None:
+            middle = ((west_m + east_m) / 2.0, (south_m + north_m) / 2.0)
+        x_m, y_m = middle
+        return Window(x_m=x_m, y_m=y_m, scale=scale * self.zoom, width=width, height=height)
 
     def _widen(self) -> None:
         """Widen the visible part to all vehicles and goals.
@@ -259,16 +258,14 @@ class PlanView(Lines, can_focus=True):
         It never becomes smaller, because a picture whose scale changes with every move is hard to
         read.
         """
-        points_enu_m: list[tuple[float, ...]] = list(self._positions_enu_m.values())
+        points_enu_m = list(self._positions_enu_m.values())
         for view in self._views:
             if view.telemetry and view.is_airborne:
                 points_enu_m.append(view.telemetry.goal_position_enu_m)
 
         fence = self.fleet.fleet.geofence_m
-        self._spans = (
-            _widened(self._spans[0], fence.x, [point[0] for point in points_enu_m]),
-            _widened(self._spans[1], fence.y, [point[1] for point in points_enu_m]),
-        )
+        self._span_x = _widened(self._span_x, fence.x, [x_m for x_m, _, _ in points_enu_m])
+        self._span_y = _widened(self._span_y, fence.y, [y_m for _, y_m, _ in points_enu_m])
 
     def _followed_point(self) -> _Middle | None:
         """Return the position of the followed vehicle, or the middle of the fleet.
@@ -284,9 +281,9 @@ class PlanView(Lines, can_focus=True):
         if self.follows in self._positions_enu_m:
             positions = [self._positions_enu_m[self.follows]]
 
-        east_m = math.fsum(position[0] for position in positions) / len(positions)
-        north_m = math.fsum(position[1] for position in positions) / len(positions)
-        return east_m, north_m
+        middle_x_m = math.fsum(x_m for x_m, _, _ in positions) / len(positions)
+        middle_y_m = math.fsum(y_m for _, y_m, _ in positions) / len(positions)
+        return middle_x_m, middle_y_m
 
 
 def _widened(span: _Span, fence: _Span, coordinates_m: list[float]) -> _Span:
@@ -295,8 +292,9 @@ def _widened(span: _Span, fence: _Span, coordinates_m: list[float]) -> _Span:
     if not plausible_m:
         return span
 
-    needed = _span(plausible_m, fence)
-    return min(span[0], needed[0]), max(span[1], needed[1])
+    low_m, high_m = span
+    needed_low_m, needed_high_m = _span(plausible_m, fence)
+    return min(low_m, needed_low_m), max(high_m, needed_high_m)
 
 
 def _span(coordinates_m: list[float], fence: _Span) -> _Span:
@@ -304,15 +302,17 @@ def _span(coordinates_m: list[float], fence: _Span) -> _Span:
 
     The margin ends at the fence. An end that lies beyond the fence gets no margin.
     """
+    fence_low_m, fence_high_m = fence
     low_m = min(coordinates_m)
-    if low_m > fence[0]:
-        low_m = max(fence[0], low_m - _MARGIN_M)
+    if low_m > fence_low_m:
+        low_m = max(fence_low_m, low_m - _MARGIN_M)
 
     high_m = max(coordinates_m)
-    if high_m < fence[1]:
-        high_m = min(fence[1], high_m + _MARGIN_M)
+    if high_m < fence_high_m:
+        high_m = min(fence_high_m, high_m + _MARGIN_M)
     return low_m, max(high_m, low_m + _LEAST_SPAN_M)
 
 
 def _within(value_m: float, span: _Span) -> float:
-    return min(span[1], max(span[0], value_m))
+    low_m, high_m = span
+    return min(high_m, max(low_m, value_m))

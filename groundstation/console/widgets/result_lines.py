@@ -16,6 +16,7 @@ from groundstation.console.theme import FAINT, TEXT, WARN, clean
 from groundstation.orders.result import OrderResult, VehicleResult
 
 _MOST_FAILURES_SHOWN = 3
+_LONGEST_TITLE = 34  # cells
 _ADVICE = {
     "no answer": "Is its agent running? ctrl+l lands everybody, past silent agents too.",
     "failed": "Look at it; hold (F6) or land (F7) it, or give the order again.",
@@ -36,14 +37,15 @@ class ResultLines(Static):
 
     def show_order(self, order: OrderResult, text: str) -> None:
         """Show the text of the order and the results so far."""
-        words = clean(text, 60)
-        title = theme.fit(words, min(34, cell_len(words)))
+        cleaned = clean(text, 60)
+        title = theme.fit(cleaned, min(_LONGEST_TITLE, cell_len(cleaned)))
         line = Text.assemble((f" {title} ", theme.style(TEXT, bold=True)))
 
         width = (self.size.width or 80) - line.cell_len
         for words, colour in _answers(order, width):
             line.append(f"  {words}", theme.style(colour))
 
+        # A result with advice is a failure, or a landing past a silent agent.
         failed = [result for result in order.results.values() if result.phase in _ADVICE]
         lines = [line]
         for result in failed[:_MOST_FAILURES_SHOWN]:

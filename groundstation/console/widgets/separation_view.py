@@ -10,7 +10,7 @@ from rich.segment import Segment
 from textual.strip import Strip
 
 from groundstation.console import theme
-from groundstation.console.canvas import Canvas
+from groundstation.console.canvas import DOTS_ACROSS, DOTS_DOWN, Canvas
 from groundstation.console.history import ClosePair, History
 from groundstation.console.theme import BAD, CALM, FAINT, GOOD, TEXT, WARN, clean, number
 from groundstation.console.widgets.lines import Lines
@@ -19,19 +19,16 @@ from onboard.config.fleet import FleetConfig
 
 WINDOW_S = 120.0  # time that the chart shows
 SOON_S = 3.0  # a close approach within this time is a warning
-# An approach is predicted from present velocities, which rarely stay the same for longer than this.
-_PREDICTION_S = 10.0
-# A distance below this multiple of the safety distance is a warning.
-_WARNING_FACTOR = 1.1
+_PREDICTION_S = 10.0  # time over which an approach is predicted from the present velocities
+_WARNING_FACTOR = 1.1  # a distance below this multiple of the safety distance is a warning
 # The top of the chart lies between these multiples of the safety distance.
 _LOWEST_TOP_FACTOR = 2.5
 _HIGHEST_TOP_FACTOR = 6.0
 _MARGIN = 5  # cells for the scale at the left
 
-# Cells of the two names of a pair, and of what stands before them and between them.
-_LEAST_NAME = 3
+_LEAST_NAME = 3  # cells of a vehicle's name
 _LONGEST_NAME = 24
-_CELLS_BESIDE_NAMES = 24
+_CELLS_BESIDE_NAMES = 24  # cells of a pair's line before and between its two names
 _LEAST_WITH_TIMING = 8  # rows from which the timing is shown: with two pairs and a low chart
 _CHART_ROWS = 5  # of a chart with its axis
 _JOINED_COLUMNS = 8  # a line joins two samples that are less than this apart
@@ -52,8 +49,8 @@ class SeparationView(Lines, can_focus=True):
         self.history = history
         self._state: FleetState | None = None
         self._now_s = 0.0
-        # Key and chart as last drawn; the key is width, height, and the time in half seconds.
-        self._chart: tuple[tuple[int, int, int], list[Strip]] | None = None
+        self._chart: list[Strip] = []  # as last drawn
+        self._chart_key = (0, 0, 0)  # its width, its height, and its time in half seconds
 
         self.border_title = "separation"
         vertical_m = fleet.fleet.vertical_separation_m
@@ -169,9 +166,10 @@ class SeparationView(Lines, can_focus=True):
     def _strip_chart(self, width: int, height: int) -> list[Strip]:
         """Return the chart, which is drawn anew twice a second."""
         key = (width, height, int(2.0 * self._now_s))
-        if self._chart is None or self._chart[0] != key:
-            self._chart = key, self._draw_chart(width, height).strips()
-        return self._chart[1]
+        if self._chart_key != key:
+            self._chart_key = key
+            self._chart = self._draw_chart(width, height).strips()
+        return self._chart
 
     def _draw_chart(self, width: int, height: int) -> Canvas:
         canvas = Canvas(width, height)
@@ -181,13 +179,17 @@ class SeparationView(Lines, can_focus=True):
         chart_height = canvas.height
         if has_axis:
             chart_height -= 1
-        dot_columns = 2 * (canvas.width - _MARGIN)
-        dot_rows = 4 * chart_height
+        dot_columns = DOTS_ACROSS * (canvas.width - _MARGIN)
+        dot_rows = DOTS_DOWN * chart_height
         if dot_columns < 4:
             return canvas
 
-        # time and smallest distance of each sample in the window
-        points = [point for point in self.history.distances if point[0] >= self._now_s - WINDOW_S]
+        begin_s = self._now_s - WINDOW_S
+        points = [
+            (time_s, distance_m)
+            for time_s, distance_m in self.history.distances
+            if time_s >= begin_s
+        ]
         furthest_m = max((distance_m for _, distance_m in points), default=0.0)
         top_m = min(_HIGHEST_TOP_FACTOR * limit_m, furthest_m)
         top_m = max(_LOWEST_TOP_FACTOR * limit_m, top_m)
@@ -195,24 +197,29 @@ class SeparationView(Lines, can_focus=True):
         def dot_row(distance_m: float) -> float:
             return (dot_rows - 1) * (1.0 - min(distance_m, top_m) / top_m)
 
-        left = 2 * _MARGIN
+        left = DOTS_ACROSS * _MARGIN
+        right = DOTS_ACROSS * canvas.width - 1
         limit_row = dot_row(limit_m)
-        canvas.line((left, limit_row), (2 * canvas.width - 1, limit_row), BAD, gap=3)
+        canvas.line((left, limit_row), (right, limit_row), BAD, gap=3)
 
         # The curve: each point is joined to the one before, unless the gap between them is wide.
-        previous: tuple[float, float] | None = None
+        last_x = -math.inf
+        last_y = 0.0
         for column, distance_m in enumerate(self._closest_by_column(points, dot_columns)):
             if not math.isfinite(distance_m):
                 continue
-            point = (float(left + column), dot_row(distance_m))
-            if previous is None or point[0] - previous[0] >= _JOINED_COLUMNS:
-                previous = point
+            x = float(left + column)
+            y = dot_row(distance_m)
             colour = BAD if distance_m < limit_m else CALM
-            canvas.line(previous, point, colour)
-            previous = point
+            if x - last_x < _JOINED_COLUMNS:
+                canvas.line((last_x, last_y), (x, y), colour)
+            else:
+                canvas.line((x, y), (x, y), colour)
+            last_x = x
+            last_y = y
 
         for distance_m in {0.0, limit_m, top_m}:
-            row = int(dot_row(distance_m) // 4)
+            row = int(dot_row(distance_m) // DOTS_DOWN)
             if distance_m == limit_m:
                 canvas.text(0, row, f"{limit_m:4.2f}", BAD)
             else:
