@@ -277,7 +277,8 @@ class FlightMetrics:
         has_touched_now = touches.any(-1) & np.isnan(self._contact_m_s)
         if has_touched_now.any():
             closing_m_s = np.full_like(before_m, -np.inf)
-            np.divide(before_m - self._apart_m, TICK_S, out=closing_m_s, where=touches)
+            np.subtract(before_m, self._apart_m, out=closing_m_s, where=touches)
+            closing_m_s /= TICK_S
             self._contact_m_s[has_touched_now] = closing_m_s.max(-1)[has_touched_now]
 
         nearest_gap_m = self._outlines.gaps_m(position_enu_m[..., :2]).min(-1)
