@@ -145,7 +145,10 @@ def test_six_swap_across_a_ring_on_two_heights(
 
 def _success(flight: Flight) -> str:
     judged = verdict(flight)
-    off_m = max((arrival["distance_m"] for arrival in judged["arrivals"]), default=math.nan)
+    distances_m = [arrival["distance_m"] for arrival in judged["arrivals"]]
+    if None in distances_m:
+        return "failed: not all have arrived"
+    off_m = max(distances_m, default=math.nan)
     times = ", ".join(
         f"{step['duration_s']:.1f}" for step in judged["steps"] if "formation" in step["step"]
     )
