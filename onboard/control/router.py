@@ -350,11 +350,11 @@ def _by_height(still: tuple[Capsule, ...]) -> set[tuple[Capsule, ...]]:
     # The limits divide the heights into bands. One height of each band: below all limits, between
     # two neighbouring limits, and above all limits.
     middles = [0.5 * (low + high) for low, high in pairwise(heights)]
-    of_bands = [0.0]
+    band_heights = [0.0]
     if heights:
-        of_bands = [heights[0] - 1.0, *middles, heights[-1] + 1.0]
+        band_heights = [heights[0] - 1.0, *middles, heights[-1] + 1.0]
 
-    flights = combinations_with_replacement(of_bands, 2)
+    flights = combinations_with_replacement(band_heights, 2)
     return {in_the_way(still, low, high) for low, high in flights}
 
 

@@ -204,9 +204,11 @@ def _is_right(frame: bytes) -> bool:
     """Return whether bytes are one frame with a right checksum."""
     if not _LEAST_FRAME_BYTES <= len(frame) <= _MOST_FRAME_BYTES:
         return False
+    # preamble, then 6 reserved bits that are 0 and 10 bits of length
     if frame[0] != _PREAMBLE or frame[1] & 0xFC:
         return False
-    if (frame[1] << 8 | frame[2]) + _FRAME_OVERHEAD_BYTES != len(frame):
+    content_bytes = frame[1] << 8 | frame[2]
+    if content_bytes + _FRAME_OVERHEAD_BYTES != len(frame):
         return False
     # CRC-24Q; over a frame with its checksum it is 0
     crc = 0
