@@ -109,8 +109,10 @@ def _draw_nearest(ax: Any, flight: FlightData) -> None:
     """Draw a line for each vehicle: the distance to its nearest neighbour."""
     for index, track in enumerate(flight.tracks):
         name = track.name
-        own = [pair.distance_m for pair in flight.pairs if name in (pair.first, pair.second)]
-        nearest_m = np.fmin.reduce(own)
+        distances_m = [
+            pair.distance_m for pair in flight.pairs if name in (pair.first, pair.second)
+        ]
+        nearest_m = np.fmin.reduce(distances_m)
         ax.plot(flight.grid_s, nearest_m, color=colour(index), linewidth=1.2, label=name)
     ax.legend(loc="upper right", ncols=5, fontsize=8, title="distance to the nearest")
 

@@ -26,15 +26,15 @@ def page(examined: ExaminedFile, errors: ErrorClass | None, shown: Collection[Fi
         shown: findings on the pages before this one. They are only counted here, since a mission
             repeats all findings of its fleet.
     """
-    own = [finding for finding in examined.findings if finding not in shown]
-    repeated = len(examined.findings) - len(own)
+    new_findings = [finding for finding in examined.findings if finding not in shown]
+    repeated = len(examined.findings) - len(new_findings)
     columns = shutil.get_terminal_size((_WIDEST, 24)).columns
     width = max(_NARROWEST, min(columns, _WIDEST))
-    name_width = max((len(finding.name) for finding in own), default=0)
+    name_width = max((len(finding.name) for finding in new_findings), default=0)
     indent = " " * (_MARK_WIDTH + name_width + 2)
 
     lines = [examined.headline]
-    for finding in own:
+    for finding in new_findings:
         head = f"{_MARKS[finding.status]:<8} {finding.name:<{name_width}}  "
         lines += textwrap.wrap(
             finding.sentence, width, initial_indent=head, subsequent_indent=indent

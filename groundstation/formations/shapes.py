@@ -19,21 +19,21 @@ _ROUNDING = 1e-9  # allowance for rounding errors of a number of sides
 
 def line(count: int) -> Array:
     """Return slots side by side, the first in the west."""
-    return _flat([(float(k), 0.0) for k in range(count)])
+    return _flat([(float(index), 0.0) for index in range(count)])
 
 
 def column(count: int) -> Array:
     """Return slots one behind the other, the first ahead."""
-    return _flat([(0.0, -float(k)) for k in range(count)])
+    return _flat([(0.0, -float(index)) for index in range(count)])
 
 
 def v(count: int, opening_deg: float) -> Array:
     """Return two arms behind the first slot; the slots are on its right and left in turn."""
     half_rad = math.radians(0.5 * opening_deg)
     slots = []
-    for k in range(count):
-        row = (k + 1) // 2
-        side = (-1.0) ** k
+    for index in range(count):
+        row = (index + 1) // 2
+        side = (-1.0) ** index
         slots.append((side * math.sin(half_rad) * row, -math.cos(half_rad) * row))
     return _flat(slots)
 
@@ -47,8 +47,9 @@ def wedge(count: int, opening_deg: float) -> Array:
     row = 0
     while len(slots) < count:
         in_row = min(row + 1, count - len(slots))
-        for k in range(in_row):
-            slots.append((spacing * (k - 0.5 * (in_row - 1)), -math.cos(half_rad) * row))
+        for index_in_row in range(in_row):
+            from_middle = index_in_row - 0.5 * (in_row - 1)
+            slots.append((spacing * from_middle, -math.cos(half_rad) * row))
         row += 1
     return _flat(slots)
 
@@ -65,8 +66,8 @@ def grid(count: int, columns: int | None) -> Array:
     if columns is not None:
         width = columns
     slots = []
-    for k in range(count):
-        row, index_in_row = divmod(k, width)
+    for index in range(count):
+        row, index_in_row = divmod(index, width)
         in_row = min(width, count - row * width)
         slots.append((index_in_row - 0.5 * (in_row - 1), -float(row)))
     return _flat(slots)

@@ -331,8 +331,8 @@ class MissionGround:
     def leave_out_disabled(self) -> None:
         """Go on without vehicles that are out of service or swapped, if any vehicle is left."""
         enabled = self.client.fleet.enabled_names
-        out = out_of_service(self.client.state)
-        disabled = [name for name in enabled if name in out]
+        excluded = out_of_service(self.client.state)
+        disabled = [name for name in enabled if name in excluded]
         if len(disabled) < len(enabled):
             self.disabled.update(disabled)
             self.leave_out(*disabled)

@@ -205,8 +205,8 @@ class Group:
         results = await self.order(intent, timeout_s)
 
         def is_reported(state: FleetState) -> bool:
-            out = out_of_service(state)
-            return intent.swapped in out and intent.spare not in out
+            excluded = out_of_service(state)
+            return intent.swapped in excluded and intent.spare not in excluded
 
         await self.client.wait_for(is_reported, timeout_s)
         self.ground.disabled.add(intent.swapped)

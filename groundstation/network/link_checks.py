@@ -256,18 +256,18 @@ def _neighbours(name: str, fleet: FleetConfig, heard: Heard) -> Iterator[Diagnos
 
     old_s = _old_s(fleet)
     silent_s = SILENT_S + fleet.expected_radio.lateness_s
-    old = {other: age_s for other, age_s in ages_s.items() if age_s >= old_s}
+    old_ages_s = {other: age_s for other, age_s in ages_s.items() if age_s >= old_s}
 
     bad = Grade.WARN
-    if any(age_s >= silent_s for age_s in old.values()):
+    if any(age_s >= silent_s for age_s in old_ages_s.values()):
         bad = Grade.FAIL
     shown = ages_s
-    if old:
-        shown = old
+    if old_ages_s:
+        shown = old_ages_s
     listed = ", ".join(f"{other} {1e3 * age_s:.0f} ms" for other, age_s in sorted(shown.items()))
     yield graded(
         f"{name} hears",
-        not old,
+        not old_ages_s,
         f"Age of the others' states (p99): {listed}.",
         f"The fleet's margin allows for {1e3 * old_s:.0f} ms. A vehicle whose newest state is older"
         f" than {1e3 * silent_s:.0f} ms counts as silent. Improve the radio at {name}, or declare"

@@ -144,12 +144,12 @@ def _bounds(requirements: Iterable[str]) -> dict[str, str]:
 
 def _is_within(version: str, bounds: str) -> bool:
     """Return whether a version lies within bounds such as ``>=1.2,<2``."""
-    own = _numbers(version)
+    numbers = _numbers(version)
     for sign, bound_text in re.findall(r"(>=|<)\s*([0-9.]+)", bounds):
         bound = _numbers(bound_text)
-        if sign == ">=" and own < bound:
+        if sign == ">=" and numbers < bound:
             return False
-        if sign == "<" and own >= bound:
+        if sign == "<" and numbers >= bound:
             return False
     return True
 

@@ -72,14 +72,14 @@ def with_free_ports(data: dict[str, Any], fleet: FleetConfig) -> dict[str, Any]:
     ports = _free_ports()
     vehicles = {}
     for name, table in data["vehicles"].items():
-        own = dict(table)
-        own["agent"] = f"tcp/127.0.0.1:{_next(ports)}"
-        own["autopilot"] = f"udpin://127.0.0.1:{_next(ports)}"
+        vehicle = dict(table)
+        vehicle["agent"] = f"tcp/127.0.0.1:{_next(ports)}"
+        vehicle["autopilot"] = f"udpin://127.0.0.1:{_next(ports)}"
         if fleet.vehicles[name].mavlink_signing:
-            own["mavlink_signing"] = False  # the keys belong to the real vehicles
+            vehicle["mavlink_signing"] = False  # the keys belong to the real vehicles
         if fleet.vehicles[name].direct is not None:
-            own["direct"] = f"udpout://127.0.0.1:{_next(ports)}"
-        vehicles[name] = own
+            vehicle["direct"] = f"udpout://127.0.0.1:{_next(ports)}"
+        vehicles[name] = vehicle
 
     section = dict(data["fleet"])
     section["simulator"] = f"tcp/127.0.0.1:{_next(ports)}"

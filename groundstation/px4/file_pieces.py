@@ -54,14 +54,14 @@ class Pieces:
         Returns:
             The bytes that follow those returned before; empty while there is a hole.
         """
-        data = data[: max(0, self.size - offset)]
+        inside = data[: max(0, self.size - offset)]  # the bytes before the end of the file
         if offset > self.bytes_in_order:
-            if data and not self.drops_more:
-                heapq.heappush(self._waiting, (offset, data))
-                self._waiting_bytes += len(data)
+            if inside and not self.drops_more:
+                heapq.heappush(self._waiting, (offset, inside))
+                self._waiting_bytes += len(inside)
             return b""
 
-        following = [self._cut(offset, data)]
+        following = [self._cut(offset, inside)]
         while self._waiting and self._waiting[0][0] <= self.bytes_in_order:
             waiting_offset, waiting = heapq.heappop(self._waiting)
             self._waiting_bytes -= len(waiting)

@@ -44,18 +44,19 @@ class _Trail:
             self._own[vehicle, message.order_id] = trace
             self.traces.append(trace)
         elif isinstance(message, OrderReply):
-            own = self._own.get((vehicle, message.order_id))
-            if own is not None:
-                own.answer = "accepted" if message.is_accepted else f"refused: {message.reason}"
+            answered = self._own.get((vehicle, message.order_id))
+            if answered is not None:
+                answer = "accepted" if message.is_accepted else f"refused: {message.reason}"
+                answered.answer = answer
         elif isinstance(message, Event):
             self._add_event(at_s, vehicle, message)
 
     def _add_event(self, at_s: float, vehicle: str, event: Event) -> None:
-        own = self._own.get((vehicle, event.order_id))
+        order = self._own.get((vehicle, event.order_id))
         # After a break of the link the vehicle reports an end again; only the first report counts.
-        if own is not None and event.order_outcome and not own.end:
-            own.end_s = at_s
-            own.end = f"{event.order_outcome} at {at_s:.1f} s: {event.sentence}"
+        if order is not None and event.order_outcome and not order.end:
+            order.end_s = at_s
+            order.end = f"{event.order_outcome} at {at_s:.1f} s: {event.sentence}"
         elif event.code == _NOT_BELIEVED:
             self.traces.append(OrderTrace(at_s, vehicle, event.sentence, "not believed"))
         elif event.code == _ANSWERED:

@@ -262,10 +262,10 @@ def _ghost_columns(flight: Flight, ghost: Flight, grid_s: Array) -> Iterator[Col
     """Yield the paths of another flight, shifted in time so that both lift off together."""
     shift_s = _lift_off_s(flight) - _lift_off_s(ghost)
     for number, name in enumerate(flight.vehicles):
-        other = ghost.vehicles.get(name)
-        if other is None:
+        ghost_vehicle = ghost.vehicles.get(name)
+        if ghost_vehicle is None:
             continue
-        times_s, positions_enu_m = other.path
+        times_s, positions_enu_m = ghost_vehicle.path
         path_enu_m = between_times(times_s + shift_s, positions_enu_m, grid_s, _PATH_GAP_S)
         yield from _axes(number, "ghost_", path_enu_m, _METRE)
 

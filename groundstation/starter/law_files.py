@@ -56,5 +56,5 @@ def with_own_law(fleet_text: str, name: str) -> str:
         fleet_text: text of a fleet file with Covey's law.
         name: name of the law's module.
     """
-    own = f'name = "{name}:law"  # the function law of {name}.py beside this file'
-    return fleet_text.replace('[law]\nname = "covey"', f"[law]\n{own}", 1)
+    name_line = f'name = "{name}:law"  # the function law of {name}.py beside this file'
+    return fleet_text.replace('[law]\nname = "covey"', f"[law]\n{name_line}", 1)
