@@ -1,4 +1,4 @@
 """Widgets of the console.
 
-Most widgets draw their own lines, which takes a tenth of the time of Textual's DataTable.
+Most widgets draw their own lines, which is much faster than Textual's DataTable.
 """
