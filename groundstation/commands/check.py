@@ -1,4 +1,4 @@
-"""``covey check``: are these files right, and which command checks vehicles, computers and links?
+"""``covey check``: checks fleet and mission files, and leads to the checks of everything else.
 
 Examples:
   covey check configs/fleets/paper.toml

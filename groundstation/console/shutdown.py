@@ -21,7 +21,7 @@ from onboard.config.fleet import FleetConfig
 
 INTERRUPTED = 130  # exit status of a program that Ctrl-C has ended
 LAND_WAIT_S = 90.0  # longest wait for landings, beyond the time of the descent
-HANG_UP_S = 1.0  # time from the order to land until the end, in which it reaches all vehicles
+HANG_UP_S = 1.0  # pause after the order to land, so that it reaches all vehicles before the end
 
 
 class Shutdown:

@@ -19,12 +19,15 @@ from groundstation.mission_files.world_time import WorldTime, local_now, time_wo
 from onboard.plain_text import listed
 
 APART_S = 0.5  # largest permitted difference between the clocks of two computers
-# Largest change of this computer's world's clock against its monotonic clock that is no setting.
+# The wall clock of this computer was set if it has changed by more than this against the monotonic
+# clock.
 STEP_S = 0.1
 LOOK_S = 0.2  # period of the checks
-# Checks in a row that must see that a clock was set: one may be interrupted between two readings.
+# Number of checks in a row that must find the clock set. A single check may be interrupted between
+# its two readings.
 _STEP_LOOK_COUNT = 2
-# Checks in a row that must see different clocks: computers report their time twice a second.
+# Number of checks in a row that must find the clocks of two computers different. Computers report
+# their time twice a second, so this covers two reports.
 _APART_LOOK_COUNT = 7
 _MEASURE_S = 3.0  # time after the connection within which the clocks are measured
 # Times before the start at which a line says how long the countdown still takes.

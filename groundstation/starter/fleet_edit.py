@@ -69,7 +69,7 @@ def checked_text(path: Path, more: str) -> str:
         ConfigError: the file would be wrong with the tables.
     """
     text = read_text(path, FLEET_FILE).rstrip() + "\n\n" + more
-    # tables need no law: a user's own law may be missing on this computer
+    # without the law: the file of a user's own law may be missing on this computer
     fleet_from_mapping(toml_values(text, str(path)), path=str(path), finds_law=False)
     return text
 
@@ -92,7 +92,7 @@ def write_text(path: Path, text: str) -> None:
         new_path.replace(target)
     except OSError as error:
         raise ConfigError(
-            f"{path} cannot be written ({error.strerror}). Put in the values above by hand."
+            f"{path} cannot be written ({error.strerror}). Add the tables by hand."
         ) from None
 
 
