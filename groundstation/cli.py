@@ -270,7 +270,8 @@ def _missing_library(error: ImportError) -> str | None:
     missing = error if isinstance(error, ModuleNotFoundError) else error.__cause__
     if not isinstance(missing, ModuleNotFoundError) or not missing.name:
         return None
-    if missing.name.partition(".")[0] in ("onboard", "groundstation", "sitl"):
+    package, _, _ = missing.name.partition(".")
+    if package in ("onboard", "groundstation", "sitl"):
         return None
     return missing.name
 

@@ -60,10 +60,10 @@ def router(
     node = Router(settings)
     node.start()
     setting_of = dict(settings)
-    own = _bare(setting_of["listen/endpoints"])[0]
+    (listening,) = _bare(setting_of["listen/endpoints"])
     others = ", ".join(_bare(setting_of["connect/endpoints"])) or "no other"
     names = ", ".join(fleet.fleet.name for fleet in loaded)
-    print(f"router: {own} for {names}; other routers: {others}. Ctrl-C ends.", flush=True)
+    print(f"router: {listening} for {names}; other routers: {others}. Ctrl-C ends.", flush=True)
 
     is_asked_to_stop = stopped.wait(_links_left_s(loaded))
     node.stop()

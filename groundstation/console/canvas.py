@@ -74,11 +74,13 @@ class Canvas:
         if not np.isfinite([*start, *end]).all():
             return
 
-        along_x = end[0] - start[0]
-        along_y = end[1] - start[1]
+        start_x, start_y = start
+        end_x, end_y = end
+        along_x = end_x - start_x
+        along_y = end_y - start_y
         steps = int(min(_MAX_STEPS, max(abs(along_x), abs(along_y))))
         shares = np.linspace(0.0, 1.0, steps + 1)[::gap]
-        self.dots(start[0] + shares * along_x, start[1] + shares * along_y, colour)
+        self.dots(start_x + shares * along_x, start_y + shares * along_y, colour)
 
     def lines(self, starts: Array, ends: Array, colour: str, gap: int = 1) -> None:
         """Draw straight lines of dots from points (n, 2) to points (n, 2), all at once.

@@ -94,7 +94,7 @@ class History:
 
     @property
     def closest_now(self) -> ClosePair | None:
-        """Return the closest pair now."""
+        """The closest pair now; None if no pair is known."""
         return self.pairs[0] if self.pairs else None
 
     def flight_s(self, now_ns: int) -> float | None:
@@ -167,8 +167,9 @@ class History:
             if self._flight_begin_s is None or self._flight_end_s is not None:
                 self._flight_begin_s = now_s
                 self._flight_end_s = None
-            if self.pairs and self.pairs[0].is_flying:
-                self.distances.append((now_s, self.pairs[0].distance_m))
+            closest = self.closest_now
+            if closest is not None and closest.is_flying:
+                self.distances.append((now_s, closest.distance_m))
         elif self._flight_begin_s is not None and self._flight_end_s is None:
             self._flight_end_s = now_s
 

@@ -181,17 +181,18 @@ class OrderEntry:
         self._written = text
 
         words = text.split()
-        is_about_control = words[0] in ("take", "give", "keep") and words[1:2] == ["control"]
+        first_word, *further_words = words
+        is_about_control = first_word in ("take", "give", "keep") and words[1:2] == ["control"]
         if is_about_control and len(words) == 2:
-            self._change_control(words[0])
+            self._change_control(first_word)
         elif is_about_control and len(words) == 3:
-            self._change_control(words[0], words[2])
+            self._change_control(first_word, words[2])
         elif mission_words.are_of_mission(words) and self.missions is not None:
             refusal = self.missions.take(words)
             if refusal:
                 self._refuse(text, refusal)
-        elif words[0] == "reset":
-            self._reset(" ".join(words[1:]))
+        elif first_word == "reset":
+            self._reset(" ".join(further_words))
         else:
             await self.order(text, is_written=True)
 

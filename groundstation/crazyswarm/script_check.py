@@ -66,7 +66,8 @@ def is_of_crazyswarm(script: str) -> bool:
         elif isinstance(node, ast.ImportFrom) and node.level == 0:
             modules = [node.module or ""]
         for module in modules:
-            if module.partition(".")[0] in _PACKAGES or module.startswith(_OWN_PACKAGE):
+            package, _, _ = module.partition(".")
+            if package in _PACKAGES or module.startswith(_OWN_PACKAGE):
                 return True
     return False
 

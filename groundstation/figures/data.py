@@ -166,7 +166,10 @@ def from_samples(
     grid_s = _grid(tracks)
 
     first_stamps_ns = [
-        own[0].stamp_ns for topic in TOPICS for own in by_topic[topic].values() if own
+        samples[0].stamp_ns
+        for by_name in by_topic.values()
+        for samples in by_name.values()
+        if samples
     ]
     begin_ns = min(first_stamps_ns)
     if record_begin_ns is not None and 0 <= begin_ns - record_begin_ns <= _LONGEST_START_NS:

@@ -193,8 +193,9 @@ def _draw_closest(ax: Any, flight: FlightData) -> None:
             continue
         position_m = track.path_at(flight.grid_s[grid_index : grid_index + 1])[0, :2]
         positions_m[track.name] = position_m
+        x_m, y_m = position_m
         ring = Circle(
-            (float(position_m[0]), float(position_m[1])),
+            (float(x_m), float(y_m)),
             flight.safety_distance_m / 2.0,
             fill=False,
             color=colour(index),

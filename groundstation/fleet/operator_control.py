@@ -26,7 +26,8 @@ SETTLE_S = 0.5  # time in which every vehicle reports the operator
 SILENCE_S = 10.0  # time without an answer after which control may be taken by force
 FORCE_WORD = "force"
 _FIRST_TERM = 1  # number of the first operator's token; who takes over by force counts on
-# verbs that the operator may order from any of his grounds, see onboard/bus/control_token.py
+# verbs that the operator may order from all grounds of the same person, see
+# onboard/bus/control_token.py
 _OPEN_TO_SAME_PERSON = ("resume", "skip", "home", "bring_home")
 
 

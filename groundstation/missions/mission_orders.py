@@ -103,22 +103,23 @@ class MissionOrders:
         Returns:
             Why the order is refused, as a sentence; empty when it is carried out.
         """
-        if words[0] == "mission":
-            return self._start(words[1:])
+        verb, *further_words = words
+        if verb == "mission":
+            return self._start(further_words)
 
         run = self._run
         if run is None or run.is_over:
             return f"No mission flies that was started here. Write: {USAGE}"
 
         ground = run.fleet.ground
-        if words[0] == "stop":
+        if verb == "stop":
             run.interrupt()
-        elif words[0] == "pause":
+        elif verb == "pause":
             ground.pause()
-        elif words[0] == "skip":
+        elif verb == "skip":
             return ground.leave_out_order()
         else:  # "continue" and "step"
-            ground.go_on(is_stepping=words[0] == "step")
+            ground.go_on(is_stepping=verb == "step")
         return ""
 
     def _start(self, words: Sequence[str]) -> str:
@@ -136,12 +137,13 @@ class MissionOrders:
         files = [word for word in words if "=" not in word and word != "stepping"]
         if len(files) != 1:
             return f"Which mission? {_names_sentence()} Write: {USAGE}"
+        (file,) = files
         arguments = dict(word.split("=", 1) for word in words if "=" in word)
 
         try:
-            mission = load_mission(files[0], client.fleet)
+            mission = load_mission(file, client.fleet)
             if arguments and not mission.is_python:
-                return f"{files[0]}: only Python missions have arguments."
+                return f"{file}: only Python missions have arguments."
             mission = replace(mission, arguments=arguments)
             if mission.is_python:
                 load_function(mission)

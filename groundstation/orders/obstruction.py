@@ -118,23 +118,18 @@ def _walls(fleet: FleetConfig, position: Xyz, goal: Xyz) -> Iterator[tuple[float
     """Yield obstacles near the straight way, and sides of the fence near the vehicle."""
     near_m = _NEAR_WALL_M + 0.5 * fleet.fleet.body_diameter_m
 
-    shares = [k / _STEP_COUNT for k in range(_STEP_COUNT + 1)]
-    route = [
-        (
-            position[0] + share * (goal[0] - position[0]),
-            position[1] + share * (goal[1] - position[1]),
-        )
-        for share in shares
-    ]
+    x, y, height_m = position
+    goal_x, goal_y, _ = goal
+    shares = [step / _STEP_COUNT for step in range(_STEP_COUNT + 1)]
+    route = [(x + share * (goal_x - x), y + share * (goal_y - y)) for share in shares]
     for obstacle in fleet.obstacles:
         if min(obstacle.distance_m(point) for point in route) < near_m:
             away_m = obstacle.distance_m(position)
             yield away_m, f"obstacle '{obstacle.name}', {away_m:.2f} m from it"
 
-    height_m = position[2]
     for area in flight_space_of(fleet).areas:
         if areas.counts_at(area, low_m=height_m, high_m=height_m):
-            away_m = areas.nearest(area, position[0], position[1]).room_m - area.buffer_m
+            away_m = areas.nearest(area, x, y).room_m - area.buffer_m
             if away_m < near_m:
                 yield away_m, f"the fence '{area.name}', {away_m:.2f} m from its buffer"
 
@@ -157,15 +152,19 @@ def _distance_m(point: Xyz, begin: Xyz, end: Xyz, height_share: float) -> float:
     The result is the true separation or less, because the height of the way is not computed at each
     place. The way counts as if it had all heights between its ends at once.
     """
-    route = (end[0] - begin[0], end[1] - begin[1])
-    length_squared_m2 = route[0] ** 2 + route[1] ** 2
-    along = (point[0] - begin[0]) * route[0] + (point[1] - begin[1]) * route[1]
+    x, y, z = point
+    begin_x, begin_y, begin_z = begin
+    end_x, end_y, end_z = end
+    route_x = end_x - begin_x
+    route_y = end_y - begin_y
+    length_squared_m2 = route_x**2 + route_y**2
+    along = (x - begin_x) * route_x + (y - begin_y) * route_y
 
     share = 0.0
     if length_squared_m2 > 0.0:
         share = min(max(along / length_squared_m2, 0.0), 1.0)
 
-    low, high = sorted((begin[2], end[2]))
-    nearest_height = min(max(point[2], low), high)
-    nearest = (begin[0] + share * route[0], begin[1] + share * route[1], nearest_height)
+    low, high = sorted((begin_z, end_z))
+    nearest_z = min(max(z, low), high)
+    nearest = (begin_x + share * route_x, begin_y + share * route_y, nearest_z)
     return separation_m(point, nearest, height_share)

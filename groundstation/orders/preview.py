@@ -221,10 +221,10 @@ def _leg(intent: Intent, telemetry: Telemetry, position: Xyz, order: Order | Non
     if order.position_enu_m is not None:
         return Leg(position, order.position_enu_m, order.duration_s)
 
-    height_m = position[2]
+    x, y, height_m = position
     if isinstance(intent, Takeoff) and intent.height_m:
         height_m = intent.height_m
-    return Leg(position, (position[0], position[1], height_m), order.duration_s)
+    return Leg(position, (x, y, height_m), order.duration_s)
 
 
 def _goal(telemetry: Telemetry, position: Xyz) -> Xyz:

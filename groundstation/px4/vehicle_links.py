@@ -171,16 +171,17 @@ def is_device_of_another_computer(vehicle: Vehicle) -> bool:
 def _is_this_computer(host: str) -> bool:
     """Return whether an address is one of this computer's own."""
     try:
-        family, kind, _, _, address = socket.getaddrinfo(host, 0, type=socket.SOCK_DGRAM)[0]
-        with socket.socket(family, kind) as own:
-            own.bind(address)  # only an address of this computer can be bound
+        first, *_ = socket.getaddrinfo(host, 0, type=socket.SOCK_DGRAM)
+        family, kind, _, _, address = first
+        with socket.socket(family, kind) as opened:
+            opened.bind(address)  # only an address of this computer can be bound
     except OSError:
         return False
     return True
 
 
 def _device_words(vehicle: Vehicle) -> str:
-    device = vehicle.autopilot.removeprefix("serial://").rpartition(":")[0]
+    device, _, _ = vehicle.autopilot.removeprefix("serial://").rpartition(":")  # without baud rate
     return (
         f"Its PX4 is at {device} of {vehicle.host}, another computer: set PX4's parameters "
         "over USB, or give a way past the companion as "

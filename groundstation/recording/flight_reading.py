@@ -2,8 +2,8 @@
 
 The index of the record (:mod:`groundstation.recording.timeline`) finds its chunks, shifts the
 stamps of all computers onto one clock, and skips damaged chunks. Here the messages of a vehicle
-become rows of numbers. JSON is decoded into the kept fields only, which is some ten times faster
-than decoding the whole message. Each field may be missing.
+become rows of numbers. JSON is decoded into the kept fields only, which is much faster than
+decoding the whole message. Each field may be missing.
 
 Records may come from anybody. A message that is no JSON, or has a text in place of a number, is
 left out and counted. Absurd numbers become NaN, stamps far from all others are left out, and the
@@ -364,34 +364,33 @@ class _Collected:
         self.left_out: set[str] = set()  # vehicles beyond MAX_VEHICLES
         self.is_full = False  # whether there are more orders and events than are kept
         # (topic, vehicle) -> stamps and JSON texts that wait to be decoded. A chunk has only a few
-        # messages of each, and to decode many at once takes a third of the time.
+        # messages of each, and decoding many at once is faster.
         self._waiting: dict[tuple[str, str], tuple[list[int], list[bytes]]] = {}
 
     def add(self, raw: RawChannel) -> None:
         """Add the messages of one channel; those that cannot be decoded are counted."""
         possible = _with_possible_stamps(raw)
         self.malformed += len(raw.datas) - len(possible.datas)
-        raw = possible
 
-        if raw.topic in ORDER_TOPICS:
-            self._add_order_messages(raw)
+        if possible.topic in ORDER_TOPICS:
+            self._add_order_messages(possible)
             return
-        rows = self._rows_of(raw.name)
+        rows = self._rows_of(possible.name)
         if rows is None:
             return
-        if raw.topic == "preflight":
-            self.malformed += len(raw.datas) - rows.add_preflight(raw)
+        if possible.topic == "preflight":
+            self.malformed += len(possible.datas) - rows.add_preflight(possible)
             return
 
-        key = (raw.topic, raw.name)
+        key = (possible.topic, possible.name)
         stamps_ns, datas = self._waiting.setdefault(key, ([], []))
-        if raw.topic == "state":
+        if possible.topic == "state":
             # the kept fields change slowly, so one message of each chunk is enough
-            stamps_ns += raw.stamps_ns[:1]
-            datas += raw.datas[:1]
+            stamps_ns += possible.stamps_ns[:1]
+            datas += possible.datas[:1]
         else:
-            stamps_ns += raw.stamps_ns
-            datas += raw.datas
+            stamps_ns += possible.stamps_ns
+            datas += possible.datas
         if len(datas) >= _DECODED_AT_ONCE:
             self._decode(key)
 
@@ -518,8 +517,8 @@ def read_flight(folder: Path, fleet_path: str | None = None) -> Flight:
 def _without_collection() -> Iterator[None]:
     """Switch Python's garbage collector off while the block runs.
 
-    The collector would search millions of small values for reference cycles, which they do not
-    have. That would take 40 % of the reading time.
+    The collector would spend much time on the search for reference cycles among millions of small
+    values, which have none.
     """
     was_enabled = gc.isenabled()
     gc.disable()
@@ -590,9 +589,9 @@ def _vehicles(
     in_file = []
     if fleet is not None:
         in_file = [name for name in fleet.vehicles if name in flown]
-    order = [*in_file, *sorted(set(flown) - set(in_file))]
+    ordered_names = [*in_file, *sorted(set(flown) - set(in_file))]
 
-    numbers = {name: number for number, name in enumerate(order)}
+    numbers = {name: number for number, name in enumerate(ordered_names)}
     return {
         name: VehicleFlight(
             name=name,
@@ -602,7 +601,7 @@ def _vehicles(
             states=_states(flown[name], span),
             preflight=flown[name].preflight,
         )
-        for name in order
+        for name in ordered_names
     }
 
 
@@ -618,6 +617,7 @@ def _kept(stamps_ns: IntArray, span: _Span) -> tuple[IntArray, Array]:
 
 
 def _ticks(rows: _VehicleRows, span: _Span, numbers: dict[str, int]) -> Ticks:
+    """Return the ticks of a vehicle; ``numbers`` has the index of each vehicle in the flight."""
     kept, time_s = _kept(rows.ticks.stamps_ns, span)
 
     avoided = np.array([numbers.get(name, -1) for name in rows.avoided], np.float64)
@@ -628,7 +628,7 @@ def _ticks(rows: _VehicleRows, span: _Span, numbers: dict[str, int]) -> Ticks:
 
 def _telemetry(rows: _VehicleRows, span: _Span) -> TelemetryRows:
     kept, time_s = _kept(rows.telemetry.stamps_ns, span)
-    texts = [rows.texts[number] for number in kept]
+    texts = [rows.texts[index] for index in kept]
     return TelemetryRows(
         time_s=time_s,
         states=[text.state for text in texts],

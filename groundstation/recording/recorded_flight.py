@@ -206,13 +206,14 @@ def at_times(times_s: Array, values: Array, wanted_s: Array, max_gap_s: float) -
     if not times_s.size:
         return np.full(shape, np.nan)
 
-    before = np.searchsorted(times_s, wanted_s, side="right") - 1  # index; -1 if there is none
-    is_known = before >= 0
-    before = np.clip(before, 0, None)
-    is_known &= wanted_s - times_s[before] <= max_gap_s
+    # index of the last value before each wanted time; -1 if there is none
+    last_index = np.searchsorted(times_s, wanted_s, side="right") - 1
+    has_value = last_index >= 0
+    last_index = np.clip(last_index, 0, None)
+    is_known = has_value & (wanted_s - times_s[last_index] <= max_gap_s)
 
     result = np.full(shape, np.nan)
-    result[is_known] = values[before[is_known]]
+    result[is_known] = values[last_index[is_known]]
     return result
 
 
@@ -232,8 +233,9 @@ def between_times(times_s: Array, values: Array, wanted_s: Array, max_gap_s: flo
     if times_s.size < 2:
         return result
 
-    after = np.clip(np.searchsorted(times_s, wanted_s, side="left"), 1, times_s.size - 1)
-    gap_s = times_s[after] - times_s[after - 1]
+    # index of the next value after each wanted time, so that the one before it exists
+    next_index = np.clip(np.searchsorted(times_s, wanted_s, side="left"), 1, times_s.size - 1)
+    gap_s = times_s[next_index] - times_s[next_index - 1]
     is_inside = (wanted_s >= times_s[0]) & (wanted_s <= times_s[-1]) & (gap_s <= max_gap_s)
     for column in range(values.shape[1]):
         on_lines = np.interp(wanted_s, times_s, values[:, column])

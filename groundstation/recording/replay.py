@@ -37,7 +37,7 @@ KEYFRAME_NS = 2_000_000_000  # time between two states that are kept
 MAX_KEYFRAMES = 20_000
 # A seek back begins this long before its target, so that trails and charts are filled.
 MEMORY_NS = 60_000_000_000
-# When another vehicle is followed, its ticks of this last time are read at once.
+# When another vehicle is followed, its ticks of so much time before the present are read at once.
 TICKS_NS = 20_000_000_000
 _SLICE_S = 0.02  # work of a seek between two breaks, in which other tasks draw the console
 _MAX_PLAY_S = 4.0 * _SLICE_S  # one call of Replay.play works no longer than this
@@ -96,7 +96,7 @@ class Replay:
         # one nanosecond early, because a reading yields only messages after this time
         self._now_ns = timeline.begin_ns - 1
         self._state = fleet_state.initial(fleet)
-        self._keyframes = [(self._now_ns, self._state)]
+        self._keyframes = [(self._now_ns, self._state)]  # the kept states, by rising time
         self._reading = self._read_on()
 
         self._event_stamps = [
@@ -236,7 +236,8 @@ class Replay:
 
     def _turn_back(self, before_ns: int) -> None:
         """Go back to the newest kept state that is not newer than a time."""
-        newer = bisect.bisect_right(self._keyframes, before_ns, key=lambda pair: pair[0])
+        # index of the first newer state
+        newer = bisect.bisect_right(self._keyframes, before_ns, key=lambda kept: kept[0])
         self._now_ns, self._state = self._keyframes[max(0, newer - 1)]
 
         self.tick_stream.values.clear()
@@ -245,7 +246,7 @@ class Replay:
             reset()
 
     def _read_again(self) -> None:
-        """Read the last ticks of the vehicle that is followed now, and go on from this time."""
+        """Read the last ticks of the vehicle that is followed now, and go on from the present."""
         self._reading = self._read_on()
         if self.tick_stream.vehicle is None:
             return
@@ -329,7 +330,8 @@ def _fold(state: FleetState, messages: list[RecordedMessage]) -> FleetState:
             state = fleet_state.fold(state, recorded.message, recorded.stamp_ns)
         view = state.vehicles.get(recorded.name)
         if view is not None and not view.is_alive:
-            state = fleet_state.fold_nodes(state, [fleet_state.NodeSeen(recorded.name, True)])
+            alive = fleet_state.NodeSeen(recorded.name, is_alive=True)
+            state = fleet_state.fold_nodes(state, [alive])
     return state
 
 

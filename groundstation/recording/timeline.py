@@ -14,13 +14,13 @@ from __future__ import annotations
 import bisect
 import contextlib
 import heapq
+import io
 import math
 import struct
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from functools import partial
-from io import BytesIO
 from itertools import accumulate
 from pathlib import Path
 from typing import NamedTuple, TypeVar
@@ -203,7 +203,7 @@ class Timeline:
     def _scan_records(self, stamps: _Stamps) -> None:
         """Read the heads of the file's records, and the indexes of its chunks."""
         stream = self._stream
-        size = stream.seek(0, 2)
+        size = stream.seek(0, io.SEEK_END)
         stream.seek(0)
         if stream.read(len(_MAGIC)) != _MAGIC:
             raise ConfigError(
@@ -251,7 +251,7 @@ class Timeline:
     def _read_made_by(self, data: bytes) -> None:
         """Read the metadata about the program that wrote the record; skip it if it is damaged."""
         with contextlib.suppress(*DAMAGED):
-            metadata = Metadata.read(ReadDataStream(BytesIO(data)))
+            metadata = Metadata.read(ReadDataStream(io.BytesIO(data)))
             if metadata.name == MADE_BY:
                 self.made_by.update(metadata.metadata)
 
@@ -284,8 +284,7 @@ class Timeline:
         if channel is None:
             return
 
-        # A record of ten minutes has 300,000 message indexes, so only three entries of each are
-        # read.
+        # A record has very many message indexes, so only three entries of each are read.
         count = length // _INDEX_ENTRY_BYTES
         unpack = _STAMP.unpack_from
         middle = _INDEX_HEAD.size + (count - 1) // 2 * _INDEX_ENTRY_BYTES
@@ -447,7 +446,7 @@ class Timeline:
         self._stream.seek(chunk.offset)
         try:
             data = self._stream.read(chunk.size)
-            parts = unpack(Chunk.read(ReadDataStream(BytesIO(data))))
+            parts = unpack(Chunk.read(ReadDataStream(io.BytesIO(data))))
         except (OSError, *DAMAGED):  # OSError: the disk cannot read it
             parts = None
 
@@ -477,7 +476,7 @@ class Reading:
         self._next_chunk = timeline.first_chunk(after_ns)
         # stamp, number in the order of the file (which sorts equal stamps), message
         self._heap: list[tuple[int, int, RecordedMessage]] = []
-        self._count = 0
+        self._count = 0  # number of messages that were put on the heap
 
     @property
     def pending(self) -> int:
@@ -490,16 +489,21 @@ class Reading:
             while self._must_decode_next_chunk(until_ns):
                 self._load()
 
-            if not self._heap or self._heap[0][0] > until_ns:
+            if not self._heap or self._next_stamp_ns > until_ns:
                 return
             _, _, message = heapq.heappop(self._heap)
             yield message
+
+    @property
+    def _next_stamp_ns(self) -> int:
+        stamp_ns, _, _ = self._heap[0]
+        return stamp_ns
 
     def _must_decode_next_chunk(self, until_ns: int) -> bool:
         """Whether a chunk that is not decoded may hold the next message."""
         latest_ns = until_ns
         if self._heap:
-            latest_ns = min(until_ns, self._heap[0][0])
+            latest_ns = min(until_ns, self._next_stamp_ns)
         return self._timeline.earliest_from_ns(self._next_chunk) <= latest_ns
 
     def _load(self) -> None:
@@ -630,7 +634,7 @@ class _Stamps:
             earliest_ns = time_ns
             latest_ns = time_ns
             if common in spans:
-                time_ns = self._time_of_ns(spans[common], time_ns)
+                time_ns = self._chunk_time_ns(spans[common], time_ns)
                 earliest_ns = spans[common].first_ns
                 latest_ns = spans[common].last_ns
 
@@ -687,7 +691,7 @@ class _Stamps:
                 changes[clock] = apart_ns
         return changes
 
-    def _time_of_ns(self, span: _Span, before_ns: int) -> int:
+    def _chunk_time_ns(self, span: _Span, before_ns: int) -> int:
         """Return the time of a chunk on the common clock.
 
         A single message that came late does not turn the time back.

@@ -226,7 +226,9 @@ class RecordFiles:
         if isinstance(message, Event):
             self._line("events.txt", received_ns, event_line(message))
             if message.order_id:
-                outcome = message.order_outcome or message.code
+                outcome: str = message.order_outcome
+                if not outcome:
+                    outcome = message.code
                 text = f"{name} {message.order_id} {outcome}: {message.sentence}"
                 self._line("orders.txt", received_ns, text)
         elif isinstance(message, Order):
@@ -241,15 +243,15 @@ class RecordFiles:
 
         When there are MAX_CHANNELS channels, rows of new channels are left out, with one warning.
         """
-        number = self._channels.get(channel)
-        if number is None:
+        channel_id = self._channels.get(channel)
+        if channel_id is None:
             if len(self._channels) >= MAX_CHANNELS:
                 self._warn_once_that_it_is_full(channel)
                 return
-            number = self._register(channel, kind)
+            channel_id = self._register(channel, kind)
 
-        self._mcap.add_message(number, stamp_ns, data, stamp_ns, self._sequences[number])
-        self._sequences[number] += 1
+        self._mcap.add_message(channel_id, stamp_ns, data, stamp_ns, self._sequences[channel_id])
+        self._sequences[channel_id] += 1
 
     def _warn_once_that_it_is_full(self, channel: str) -> None:
         if self._is_full:

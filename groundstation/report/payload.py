@@ -112,7 +112,7 @@ def payload(
 
     head = msgspec.json.encode(header)
     parts = [_HEAD.pack(len(head)), head, *(column.data for column in columns)]
-    return zlib.compress(b"".join(parts), 6)
+    return zlib.compress(b"".join(parts), level=6)
 
 
 def _step_s(flight: Flight) -> float:
@@ -171,12 +171,13 @@ def _tick_columns(
     ticks = vehicle.ticks
 
     def shown(values: Array) -> Array:
+        """Return values at the times of the grid."""
         return at_times(ticks.time_s, values, grid_s, _TICK_GAP_S)
 
-    # Of quantities that peak for a few ticks only, each sample is the largest value in its step.
     edges_s = np.append(grid_s - step_s / 2.0, grid_s[-1] + step_s / 2.0)
 
     def largest(values: Array) -> Array:
+        """Return the largest value in each step, for quantities that peak for a few ticks only."""
         return largest_in_cells(ticks.time_s, values, edges_s)
 
     if vehicle.has_truth:
@@ -209,6 +210,7 @@ def _telemetry_columns(
     gap_s = max(_TELEMETRY_GAP_S, 2.0 * step_s)
 
     def shown(values: Array) -> Array:
+        """Return values at the times of the grid."""
         return at_times(telemetry.time_s, values, grid_s, gap_s)
 
     # Battery and wind.
@@ -421,7 +423,7 @@ def _pairs(flight: Flight) -> list[list[Any]]:
     if flight.fleet is not None:
         height_share = flight.fleet.fleet.height_share
     numbers = {name: number for number, name in enumerate(flight.vehicles)}
-    found = [
+    rows = [
         [
             numbers[pair.first],
             numbers[pair.second],
@@ -430,8 +432,8 @@ def _pairs(flight: Flight) -> list[list[Any]]:
         ]
         for pair in separations(tracks, height_share).values()
     ]
-    found.sort(key=lambda row: row[2])
-    return found[:MAX_PAIRS]
+    rows.sort(key=lambda row: row[2])  # by distance
+    return rows[:MAX_PAIRS]
 
 
 def _versions(flight: Flight) -> list[list[str]]:

@@ -56,7 +56,7 @@ _SHARE_OF_HEIGHT = 0.6
 # starts are delayed in steps, one vehicle in each round
 _SPREAD_STEP_S = 0.5
 _MOST_SPREAD_S = 4.0
-_SPREAD_ROUNDS = 24
+_SPREAD_ROUNDS = 24  # number of rounds at most
 
 
 @dataclass(slots=True)
@@ -137,7 +137,8 @@ def converted(
         vehicle = names[drone.name]
         flyable.paths[vehicle] = _path(drone.name, pieces.tolist())
         flyable.lights[vehicle] = tuple(
-            (max(t - flight_begin_s, 0.0), red, green, blue) for t, red, green, blue in drone.lights
+            (max(time_s - flight_begin_s, 0.0), red, green, blue)
+            for time_s, red, green, blue in drone.lights
         )
 
     _assign_homes(flyable)
@@ -149,8 +150,7 @@ def converted(
 def _takeoff_height_m(show: Show) -> float:
     """Return the take-off height, from which the show is flown; every path reaches it."""
     highest_m = {
-        drone.name: float(sampled(drone.path, _grid(drone.path))[0][:, 2].max())
-        for drone in show.drones
+        drone.name: float(_heights_m(drone.path, _grid(drone.path)).max()) for drone in show.drones
     }
     takeoff_m = min(_TAKEOFF_M, round(_TAKEOFF_SHARE * min(highest_m.values()), 2))
     if takeoff_m < _LOWEST_TAKEOFF_M:
@@ -168,6 +168,13 @@ def _grid(path: Path) -> Array:
     return np.linspace(0.0, path.duration_s, count)
 
 
+def _heights_m(path: Path, times_s: Array) -> Array:
+    """Return the heights of a path at some times."""
+    values, _, _ = sampled(path, times_s)
+    heights_m: Array = values[:, 2]
+    return heights_m
+
+
 def _flown_part(drone: Drone, takeoff_m: float) -> tuple[float, Array]:
     """Return the part of a path above the take-off height: its time in the show, and its pieces.
 
@@ -175,8 +182,7 @@ def _flown_part(drone: Drone, takeoff_m: float) -> tuple[float, Array]:
     leads from or to rest.
     """
     times_s = _grid(drone.path)
-    heights_m = sampled(drone.path, times_s)[0][:, 2]
-    high = np.flatnonzero(heights_m >= takeoff_m - 1e-3)
+    high = np.flatnonzero(_heights_m(drone.path, times_s) >= takeoff_m - 1e-3)
     begin_s = float(times_s[high[0]])
     end_s = float(times_s[high[-1]])
     if end_s - begin_s < _SHORTEST_S:
@@ -190,14 +196,16 @@ def _flown_part(drone: Drone, takeoff_m: float) -> tuple[float, Array]:
     after_join = motions[:, 1]
     before_join = motions[:, 2]
     at_end = motions[:, 3]
-    begins_in_motion = np.abs(at_begin[1]).max() > _STILL_M_S
-    ends_in_motion = np.abs(at_end[1]).max() > _STILL_M_S
+    begin_value, begin_velocity, _ = at_begin
+    end_value, end_velocity, _ = at_end
+    begins_in_motion = np.abs(begin_velocity).max() > _STILL_M_S
+    ends_in_motion = np.abs(end_velocity).max() > _STILL_M_S
     show_begin_s = drone.begin_s + begin_s
 
     first_part = []
     if begins_in_motion:
         standstill = np.zeros((3, 4))
-        standstill[0] = at_begin[0]
+        standstill[0] = begin_value
         first_part.append([quintic(2.0 * _JOIN_S, standstill, after_join)])
         show_begin_s -= _JOIN_S
         begin_s += _JOIN_S
@@ -205,7 +213,7 @@ def _flown_part(drone: Drone, takeoff_m: float) -> tuple[float, Array]:
     last_part = []
     if ends_in_motion:
         standstill = np.zeros((3, 4))
-        standstill[0] = at_end[0]
+        standstill[0] = end_value
         last_part.append([quintic(2.0 * _JOIN_S, before_join, standstill)])
         end_s -= _JOIN_S
 
@@ -303,7 +311,7 @@ def _slow_down(flyable: Converted, limits: FlightLimits) -> None:
     flyable.paths = slower
     for name, lights in flyable.lights.items():
         flyable.lights[name] = tuple(
-            (factor * t, red, green, blue) for t, red, green, blue in lights
+            (factor * time_s, red, green, blue) for time_s, red, green, blue in lights
         )
 
 
@@ -357,7 +365,8 @@ def _spread_starts(flyable: Converted, spacing_m: float, height_share: float) ->
             f"begins {delay_s:g} s later, to keep {spacing_m:.2f} m from the others"
         )
         flyable.lights[name] = tuple(
-            (t + delay_s, red, green, blue) for t, red, green, blue in flyable.lights[name]
+            (time_s + delay_s, red, green, blue)
+            for time_s, red, green, blue in flyable.lights[name]
         )
 
 

@@ -33,6 +33,7 @@ from onboard.control.path import sampled
 DEFAULT_PROMISE_M = 0.8
 _FENCE_MARGIN_M = 2.0  # horizontal distance from the show to the fence
 _FENCE_ABOVE_M = 1.5  # height of the fence above the show
+_FENCE_SAMPLE_COUNT = 500  # points of each path around which the fence is put
 # bounds of the top speed of a fleet made for the show; faster vehicles would brake too late
 _SLOWEST_TOP_SPEED_M_S = 1.0
 _FASTEST_TOP_SPEED_M_S = 1.5
@@ -80,7 +81,7 @@ def write_show(
             f"The show has {count} drones, {fleet.path} only {len(fleet.enabled_names)} vehicles."
         )
     if fleet is None:
-        vehicles = [f"mav{k}" for k in range(count)]
+        vehicles = [f"mav{index}" for index in range(count)]
     else:
         vehicles = list(fleet.enabled_names[:count])
     names = {drone.name: vehicle for drone, vehicle in zip(show.drones, vehicles, strict=True)}
@@ -166,7 +167,7 @@ def _fleet_text(
     that the file is valid.
     """
     if flyable is None:
-        homes = {name: (10.0 * k, 0.0, 0.0) for k, name in enumerate(vehicles)}
+        homes = {name: (10.0 * index, 0.0, 0.0) for index, name in enumerate(vehicles)}
     else:
         homes = flyable.homes
     starts_enu_m = {name: [round(x, 3), round(y, 3), 0.0] for name, (x, y, _) in homes.items()}
@@ -245,13 +246,13 @@ def _new_fleet_text(
         'type = "sih"  # emulated: give --fleet for vehicles of your own',
     ]
 
-    for k, (name, start_enu_m) in enumerate(starts_enu_m.items()):
+    for index, (name, start_enu_m) in enumerate(starts_enu_m.items()):
         lines += [
             "",
-            f"[vehicles.{name}]  # {show.drones[k].name!r} of the show",
-            f"system_id = {k + 1}",
+            f"[vehicles.{name}]  # {show.drones[index].name!r} of the show",
+            f"system_id = {index + 1}",
             f"start_enu_m = {start_enu_m}  # its home",
-            *endpoint_lines(k),
+            *endpoint_lines(index),
         ]
     return "\n".join(lines) + "\n"
 
@@ -288,18 +289,19 @@ def _fence(show: Show, flyable: Converted | None) -> list[str]:
     if flyable is None:  # before the show is converted: a fence that excludes nothing
         return ["geofence_m = { x = [-1e4, 1e4], y = [-1e4, 1e4], z = [-1.0, 1e4] }"]
 
-    points = [np.array(list(flyable.homes.values()))]
+    parts = [np.array(list(flyable.homes.values()))]
     for path in flyable.paths.values():
-        times_s = np.linspace(0.0, path.duration_s, 500)
-        points.append(sampled(path, times_s)[0][:, :3])
-    corners = np.concatenate(points)
+        times_s = np.linspace(0.0, path.duration_s, _FENCE_SAMPLE_COUNT)
+        values, _, _ = sampled(path, times_s)
+        parts.append(values[:, :3])
+    points = np.concatenate(parts)
 
-    low = np.floor(corners.min(0) - _FENCE_MARGIN_M)
-    high = np.ceil(corners.max(0) + _FENCE_MARGIN_M)
-    x = [float(low[0]), float(high[0])]
-    y = [float(low[1]), float(high[1])]
+    low_x, low_y, _ = np.floor(points.min(0) - _FENCE_MARGIN_M)
+    high_x, high_y, _ = np.ceil(points.max(0) + _FENCE_MARGIN_M)
+    x = [float(low_x), float(high_x)]
+    y = [float(low_y), float(high_y)]
     floor = -1.0 if show.is_outdoors else 0.0
-    top = float(np.ceil(corners[:, 2].max() + _FENCE_ABOVE_M))
+    top = float(np.ceil(points[:, 2].max() + _FENCE_ABOVE_M))
     return [
         f"geofence_m = {{ x = {x}, y = {y}, z = [{floor}, {top}] }}  "
         f"# the show, and {_FENCE_MARGIN_M:g} m around it"

@@ -184,7 +184,7 @@ def _show(name: str, data: Any) -> Show:
     environment = _table(data, "environment")
     title = _table(data, "meta").get("title")
     if not isinstance(title, str) or not title:
-        title = os.path.splitext(os.path.basename(name))[0]
+        title, _ = os.path.splitext(os.path.basename(name))
 
     read_drones: list[Drone] = []
     for index, drone in enumerate(drones):
@@ -217,7 +217,7 @@ def _origin(location: dict[str, Any]) -> Origin | None:
         )
     except (KeyError, TypeError, ValueError):
         return None
-    altitude_m = altitude[0] if altitude else 0.0
+    altitude_m = altitude[0] if altitude else 0.0  # a file may leave it out
 
     # these comparisons are false for NaN, too
     is_on_earth = (
@@ -283,16 +283,18 @@ def _pieces(subject: str, points: Any) -> tuple[float, list[list[float]], Xyz]:
     for k, keypoint in enumerate(points):
         if not isinstance(keypoint, list) or len(keypoint) < 2:
             raise ConfigError(f"{subject}: points[{k}] is no [time, [x, y, z], [control points]].")
-        time_s = _number(subject, keypoint[0])
-        point = _point(subject, keypoint[1])
+        time, position, *further = keypoint
+        time_s = _number(subject, time)
+        point = _point(subject, position)
         controls = []
-        if len(keypoint) > 2 and keypoint[2]:
-            if not isinstance(keypoint[2], list) or len(keypoint[2]) > 2:
+        if further and further[0]:
+            listed = further[0]
+            if not isinstance(listed, list) or len(listed) > 2:
                 raise ConfigError(
-                    f"{subject}: points[{k}] has {str(keypoint[2])[:40]} where a list of at most"
+                    f"{subject}: points[{k}] has {str(listed)[:40]} where a list of at most"
                     " two control points is needed. Export the show again."
                 )
-            controls = [_point(subject, control) for control in keypoint[2]]
+            controls = [_point(subject, control) for control in listed]
 
         if k > 0:
             if not time_s > previous_s:
@@ -305,8 +307,8 @@ def _pieces(subject: str, points: Any) -> tuple[float, list[list[float]], Xyz]:
         previous_s = time_s
         previous = point
 
-    first = points[0]
-    return _number(subject, first[0]), pieces, _point(subject, first[1])
+    first_time, first_position, *_ = points[0]
+    return _number(subject, first_time), pieces, _point(subject, first_position)
 
 
 def _with_yaw(subject: str, path: Path, begin_s: float, control: dict[str, Any]) -> Path:
@@ -323,8 +325,9 @@ def _with_yaw(subject: str, path: Path, begin_s: float, control: dict[str, Any])
                 f"{subject}: yaw setpoint {k} is {str(setpoint)[:40]!r} where [time, yaw in"
                 " degrees] is needed. Export the show again."
             )
-        times_s.append(_number(subject, setpoint[0]))
-        yaws_deg.append(_number(subject, setpoint[1]))
+        time, yaw = setpoint
+        times_s.append(_number(subject, time))
+        yaws_deg.append(_number(subject, yaw))
         if k > 0 and times_s[k] < times_s[k - 1]:
             raise ConfigError(
                 f"{subject}: yaw setpoint {k}: its time is earlier than the one before. Export the "

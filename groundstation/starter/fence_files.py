@@ -24,6 +24,7 @@ GEOFENCE_VERSION = 2
 SHAPE_VERSION = 1
 _CRS84 = ("CRS84", "EPSG::4326", "EPSG:4326")  # names of the coordinates of GeoJSON
 _LONGEST_NAME = 40
+_REMEDY = "Give a .plan that QGroundControl saved, or a GeoJSON of polygons."
 
 # In this file ``where`` names the place of a value in the file, for refusals.
 
@@ -66,11 +67,11 @@ def read_fences(
         raise ConfigError(f"{name} has no fence. Draw one, and save it again.")
     if len(found) > MOST_FENCES:
         raise ConfigError(f"{name} has {len(found)} fences; {MOST_FENCES} are the most.")
-    inside = [fence.name for fence in found if fence.keep == "in"]
-    if len(inside) > 1:
+    areas_to_stay_in = [fence for fence in found if fence.keep == "in"]
+    if len(areas_to_stay_in) > 1:
         raise ConfigError(
-            f"{name} has {len(inside)} areas to stay in. In Covey all fences hold at once, so that "
-            "only what these share would be left. Join them into one polygon."
+            f"{name} has {len(areas_to_stay_in)} areas to stay in. In Covey all fences hold at "
+            "once, so that only what these share would be left. Join them into one polygon."
         )
     return [
         Fence(
@@ -83,9 +84,6 @@ def read_fences(
         )
         for fence in found
     ]
-
-
-_REMEDY = "Give a .plan that QGroundControl saved, or a GeoJSON of polygons."
 
 
 def toml_of(fences: list[Fence]) -> str:
@@ -123,7 +121,8 @@ def _text(name: str) -> str:
 
 
 def _point(degrees: Degrees) -> str:
-    return f"[{degrees[0]:.8f}, {degrees[1]:.8f}]"  # eight decimals are a millimetre
+    latitude, longitude = degrees
+    return f"[{latitude:.8f}, {longitude:.8f}]"  # eight decimals are a millimetre
 
 
 # -- QGroundControl --------------------------------------------------------------------------------
@@ -243,22 +242,23 @@ def _geometry_fences(
 
     # The first ring of a polygon is its edge, and the others are its holes.
     for number, rings in enumerate(polygons, start=1):
-        own_label = label
+        polygon_label = label
         if len(polygons) > 1:
-            own_label = f"{label} {number}"
+            polygon_label = f"{label} {number}"
         if not isinstance(rings, list) or not rings:
             raise ConfigError(f"{where} has no corners. Draw it again.")
-        for hole, ring in enumerate(rings):
+        for ring_index, ring in enumerate(rings):
             corners = _opened([_swapped(corner, where) for corner in _ring(ring, where)])
-            if hole == 0:
-                yield Fence(name=own_label, keep=keep, polygon_deg=tuple(corners))
+            is_edge = ring_index == 0
+            if is_edge:
+                yield Fence(name=polygon_label, keep=keep, polygon_deg=tuple(corners))
             elif keep == "out":
                 raise ConfigError(
                     f"{where} is to stay out of, and has a hole. Remove the hole, or draw what is "
                     "left as polygons without."
                 )
             else:
-                hole_label = f"{own_label}, hole {hole}"
+                hole_label = f"{polygon_label}, hole {ring_index}"
                 yield Fence(name=hole_label, keep="out", polygon_deg=tuple(corners))
 
 
@@ -267,7 +267,8 @@ def _swapped(place: Any, where: str) -> Degrees:
     values = _items(place, where)
     if len(values) not in (2, 3):
         raise ConfigError(f"{where} has a point of {len(values)} numbers; write two.")
-    return _number(values[1], where), _number(values[0], where)
+    longitude, latitude, *_ = values
+    return _number(latitude, where), _number(longitude, where)
 
 
 # -- values ----------------------------------------------------------------------------------------
@@ -286,7 +287,7 @@ def _ring(value: Any, where: str) -> list[Any]:
 
 def _opened(corners: list[Degrees]) -> list[Degrees]:
     """Return corners without the last one, if it repeats the first one."""
-    if len(corners) > 1 and corners[0] == corners[-1]:
+    if len(corners) > 1 and corners[-1] == corners[0]:
         return corners[:-1]
     return corners
 
@@ -313,7 +314,8 @@ def _degrees(place: Any, where: str) -> Degrees:
         raise ConfigError(
             f"{where} has a point of {len(values)} numbers; it has a latitude and a longitude."
         )
-    return _number(values[0], where), _number(values[1], where)
+    latitude, longitude = values
+    return _number(latitude, where), _number(longitude, where)
 
 
 def _number(value: Any, where: str) -> float:

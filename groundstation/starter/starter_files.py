@@ -39,16 +39,16 @@ NOT_POSITIONS = {
     "gnss": "Take --position gps.",
     "vio": "No camera on a vehicle is read by Covey: docs/mocap.md says how poses come by the bus.",
 }
-HERE = "here"
+HERE = "here"  # answer for the companions if agents and PX4s run on this machine
 MOST = 200  # vehicles; MAVLink has 255 system ids, of which other programs use some
 _MOST_AT_50_HZ = 8  # vehicles that can send all their states over one radio channel
 _FIRST_PORT = 7460  # port of the first agent
-_FIRST_DIRECT = 18570
+_FIRST_DIRECT_PORT = 18570  # port of the first PX4 past its companion
 
-# ports of PX4's instance 0: to its companion, and direct. From the eleventh instance on PX4's two
-# ranges of ports would overlap, so others are used.
+# Two ports of PX4: to its companion, and direct. The index of the instance is added to each. From
+# index 10 on the two ranges of _PORTS would overlap, so others are used.
 _PORTS = (14540, 18570)
-_PORTS_FROM_TEN = (15540, 19570)  # the number of the instance is added to these
+_PORTS_FROM_TEN = (15540, 19570)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -139,7 +139,7 @@ def starter(answers: Answers) -> Starter:
     slots = ring(answers.vehicles, wider_in_ring * spacing_m, spots)
     fleet_text = _fleet_text(answers, names, spots, slots, spacing_m)
     fleet = fleet_from_mapping(tomllib.loads(fleet_text), path="fleet.toml", text=fleet_text)
-    mission_text = _mission_text(answers, fleet, _seconds(spots, slots, answers))
+    mission_text = _mission_text(answers, fleet, _timeout_s(spots, slots, answers))
     mission = mission_from_mapping(
         tomllib.loads(mission_text), path="mission.toml", text=mission_text, fleet=fleet
     )
@@ -371,7 +371,9 @@ def _vehicles(answers: Answers, names: Sequence[str], spots: list[Plan]) -> list
         else:
             lines.append(f"agent = {dumps(f'tcp/{host}:{_FIRST_PORT}')}  # its companion computer")
             lines.append(f"autopilot = {dumps(answers.autopilot)}  # PX4 as that computer sees it")
-            lines.append(f'# direct = "udpout://ADDRESS:{_FIRST_DIRECT}"  # PX4 past the companion')
+            lines.append(
+                f'# direct = "udpout://ADDRESS:{_FIRST_DIRECT_PORT}"  # PX4 past the companion'
+            )
         if not answers.is_outdoors:
             lines.append(f'mocap_body = "{name}"')
         tables.append(lines)
@@ -426,19 +428,19 @@ def companion_addresses(words: str, count: int) -> list[str]:
     )
 
 
-def _seconds(spots: list[Plan], slots: list[Plan], answers: Answers) -> int:
+def _timeout_s(spots: list[Plan], slots: list[Plan], answers: Answers) -> int:
     """Return the timeout [s] of a change of formation, with time for detours."""
     longest_m = max(math.dist(spot, slot) for spot, slot in zip(spots, slots, strict=True))
     return 30 + 10 * math.ceil(0.5 * longest_m + 0.1 * answers.vehicles)
 
 
-def _mission_text(answers: Answers, fleet: FleetConfig, seconds: int) -> str:
+def _mission_text(answers: Answers, fleet: FleetConfig, ring_timeout_s: int) -> str:
     """Return the text of the first mission: take-off, ring, move, landing."""
     height_m = 1.0
-    near_m = 0.15
+    arrived_within_m = 0.15
     if answers.is_outdoors:
         height_m = 2.5
-        near_m = 1.5
+        arrived_within_m = 1.5
     return f"""\
 # A first mission, written by covey init: take off, form a ring, move it, land.
 # docs/mission-file.md explains every key.
@@ -456,7 +458,7 @@ timeout_s = 60
 do = "formation"
 name = "ring"
 position_enu_m = [0.0, 0.0, {height_m}]
-timeout_s = {seconds}
+timeout_s = {ring_timeout_s}
 
 [[step]]
 do = "move"  # of all vehicles: the formation's position
@@ -469,7 +471,7 @@ timeout_s = 90
 
 [expect]  # the verdict after the flight, and the exit status
 min_separation_m = {fleet.fleet.safety_distance_m:.2f}
-arrived_within_m = {near_m}
+arrived_within_m = {arrived_within_m}
 all_landed = true
 
 [on_failure]  # of any step

@@ -196,12 +196,13 @@ def _nearest_person(
 
 def _landed(fleet: FleetConfig, state: FleetState) -> dict[str, bool]:
     """Return whether each vehicle is landed and disarmed; a disabled one that rests is left out."""
-    out = out_of_service(state)
+    disabled = out_of_service(state)
 
     landed = {}
     for name in fleet.enabled_names:
         is_landed = state.is_landed(name)
-        if not (is_landed and name in out):
+        rests_disabled = is_landed and name in disabled
+        if not rests_disabled:
             landed[name] = is_landed
     return landed
 
@@ -217,7 +218,10 @@ def describe(verdict: Verdict) -> list[str]:
         lines.append(f"Collided: {', '.join(verdict.collided)}.")
 
     if verdict.arrivals:
-        sentence = f"Furthest from a goal on arrival: {metres(verdict.worst_arrival_m or 0.0)}."
+        worst_m = 0.0
+        if verdict.worst_arrival_m is not None:
+            worst_m = verdict.worst_arrival_m
+        sentence = f"Furthest from a goal on arrival: {metres(worst_m)}."
         for result in verdict.checks:
             if result.name == "arrived_within_m":
                 sentence = result.sentence
@@ -293,7 +297,7 @@ def _has_closest_collided(verdict: Verdict) -> bool:
         return False
     if not verdict.collided:
         return True  # without ground truth, the distance of this pair shows the collision
-    return {closest.first, closest.second} <= {*verdict.collided}
+    return closest.first in verdict.collided and closest.second in verdict.collided
 
 
 # -- parts of the judgement ------------------------------------------------------------------------
@@ -330,20 +334,20 @@ def _still_up(flown: FlightObservations, expect: Expect) -> str:
         return ""
 
     state = flown.state
-    up = []
+    still_up = []
     for name, view in state.vehicles.items():
         if view.telemetry is None or state.is_landed(name) or name in flown.pilots:
             continue
         if view.is_airborne or view.telemetry.is_armed:
-            up.append(name)
-    if not up:
+            still_up.append(name)
+    if not still_up:
         return ""
 
-    are = "are"
-    if len(up) == 1:
-        are = "is"
+    verb = "are"
+    if len(still_up) == 1:
+        verb = "is"
     return (
-        f"The mission has ended and {', '.join(up)} {are} not down. End it with a step "
+        f"The mission has ended and {', '.join(still_up)} {verb} not down. End it with a step "
         "'land', or declare expect.all_landed = false."
     )
 
@@ -426,7 +430,7 @@ def _exit_status(
 
     The results of vehicles that the mission went on without do not count.
     """
-    failed_steps: list[Mapping[str, str]] = []
+    failed_steps: list[Mapping[str, str]] = []  # of each: vehicle -> phase of its order
     for step in flown.steps:
         phases = {
             name: phase for name, phase in step.vehicles.items() if name not in flown.left_out

@@ -189,9 +189,9 @@ def static_scene(fleet: FleetConfig, stamp_ns: int) -> SceneUpdate:
     entity = _entity("fence", stamp_ns)
     edges = entity.lines.add(type=LinePrimitive.LINE_LIST, thickness=1.5, scale_invariant=True)
     edges.color.CopyFrom(_colour(_GREY, 0.7))
-    for first, second in _box_edges((fence.x, fence.y, fence.z)):
-        edges.points.add(x=first[0], y=first[1], z=first[2])
-        edges.points.add(x=second[0], y=second[1], z=second[2])
+    for ends in _box_edges((fence.x, fence.y, fence.z)):
+        for x, y, z in ends:
+            edges.points.add(x=x, y=y, z=z)
     update.entities.append(entity)
 
     for number, area in enumerate(flight_space_of(fleet).outlines()):
@@ -211,7 +211,7 @@ def static_scene(fleet: FleetConfig, stamp_ns: int) -> SceneUpdate:
     for number, obstacle in enumerate(fleet.obstacles):
         entity = _entity(f"obstacle {number} {plain_line(obstacle.name)}", stamp_ns)
         for capsule in obstacle.capsules_enu_m:
-            for height_m in (fence.z[0], fence.z[1]):
+            for height_m in fence.z:
                 outline = entity.lines.add(
                     type=LinePrimitive.LINE_LOOP, thickness=2.0, scale_invariant=True
                 )
@@ -229,12 +229,13 @@ def _box_edges(
     Bit ``axis`` of a corner's number says whether the corner is at the upper end of that axis.
     """
     for corner in range(8):
-        begin = [sides[axis][corner >> axis & 1] for axis in range(3)]
+        begin = [sides[axis][(corner >> axis) & 1] for axis in range(3)]
         for axis in range(3):
-            other = corner | 1 << axis
-            if other != corner:
+            is_at_lower_end = not (corner >> axis) & 1
+            if is_at_lower_end:
+                _, upper_m = sides[axis]
                 end = list(begin)
-                end[axis] = sides[axis][1]
+                end[axis] = upper_m
                 yield begin, end
 
 
@@ -281,12 +282,12 @@ def vehicle_entity(look: VehicleLook, ring_m: float, body_m: float, stamp_ns: in
         stamp_ns: timestamp of the entity.
     """
     colour = _COLOURS[look.number % len(_COLOURS)]
-    position = look.position_enu_m
+    x, y, z = look.position_enu_m
     entity = _entity(look.name, stamp_ns)
 
     # The body is a flat cylinder, with an arrow for its nose.
     pose = Pose()
-    pose.position.x, pose.position.y, pose.position.z = position
+    pose.position.x, pose.position.y, pose.position.z = x, y, z
     rotation = pose.orientation
     rotation.w, rotation.x, rotation.y, rotation.z = look.quaternion
     body = entity.cylinders.add(bottom_scale=1.0, top_scale=1.0)
@@ -306,14 +307,14 @@ def vehicle_entity(look: VehicleLook, ring_m: float, body_m: float, stamp_ns: in
     if ring_m > 0.0:
         ring = entity.lines.add(type=LinePrimitive.LINE_LOOP, thickness=2.0, scale_invariant=True)
         ring.color.CopyFrom(_colour(colour, 0.7))
-        ring.points.extend(_capsule((*position[:2], *position[:2], ring_m), position[2]))
+        ring.points.extend(_capsule((x, y, x, y, ring_m), z))
 
     if len(look.trail_enu_m) > 1:
         trail = entity.lines.add(type=LinePrimitive.LINE_STRIP, thickness=2.5, scale_invariant=True)
         trail.color.CopyFrom(_colour(colour, 0.8))
-        for x, y, z in look.trail_enu_m:
+        for east_m, north_m, up_m in look.trail_enu_m:
             # Finer digits than millimetres are noise, and do not compress.
-            trail.points.add(x=round(x, 3), y=round(y, 3), z=round(z, 3))
+            trail.points.add(x=round(east_m, 3), y=round(north_m, 3), z=round(up_m, 3))
 
     if look.goal_enu_m is not None:
         goal = entity.spheres.add()
@@ -325,14 +326,14 @@ def vehicle_entity(look: VehicleLook, ring_m: float, body_m: float, stamp_ns: in
     if look.avoided_enu_m is not None:
         line = entity.lines.add(type=LinePrimitive.LINE_STRIP, thickness=4.0, scale_invariant=True)
         line.color.CopyFrom(_colour(colour, 1.0))
-        for x, y, z in (position, look.avoided_enu_m):
-            line.points.add(x=x, y=y, z=z)
+        for east_m, north_m, up_m in (look.position_enu_m, look.avoided_enu_m):
+            line.points.add(x=east_m, y=north_m, z=up_m)
 
     label = entity.texts.add(
         billboard=True, font_size=14.0, scale_invariant=True, text=plain_line(look.name)
     )
-    label.pose.position.x, label.pose.position.y = position[:2]
-    label.pose.position.z = position[2] + 0.25
+    label.pose.position.x, label.pose.position.y = x, y
+    label.pose.position.z = z + 0.25
     label.color.CopyFrom(_colour(colour, 1.0))
     return entity
 
@@ -474,8 +475,10 @@ class PeopleScenes:
     def __init__(self, flight: Flight, times_s: Array) -> None:
         self._times_s = times_s
         self._radii_m: dict[str, float] = {}
-        self._seen_enu_m: dict[str, Array] = {}  # (m, 3); NaN while he is not seen
-        self._last_enu_m: dict[str, Array] = {}  # (m, 3), where he was seen last; NaN: never
+        # positions of each person (m, 3): NaN while the person is not seen
+        self._seen_enu_m: dict[str, Array] = {}
+        # the same, but while the person is not seen the last known one; NaN before the first
+        self._last_enu_m: dict[str, Array] = {}
         if flight.fleet is None:
             return
 
@@ -549,11 +552,13 @@ class LawScenes:
             return entity
 
         colour = _COLOURS[number % len(_COLOURS)]
-        before = ticks.thrust_baseline_enu_m_s2[tick]
-        after = ticks.thrust_safe_enu_m_s2[tick]
         _add_half_plane(entity, position, row, colour)
-        _add_thrust(entity, position, (float(before[0]), float(before[1])), _colour(colour, 0.4))
-        _add_thrust(entity, position, (float(after[0]), float(after[1])), _colour(colour, 1.0))
+        thrust_before = ticks.thrust_baseline_enu_m_s2[tick]
+        thrust_after = ticks.thrust_safe_enu_m_s2[tick]
+        for thrust_enu_m_s2, opacity in ((thrust_before, 0.4), (thrust_after, 1.0)):
+            east_m_s2, north_m_s2, _ = thrust_enu_m_s2
+            horizontal_m_s2 = (float(east_m_s2), float(north_m_s2))
+            _add_thrust(entity, position, horizontal_m_s2, _colour(colour, opacity))
         return entity
 
 
@@ -571,13 +576,14 @@ def _add_half_plane(
     lines = entity.lines.add(type=LinePrimitive.LINE_LIST, thickness=2.0, scale_invariant=True)
     lines.color.CopyFrom(_colour(colour, 0.9))
     edge_m = M_PER_M_S2 * row.bound_m_s2  # distance of the edge along the normal
+    x, y, z = position
 
     def add(along_m: float, depth_m: float) -> None:
         """Add a point by its distance along the edge and its depth in the forbidden side."""
         lines.points.add(
-            x=position[0] + (edge_m - depth_m) * row.normal.x - along_m * row.normal.y,
-            y=position[1] + (edge_m - depth_m) * row.normal.y + along_m * row.normal.x,
-            z=position[2],
+            x=x + (edge_m - depth_m) * row.normal.x - along_m * row.normal.y,
+            y=y + (edge_m - depth_m) * row.normal.y + along_m * row.normal.x,
+            z=z,
         )
 
     add(-PLANE_M, 0.0)
@@ -598,8 +604,9 @@ def _add_thrust(
     line = entity.lines.add(type=LinePrimitive.LINE_STRIP, thickness=3.0, scale_invariant=True)
     line.color.CopyFrom(colour)
     x, y, z = position
+    east_m_s2, north_m_s2 = thrust_m_s2
     line.points.add(x=x, y=y, z=z)
-    line.points.add(x=x + M_PER_M_S2 * thrust_m_s2[0], y=y + M_PER_M_S2 * thrust_m_s2[1], z=z)
+    line.points.add(x=x + M_PER_M_S2 * east_m_s2, y=y + M_PER_M_S2 * north_m_s2, z=z)
 
 
 def _entity(name: str, stamp_ns: int) -> SceneEntity:
@@ -674,10 +681,11 @@ def location_fix(
     """
     fix = LocationFix(frame_id=FRAME)
     fix.timestamp.CopyFrom(timestamp(stamp_ns))
-    fix.latitude = origin.latitude_deg + math.degrees(position[1] / _EARTH_RADIUS_M)
-    shrink = math.cos(math.radians(origin.latitude_deg))
-    fix.longitude = origin.longitude_deg + math.degrees(position[0] / _EARTH_RADIUS_M / shrink)
-    fix.altitude = origin.altitude_m + position[2]
+    east_m, north_m, up_m = position
+    fix.latitude = origin.latitude_deg + math.degrees(north_m / _EARTH_RADIUS_M)
+    shrink = math.cos(math.radians(origin.latitude_deg))  # of circles of latitude
+    fix.longitude = origin.longitude_deg + math.degrees(east_m / _EARTH_RADIUS_M / shrink)
+    fix.altitude = origin.altitude_m + up_m
     fix.position_covariance_type = LocationFix.UNKNOWN
     return fix
 
@@ -688,4 +696,5 @@ def timestamp(stamp_ns: int) -> Timestamp:
 
 
 def _colour(rgb: tuple[float, float, float], opacity: float) -> Color:
-    return Color(r=rgb[0], g=rgb[1], b=rgb[2], a=opacity)
+    red, green, blue = rgb
+    return Color(r=red, g=green, b=blue, a=opacity)

@@ -28,7 +28,7 @@ from onboard.config.flight_space import outlines_of
 from onboard.plain_text import plain_line
 
 AHEAD_S = 10.0  # time for which the path of a vehicle is predicted
-_MOST_TEXT = 300  # most letters of a text
+_MOST_TEXT = 300  # number of letters of a text at most
 _STILL_M = 0.05  # no predicted path is shown to a goal that is nearer
 
 PageMessage = dict[str, Any]
@@ -172,7 +172,7 @@ def _vehicle(view: VehicleView, fleet: FleetConfig, now_ns: int) -> PageMessage:
 
 
 def _person(person: PersonView, now_ns: int) -> PageMessage:
-    """Return a person of the fleet file; without a position if he was never seen."""
+    """Return a person of the fleet file; without a position if the person was never seen."""
     position_enu_m = person.position_enu_m
     if position_enu_m is not None and not all(map(math.isfinite, position_enu_m)):
         position_enu_m = None

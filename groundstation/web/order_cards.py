@@ -40,7 +40,7 @@ CHECK_S = 0.5  # period of the checks of waiting cards
 MAX_WAITING_S = 120.0  # time after which a card without confirmation is dropped
 _URGENT = ("land", "hold")
 _PAGE = "page"  # the kill latch's key for all pages together
-_MOST_TEXT = 300
+_MOST_TEXT = 300  # number of letters of a text at most
 
 
 class OrderCard:
@@ -55,7 +55,7 @@ class OrderCard:
         self.prepared: PreparedOrder | None = None  # set for an order that needs a confirmation
         self.result: OrderResult | None = None  # set once the order is sent
         self.computing: asyncio.Task[None] | None = None
-        self.begun_s = 0.0
+        self.begun_s = 0.0  # time on the ground's clock at which it was made
 
         # These are set for missions only.
         self.question: Callable[[], CountdownQuestion] | None = None  # asked before a countdown
@@ -135,14 +135,15 @@ class OrderCards:
         words = text.split()
         if not words:
             return
+        first_word, *further_words = words
         if words[:2] in (["take", "control"], ["give", "control"], ["keep", "control"]):
             self._change_control(text, words)
             return
         if are_of_mission(words):
             self._take_mission(text, words)
             return
-        if words[0] == "reset":
-            self._reset(text, " ".join(words[1:]))
+        if first_word == "reset":
+            self._reset(text, " ".join(further_words))
             return
 
         try:
@@ -299,7 +300,8 @@ class OrderCards:
         card.sentences = tuple(sentence for sentence in sentences if sentence)
         card.begun_s = self._client.now_ns() * 1e-9
         if len(self._cards) == MAX_CARDS:
-            self._stop_computing(self._cards[0])
+            oldest = self._cards[0]
+            self._stop_computing(oldest)
         self._cards.append(card)
         self._tell(card.message())
         return card
@@ -406,10 +408,15 @@ class OrderCards:
         return None
 
     def _change_control(self, text: str, words: list[str]) -> None:
-        """Take, give or keep control, and show the answer on a card."""
+        """Take, give or keep control, and show the answer on a card.
+
+        Args:
+            text: the line of the page.
+            words: its words, of which the second one is ``control``.
+        """
         control = self._client.control
-        verb = words[0]
-        further_words = " ".join(words[2:])
+        verb, _, *rest = words
+        further_words = " ".join(rest)
 
         if verb == "take" and further_words in ("", FORCE_WORD):
             answer = control.take(further_words)

@@ -41,6 +41,7 @@ _SHARED_SCRIPTS = ("elements.js", "colours.js", "camera.js", "scene.js", "ground
 _OWN_SCRIPTS = ("live_scene.js", "live.js")
 _SHARED_STYLE = "page.css"
 _OWN_STYLE = "live.css"
+# extension of a file -> its type
 _TYPES = {"css": "text/css", "js": "text/javascript"}
 _HEADERS = {
     "Content-Security-Policy": (
@@ -137,10 +138,10 @@ class PageServer:
                 f"--port {port}: {reason}. Choose another, or 0 for any that is free."
             ) from None
 
-        own_host, own_port, *_ = runner.addresses[0]
-        if ":" in str(own_host):  # IPv6
-            own_host = f"[{own_host}]"
-        return f"http://{own_host}:{own_port}{base}/"
+        opened_host, opened_port, *_ = runner.addresses[0]
+        if ":" in str(opened_host):  # IPv6
+            opened_host = f"[{opened_host}]"
+        return f"http://{opened_host}:{opened_port}{base}/"
 
     async def stop(self) -> None:
         """Close all pages; a second call does nothing."""
@@ -215,8 +216,9 @@ class PageServer:
         if origin is not None and urlsplit(origin).netloc != request.host:
             raise web.HTTPForbidden(text="This page takes nothing from other pages.")
 
-        key = request.path.lstrip("/").partition("/")[0].encode("utf-8", "replace")
-        if self._key and not hmac.compare_digest(key, self._key.encode()):
+        key, _, _ = request.path.lstrip("/").partition("/")
+        given_key = key.encode("utf-8", "replace")
+        if self._key and not hmac.compare_digest(given_key, self._key.encode()):
             raise web.HTTPForbidden(
                 text="These pages give orders, so they have a key: "
                 "open the whole address that covey web has printed."
@@ -276,8 +278,8 @@ async def _file(request: web.Request) -> web.Response:
         text = text_of(name)
     else:
         raise web.HTTPNotFound(text="There is no such file.")
-    kind = _TYPES[name.rpartition(".")[2]]
-    return web.Response(text=text, content_type=kind)
+    _, _, extension = name.rpartition(".")
+    return web.Response(text=text, content_type=_TYPES[extension])
 
 
 def _own_text(name: str) -> str:

@@ -75,7 +75,7 @@ def _verbs(start: str) -> list[str]:
 
     rare = ["reset", *mission_words.WORDS]
     for order in CONTROL_ORDERS:
-        verb = order.partition(" ")[0]
+        verb, _, _ = order.partition(" ")
         if verb not in rare:
             rare.append(verb)
     return [verb for verb in rare if _continues(verb, start)]
@@ -258,7 +258,7 @@ class OrderLine(Input):
             self.cursor_position = len(start)
 
         if len(lines) > 1:
-            last_words = [line.rpartition(" ")[2] for line in lines]
+            last_words = [line.split(" ")[-1] for line in lines]
             self.post_message(self.Completions(last_words))
 
     def action_leave(self) -> None:

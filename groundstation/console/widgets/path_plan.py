@@ -89,14 +89,14 @@ def _window_around(points_enu_m: Array, canvas: Canvas) -> Window:
     """Return the window that shows all points (n, 2) [m] with a margin."""
     low_m = points_enu_m.min(axis=0) - _MARGIN_M
     high_m = points_enu_m.max(axis=0) + _MARGIN_M
-    middle_m = (low_m + high_m) / 2.0
+    middle_x, middle_y = (low_m + high_m) / 2.0
 
     width_m, height_m = high_m - low_m
     scale_x = DOTS_ACROSS * canvas.width / width_m  # dots for each metre
     scale_y = DOTS_DOWN * canvas.height / height_m
     return Window(
-        x_m=float(middle_m[0]),
-        y_m=float(middle_m[1]),
+        x_m=float(middle_x),
+        y_m=float(middle_y),
         scale=float(min(scale_x, scale_y)),
         width=canvas.width,
         height=canvas.height,

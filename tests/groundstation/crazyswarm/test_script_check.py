@@ -125,10 +125,6 @@ def test_a_script_that_reads_a_crazyflies_parameters_is_refused(tmp_path: Path) 
 
 def test_a_trajectory_that_no_timescale_of_the_script_slows_enough_is_refused() -> None:
     fleet = load_fleet(str(PAPER))
-    begin = np.zeros((3, 4))  # position, velocity and acceleration of x, y, z and yaw
-    end = np.zeros((3, 4))
-    end[0, 0] = 2.0
-
     begin, end = np.zeros((3, 4)), np.zeros((3, 4))
     end[0] = [2.0, 0.0, 0.0, 0.0]
     quick = path_of([quintic(2.0, begin, end).tolist()])
