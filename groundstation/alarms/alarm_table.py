@@ -77,6 +77,8 @@ BY_TEXT = {condition.value: condition for condition in Condition}
 COVERED: dict[Kind, Kind] = {
     _KINDS[name]: _KINDS[worse] for name, worse in _FILE["covered_by"].items()
 }
+# Conditions that may only say that an agent has not heard something yet since its start.
+NOT_HEARD_YET = tuple(Condition[name] for name in _FILE["not_heard_yet"]["conditions"])
 
 
 def without_implied(texts: Sequence[str]) -> list[str]:

@@ -21,6 +21,7 @@ import numpy as np
 
 from groundstation.alarms.alarm_table import (
     BY_TEXT,
+    NOT_HEARD_YET,
     RANKS,
     TABLE,
     AlarmSeverity,
@@ -36,7 +37,9 @@ from onboard.config.flight_space import flight_space_of
 from onboard.config.pair_separation import separations_m
 from onboard.plain_text import listed, plain_line
 from onboard.safety.failsafe_table import Condition
+from onboard.types import TICK_S
 
+START_S = 20.0  # in this time after its start, an agent may not have heard everything yet
 LINGER_S = 3.0  # an alarm that comes back within this time counts as one that has lasted
 MAX_OVER = 100  # past alarms that are kept
 _GROUPED = 4  # so many vehicles or more with the same alarm share a line
@@ -420,6 +423,8 @@ def _of_vehicle(
     kinds = reported | _measured(telemetry, fleet)
     if len(kinds) > 1:
         kinds -= implied_by(kinds)
+    if kinds and _is_starting(view, telemetry):
+        kinds.difference_update(NOT_HEARD_YET)
     for kind in kinds:
         yield _alarm(kind, name, is_flying=is_flying, what=_what(kind, telemetry))
     if unknown:
@@ -430,6 +435,18 @@ def _of_vehicle(
         yield _alarm(GroundCondition.LAW_OFF, name, is_flying=True)
     elif is_flying and telemetry.law_status.lower() in ("relaxed", "infeasible"):
         yield _alarm(GroundCondition.LAW_STRAINED, name, is_flying=True)
+
+
+def _is_starting(view: VehicleView, telemetry: Telemetry) -> bool:
+    """Return whether the agent of a vehicle at rest has started within the last START_S.
+
+    The telemetry's number counts the agent's ticks, so that a ground that starts later than the
+    agent knows the agent's start as well.
+    """
+    if view.is_armed or view.is_airborne or view.has_restarted_in_flight:
+        return False
+    running_s = (telemetry.sequence + telemetry.missed_ticks) * TICK_S
+    return running_s < START_S
 
 
 def _reported(telemetry: Telemetry) -> tuple[set[Kind], list[str]]:

@@ -119,6 +119,8 @@ class VehicleView(Struct, frozen=True):
     # last time at which PX4 itself reported, on the ground's own link, that it is disarmed
     direct_disarmed_ns: int = _NEVER
     blind_ns: int = _NEVER  # last time at which it reported a flight without a position
+    # whether it was armed or in the air, as far as known, when its agent started anew
+    has_restarted_in_flight: bool = False
 
     def has_preflight(self, now_ns: int) -> bool:
         """Whether the last preflight report is recent enough to be shown as present.
@@ -527,6 +529,8 @@ def fold_telemetry(state: FleetState, received: Sequence[tuple[Telemetry, int]])
             message = _without_position(message)
 
         new_view = replace(view, telemetry=message, received_ns=now_ns)
+        if view.telemetry is not None and view.telemetry.boot_id != message.boot_id:
+            new_view = replace(new_view, has_restarted_in_flight=_was_up(view))
         if is_flown_blind(message):
             new_view = replace(new_view, blind_ns=now_ns)
         if message.is_position_valid:
@@ -696,6 +700,17 @@ def unknown_until(state: FleetState, now_ns: int) -> tuple[UnknownTime, ...]:
         if time is not None:
             still_unknown.append(time)
     return (*state.unknown_times, *still_unknown)
+
+
+def _was_up(view: VehicleView) -> bool:
+    """Whether a vehicle was armed or in the air when its agent was last heard.
+
+    An agent that has never heard PX4 does not know this. Then the agent before it counts.
+    """
+    if view.is_armed or view.is_airborne:
+        return True
+    has_heard_px4 = view.telemetry is not None and math.isfinite(view.telemetry.autopilot_age_s)
+    return view.has_restarted_in_flight and not has_heard_px4
 
 
 def _seen_again(

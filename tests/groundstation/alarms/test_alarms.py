@@ -5,20 +5,31 @@ from __future__ import annotations
 import pytest
 
 from groundstation.alarms.alarm_table import (
+    NOT_HEARD_YET,
     TABLE,
     AlarmSeverity,
     GroundCondition,
     without_implied,
 )
-from groundstation.alarms.alarms import LINGER_S, MAX_OVER, Alarms, conditions, lasting
+from groundstation.alarms.alarms import (
+    LINGER_S,
+    MAX_OVER,
+    START_S,
+    Alarms,
+    conditions,
+    lasting,
+)
 from groundstation.fleet import state as fleet_state
 from groundstation.fleet.state import FleetState
 from onboard.bus.schema import Event, Truth
 from onboard.config.fleet import FleetConfig, load_fleet
 from onboard.safety.failsafe_table import Condition
+from onboard.types import TICK_S
 from tests.groundstation.console.fake import telemetry
 
 SECOND = 1_000_000_000
+START_TICKS = round(START_S / TICK_S)
+AT_REST = {"is_armed": False, "is_airborne": False, "is_position_valid": False}
 
 
 class Ground3:
@@ -29,7 +40,7 @@ class Ground3:
         self.state: FleetState = fleet_state.initial(self.fleet)
         self.alarms = Alarms(self.fleet)
         self.now_ns = 100 * SECOND
-        self.sequence = 0
+        self.sequence = 2 * START_TICKS  # the agents run for long
 
     def hear(self, vehicle: str = "mav0", **changes: object) -> None:
         self.sequence += 1
@@ -155,6 +166,86 @@ def test_a_vehicle_out_of_service_raises_no_alarm_while_it_stands(ground: Ground
     flying = {**standing, "is_armed": True, "is_airborne": True}
     ground.hear("mav1", disabled_by="olga", **flying)
     assert ground.kinds() == [Condition.AUTOPILOT_SILENT]
+
+
+@pytest.mark.parametrize("condition", NOT_HEARD_YET, ids=lambda condition: condition.name)
+def test_what_an_agent_has_not_heard_yet_is_no_alarm_in_its_first_20_s_at_rest(
+    ground: Ground3, condition: Condition
+) -> None:
+    ground.all_hear(**AT_REST)
+    ground.sequence = 1
+    ground.hear("mav1", boot_id=2, conditions=(condition.value,), **AT_REST)
+    assert ground.kinds() == []
+
+    ground.sequence = START_TICKS
+    ground.hear("mav1", boot_id=2, conditions=(condition.value,), **AT_REST)
+    assert ground.kinds() == [condition]
+
+
+@pytest.mark.parametrize("condition", NOT_HEARD_YET, ids=lambda condition: condition.name)
+@pytest.mark.parametrize("moving", ["is_armed", "is_airborne"])
+def test_what_an_armed_or_flying_vehicle_does_not_hear_is_an_alarm_at_once(
+    ground: Ground3, moving: str, condition: Condition
+) -> None:
+    ground.all_hear(**AT_REST)
+    ground.sequence = 1
+    not_at_rest = {**AT_REST, "is_position_valid": True, moving: True}
+    ground.hear("mav1", boot_id=2, conditions=(condition.value,), **not_at_rest)
+    assert ground.kinds() == [condition]
+
+
+def test_an_agent_that_starts_anew_in_flight_alarms_at_once(ground: Ground3) -> None:
+    ground.all_hear()
+    ground.sequence = 1
+    for _ in range(3):
+        ground.hear("mav1", boot_id=2, conditions=("PX4 silent",), **AT_REST)
+        assert ground.kinds() == [Condition.AUTOPILOT_SILENT]
+
+
+def test_an_agent_that_starts_anew_again_and_again_in_flight_alarms_at_once(
+    ground: Ground3,
+) -> None:
+    ground.all_hear()
+    deaf = {"autopilot_age_s": float("inf"), "conditions": ("PX4 silent",)}
+    for boot_id in (2, 3, 4):
+        ground.sequence = 1
+        ground.hear("mav1", boot_id=boot_id, **deaf, **AT_REST)
+        assert ground.kinds() == [Condition.AUTOPILOT_SILENT]
+
+    ground.hear("mav1", boot_id=4, **AT_REST)  # it hears PX4, which stands disarmed
+    ground.sequence = 1
+    ground.hear("mav1", boot_id=5, **deaf, **AT_REST)
+    assert ground.kinds() == []
+
+
+def test_ticks_that_an_agent_left_out_count_for_the_time_since_its_start(ground: Ground3) -> None:
+    ground.all_hear(**AT_REST)
+    ground.sequence = 1
+    late = {"missed_ticks": START_TICKS, "conditions": ("PX4 silent",)}
+    ground.hear("mav1", boot_id=2, **late, **AT_REST)
+    assert ground.kinds() == [Condition.AUTOPILOT_SILENT]
+
+
+def test_what_the_silence_of_px4_implies_is_no_alarm_either_while_an_agent_starts(
+    ground: Ground3,
+) -> None:
+    ground.all_hear(**AT_REST)
+    ground.sequence = 1
+    texts = (Condition.AUTOPILOT_SILENT.value, Condition.SATELLITES_LOST.value)
+    ground.hear("mav1", boot_id=2, conditions=texts, **AT_REST)
+    assert ground.kinds() == []
+
+
+def test_what_an_agent_sees_is_an_alarm_from_its_start(ground: Ground3) -> None:
+    ground.all_hear(**AT_REST)
+    ground.sequence = 1
+    texts = (Condition.DISK_FULL.value, Condition.AUTOPILOT_IMPOSSIBLE.value)
+    ground.hear("mav1", boot_id=2, conditions=texts, battery_frac=0.05, **AT_REST)
+    assert set(ground.kinds()) == {
+        Condition.DISK_FULL,
+        Condition.AUTOPILOT_IMPOSSIBLE,
+        Condition.BATTERY_WARNING,
+    }
 
 
 def test_on_the_ground_nobody_is_told_what_happens_in_flight(ground: Ground3) -> None:
