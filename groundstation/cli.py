@@ -26,7 +26,7 @@ from typing import TYPE_CHECKING, NamedTuple
 from onboard.bus.protocol import BusError, NoRouterError
 from onboard.config.fleet import ConfigError
 from onboard.exit_status import EXIT_INTERRUPTED, EXIT_NO_ANSWER, EXIT_OK, EXIT_WRONG_INPUT
-from onboard.plain_text import PlainStream, drawing
+from onboard.plain_text import PlainStream, drawing, fitted
 
 if TYPE_CHECKING:
     from cyclopts import App
@@ -472,5 +472,5 @@ def _version() -> str:
 
 
 def _refuse(sentence: str) -> int:
-    print(f"covey: {sentence}", file=sys.stderr)
+    print(fitted(f"covey: {sentence}", sys.stderr), file=sys.stderr)
     return EXIT_WRONG_INPUT

@@ -6,6 +6,8 @@ be printed becomes a space.
 
 from __future__ import annotations
 
+import os
+import textwrap
 from collections.abc import Sequence
 from typing import Any, TextIO, cast
 
@@ -54,6 +56,38 @@ def plain_lines(text: str) -> str:
 
 def _printable(line: str) -> str:
     return "".join(char if char.isprintable() else " " for char in line)
+
+
+def fitted(text: str, stream: TextIO) -> str:
+    """Return a text of which no line is longer than a line of the terminal.
+
+    Words longer than a line stay whole, so that paths can be copied. Further lines have the
+    indentation of their first one.
+
+    Args:
+        text: One or more lines.
+        stream: The stream to which the text is written. Unless it is a terminal of known width, the
+            text stays as it is.
+    """
+    if not stream.isatty():
+        return text
+    width = os.get_terminal_size(stream.fileno()).columns
+    if width < 1:
+        return text
+    return "\n".join(_wrapped(line, width) for line in text.split("\n"))
+
+
+def _wrapped(line: str, width: int) -> str:
+    if len(line) <= width:
+        return line
+    indentation = line[: len(line) - len(line.lstrip())]
+    return textwrap.fill(
+        line,
+        width,
+        subsequent_indent=indentation,
+        break_long_words=False,
+        break_on_hyphens=False,
+    )
 
 
 class PlainStream:

@@ -30,6 +30,7 @@ from onboard.config.fleet import ConfigError
 from onboard.exit_status import EXIT_FAILED, EXIT_OK, EXIT_WRONG_INPUT
 from onboard.feasibility.finding import Finding
 from onboard.feasibility.fleet_checks import ErrorClass
+from onboard.plain_text import fitted
 
 _QUESTIONS = """\
 What do you want to know?
@@ -80,7 +81,7 @@ def check(
         except ConfigError as error:
             status = EXIT_WRONG_INPUT
             rows.append(_row_of_wrong_file(path, error))
-            print(f"covey: {error}", file=sys.stderr)
+            print(fitted(f"covey: {error}", sys.stderr), file=sys.stderr)
             continue
 
         if any(finding.status == "refused" for finding in examined.findings):

@@ -33,7 +33,7 @@ from groundstation.orders.intents import Intent
 from groundstation.orders.result import Results
 from onboard.config.fleet import ConfigError, FleetConfig, load_fleet
 from onboard.exit_status import EXIT_FAILED, EXIT_MIXED, EXIT_NO_ANSWER, EXIT_OK
-from onboard.plain_text import plain_line
+from onboard.plain_text import fitted, plain_line
 
 _LONGEST_S = 3600.0
 
@@ -69,7 +69,7 @@ async def _connect_and_order(fleet: FleetConfig, intent: Intent, timeout_s: floa
 
 
 def _warn(sentence: str) -> None:
-    print(plain_line(sentence), file=sys.stderr, flush=True)
+    print(fitted(plain_line(sentence), sys.stderr), file=sys.stderr, flush=True)
 
 
 def _print_json(results: Results) -> None:
@@ -84,7 +84,7 @@ def _print_lines(results: Results) -> None:
     for result in results.values():
         line = f"{result.vehicle}: {result.phase}. {result.sentence}".rstrip()
         stream = sys.stdout if result.is_done else sys.stderr
-        print(plain_line(line), file=stream)
+        print(fitted(plain_line(line), stream), file=stream)
 
 
 def exit_status(results: Results) -> int:

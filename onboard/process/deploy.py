@@ -17,6 +17,7 @@ from pathlib import Path, PurePosixPath
 from onboard.config.file_reading import FLEET_FILE, read_bytes
 from onboard.config.fleet import ConfigError, FleetConfig, load_fleet
 from onboard.exit_status import EXIT_FAILED, EXIT_MIXED, EXIT_OK, EXIT_WRONG_INPUT
+from onboard.plain_text import fitted
 from onboard.security.credentials import files_of
 from onboard.security.mavlink_key import key_file
 
@@ -66,7 +67,7 @@ def main(words: Sequence[str]) -> int:
                     f"{wheel}: there is no such file. Make the wheel in a clone: make wheel"
                 )
     except ConfigError as error:
-        print(f"covey: {error}", file=sys.stderr)
+        print(fitted(f"covey: {error}", sys.stderr), file=sys.stderr)
         return EXIT_WRONG_INPUT
 
     failed = [name for name in names if not _run(fleet, name, arguments)]

@@ -2,15 +2,21 @@
 
 from __future__ import annotations
 
+import fcntl
 import io
 import logging
+import os
+import struct
 import sys
+import termios
+from collections.abc import Iterator
 from pathlib import Path
+from typing import NamedTuple, TextIO, cast
 
 import pytest
 
 from groundstation import cli
-from onboard.plain_text import PlainStream, drawing, plain_line, plain_lines
+from onboard.plain_text import PlainStream, drawing, fitted, plain_line, plain_lines
 from onboard.process import realtime
 
 PAPER = Path(__file__).parents[2] / "configs" / "fleets" / "paper.toml"
@@ -56,3 +62,53 @@ def test_an_agents_log_is_plain(capsys: pytest.CaptureFixture[str]) -> None:
     said = capsys.readouterr().err
     assert "order arm of me ]0;owned" in said
     assert "\x1b" not in said
+
+
+class Terminal(NamedTuple):
+    """A terminal of 40 columns, and the end from which its screen is read."""
+
+    stream: TextIO
+    screen: int
+
+    def text(self) -> str:
+        self.stream.flush()
+        return os.read(self.screen, 10_000).decode().replace("\r\n", "\n")
+
+
+@pytest.fixture
+def narrow_terminal() -> Iterator[Terminal]:
+    screen, terminal = os.openpty()
+    fcntl.ioctl(terminal, termios.TIOCSWINSZ, struct.pack("HHHH", 24, 40, 0, 0))
+    with os.fdopen(terminal, "w") as stream:
+        yield Terminal(stream, screen)
+    os.close(screen)
+
+
+def test_on_a_terminal_no_line_is_longer_than_the_terminal_and_no_word_breaks(
+    narrow_terminal: Terminal,
+) -> None:
+    text = "  a well-known refusal that is much longer than one line\nand /a/path" + "/x" * 30
+    assert fitted(text, cast(TextIO, PlainStream(narrow_terminal.stream))).split("\n") == [
+        "  a well-known refusal that is much",
+        "  longer than one line",
+        "and",
+        "/a/path" + "/x" * 30,
+    ]
+
+
+def test_in_a_file_or_a_pipe_a_long_line_stays_whole(tmp_path: Path) -> None:
+    text = "a word " * 50
+    with (tmp_path / "refusals.txt").open("w") as file:
+        assert fitted(text, file) == text
+    assert fitted(text, io.StringIO()) == text
+
+
+def test_a_refusal_of_a_command_is_wrapped_on_a_terminal(
+    narrow_terminal: Terminal, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(sys, "stderr", narrow_terminal.stream)
+    assert cli.main(["tui", "--fleet", "nowhere.toml"]) == 2
+    lines = narrow_terminal.text().splitlines()
+    assert len(lines) > 2
+    assert max(map(len, lines)) <= 40
+    assert " ".join(lines).startswith("covey: nowhere.toml: there is no such fleet file.")
