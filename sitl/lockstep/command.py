@@ -24,7 +24,6 @@ def fly_mission(mission: Mission, folder: Path, simulation: SimulationSettings) 
     Raises:
         ConfigError: a fault or an order is impossible.
     """
-    begin_s = time.perf_counter()
     names = ", ".join(mission.fleet.enabled_names)
     print(
         f"Lockstep: {names} in simulated time, without a console; everything goes to {folder}.",
@@ -32,6 +31,7 @@ def fly_mission(mission: Mission, folder: Path, simulation: SimulationSettings) 
     )
 
     with open_flight(mission.fleet, simulation, folder) as flight:
+        begin_s = time.perf_counter()
         record_digests(flight, folder)
 
         def say(line: str) -> None:

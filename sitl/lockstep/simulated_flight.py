@@ -18,6 +18,7 @@ from groundstation.flights.simulation_settings import (
 from groundstation.orders.grammar import OrderError
 from onboard.config.fleet import ConfigError, FleetConfig
 from onboard.control.pipeline import pipeline_params
+from onboard.rollout.first_compilation import compile_law
 from sitl.emulator.emulator import Environment
 from sitl.faults.catalogue import FaultError, parse
 from sitl.lockstep.connections import BusSettings
@@ -49,6 +50,9 @@ def open_flight(
     Raises:
         ConfigError: a fault, an order or a change is impossible.
     """
+    if len(fleet.enabled_names) > 1:  # a single vehicle is computed by interpreted code
+        compile_law()
+
     environment = None
     if any(settings.wind_enu_m_s) or settings.gust_m_s:
         environment = Environment(wind=_wind_settings(settings))

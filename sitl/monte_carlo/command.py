@@ -7,13 +7,12 @@ from __future__ import annotations
 
 import sys
 import tempfile
-import threading
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 from onboard.config.fleet import ConfigError
 from onboard.plain_text import drawing
-from onboard.rollout import batch as rollout_batch
+from onboard.rollout.first_compilation import compile_law
 from sitl.monte_carlo import campaign_settings, flight_plans, process_chunks, results, worlds
 
 _PICTURES = (".png", ".svg", ".pdf")
@@ -121,25 +120,13 @@ def _fly(
     is_json: bool,
 ) -> list[results.FlightRecord]:
     """Fly all flights and print them; return their records."""
-    _warm_up()
+    compile_law()
     if is_json:
         return _print_lines(chunks)
 
     records = _collect(chunks, flights=flights)
     _print_table(records, seeds, setup)
     return records
-
-
-def _warm_up() -> None:
-    """Compile the law before the first flight, and print a notice if that takes a while."""
-    sentence = (
-        "covey: compiling the law for this machine; it is kept, and takes about half a minute "
-        "this time only"
-    )
-    notice = threading.Timer(2.0, print, [sentence], {"file": sys.stderr})
-    notice.start()
-    rollout_batch.warm_up()
-    notice.cancel()
 
 
 def _print_lines(chunks: Iterable[list[results.FlightRecord]]) -> list[results.FlightRecord]:
