@@ -105,7 +105,9 @@ class Shutdown:
             self._app.exit(self._quit_status)
         elif not isinstance(self._app.screen, QuitScreen):
             screen = QuitScreen(
-                self._airborne, can_stay_up=not self._mission.has_mission, table=self._table
+                lambda: self._airborne,
+                can_stay_up=not self._mission.has_mission,
+                table=self._table,
             )
             self._app.push_screen(screen, self._quit_as_answered)
 
@@ -118,7 +120,9 @@ class Shutdown:
         self._warn("Landing all, then leaving. Ctrl-C again leaves at once.")
 
     async def _quit_as_answered(self, answer: str | None) -> None:
-        if answer == "land":
+        if answer and self._may_leave:  # all have landed in the meantime
+            self._app.exit(self._quit_status)
+        elif answer == "land":
             await self._land_and_leave(self._quit_status)
         elif answer == "leave":
             self._app.exit(self._quit_status)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from importlib.resources import files
 from typing import ClassVar
 
@@ -49,7 +50,7 @@ class QuitScreen(Dialog[str]):
     stay.
 
     Args:
-        names: names of the vehicles that fly.
+        airborne: returns the names of the vehicles that fly now.
         can_stay_up: whether the vehicles can fly on without this console; False if this console has
             started their agents.
         table: table of the fleet, which stays in sight.
@@ -63,24 +64,37 @@ class QuitScreen(Dialog[str]):
 
     def __init__(
         self,
-        names: tuple[str, ...],
+        airborne: Callable[[], tuple[str, ...]],
         *,
         can_stay_up: bool = False,
         table: FleetTable | None = None,
     ) -> None:
         super().__init__(table)
-        self._names = names
+        self._airborne = airborne
         self._can_stay_up = can_stay_up
+        self._text = Static()
 
     def boxes(self) -> ComposeResult:
         """Yield the box of the question."""
         with VerticalScroll(id="question") as box:
             box.border_title = "leave the fleet?"
-            yield Static("\n".join(self._lines()))
+            yield self._text
+        self._show_question()
 
-    def _lines(self) -> list[str]:
-        count = len(self._names)
-        shown = ", ".join(self._names[:_MOST_NAMED])
+    def show_fleet(self) -> None:
+        """Draw the present rows of the fleet's table, and name the vehicles that still fly."""
+        super().show_fleet()
+        self._show_question()
+
+    def _show_question(self) -> None:
+        self._text.update("\n".join(self._lines(self._airborne())))
+
+    def _lines(self, names: tuple[str, ...]) -> list[str]:
+        if not names:
+            return ["All are down.", "", "[b]y[/b]    quit", "[b]esc[/b]  stay"]
+
+        count = len(names)
+        shown = ", ".join(names[:_MOST_NAMED])
         if count > _MOST_NAMED:
             shown += " …"
 

@@ -82,6 +82,36 @@ async def test_leaving_a_fleet_that_flies_on_is_offered_where_it_can(rig: Rig) -
     assert rig.client.ordered == []
 
 
+async def test_the_question_before_leaving_follows_who_has_landed(rig: Rig) -> None:
+    async with rig.app.run_test(size=(80, 24)) as pilot:
+        rig.hover()
+        rig.app.refresh_fleet()
+        await pilot.press("q")
+        await see(rig.app, pilot)
+        assert "mav0, mav1, mav2 fly." in rig.screen_text
+
+        rig.client.hear("mav0", is_airborne=False)
+        rig.client.hear("mav2", is_airborne=False)
+        await see(rig.app, pilot)
+        assert "mav1 flies." in rig.screen_text
+
+        rig.stand()
+        await see(rig.app, pilot)
+        assert "All are down." in rig.screen_text
+        assert "land" not in rig.screen_text.partition("All are down.")[2].partition("stay")[0]
+
+
+@pytest.mark.parametrize("key", ["y", "f"])
+async def test_once_all_have_landed_an_answer_to_leave_sends_no_order(rig: Rig, key: str) -> None:
+    async with rig.app.run_test(size=(80, 24)) as pilot:
+        rig.hover()
+        await pilot.press("q")
+        rig.stand()
+        await pilot.press(key)
+    assert rig.app.return_value == 0
+    assert rig.client.ordered == []
+
+
 async def test_a_bus_that_cannot_be_opened_is_a_sentence(fleet: FleetConfig) -> None:
     async def connect() -> None:
         raise OSError("the bus cannot listen")
