@@ -190,7 +190,15 @@ def _fleet_of(value: Any, override: FleetConfig | str | None, path: str) -> Flee
     is_example = FilePath(value).name == value and not file.exists()
     if is_example:
         return load_fleet(value)
-    return load_fleet(file)
+    return load_fleet(_without_dots(file))
+
+
+def _without_dots(file: FilePath) -> FilePath:
+    """Return the path without ``..``, unless a symbolic link makes that another file."""
+    plain = FilePath(os.path.normpath(file))
+    if plain.exists() and file.exists() and plain.samefile(file):
+        return plain
+    return file
 
 
 def _shapes(data: Any, path: str) -> dict[str, FormationShape]:

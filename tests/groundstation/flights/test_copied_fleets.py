@@ -91,3 +91,27 @@ def test_one_vehicle_alone_and_an_imported_show_find_law_and_keys_where_they_are
         assert copy.own_law.source_hash == fleet.own_law.source_hash
         assert Path(copy.keys_folder) == lab / "keys"
     assert load_fleet(tmp_path / "alone" / "fleet.toml").enabled_names == ("mav1",)
+
+
+def _mission_beside_fleets(root: Path) -> Path:
+    """Write a mission and, in the folder beside the mission's, its fleet; return the mission."""
+    fleets = root / "fleets"
+    missions = root / "missions"
+    fleets.mkdir(parents=True)
+    missions.mkdir()
+    (fleets / "paper.toml").write_text(Path("configs/fleets/paper.toml").read_text())
+    mission = missions / "paper.toml"
+    mission.write_text(Path("configs/missions/paper.toml").read_text())
+    return mission
+
+
+def test_a_fleet_in_a_neighbouring_folder_is_named_by_its_plain_path(tmp_path: Path) -> None:
+    mission = load_mission(str(_mission_beside_fleets(tmp_path)))
+    assert mission.fleet.path == str(tmp_path / "fleets" / "paper.toml")
+
+
+def test_a_fleet_beside_the_target_of_a_link_is_still_found(tmp_path: Path) -> None:
+    mission = _mission_beside_fleets(tmp_path / "real")
+    (tmp_path / "link").symlink_to(mission.parent)
+    linked = load_mission(str(tmp_path / "link" / mission.name))
+    assert linked.fleet.path == str(tmp_path / "link" / ".." / "fleets" / "paper.toml")
