@@ -18,7 +18,7 @@ _MODULE_BY_NAME = {
 def __getattr__(name: str) -> object:
     """Import Fleet or BlockingFleet at first use.
 
-    The computer of a drone has not the libraries that these two need.
+    A drone's computer does not have the libraries that these two need.
     """
     if name not in _MODULE_BY_NAME:
         raise AttributeError(f"module 'groundstation' has no attribute '{name}'")

@@ -52,8 +52,8 @@ class Command(NamedTuple):
         return f"groundstation.commands.{self.target}"
 
 
-# The commands by purpose, in the order of ``covey --help``. That page fits a screen of 24 lines of
-# 80 characters, so that a sentence has at most 55 characters.
+# The commands by purpose, in the order of ``covey --help``. The page fits a screen of 24 lines of
+# 80 characters, so a sentence has at most 55 characters.
 COMMANDS: dict[str, tuple[Command, ...]] = {
     "See": (
         Command("tui", "the console, attached to a fleet", "tui:tui"),
@@ -217,7 +217,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Run one command; return the exit status.
 
     Args:
-        argv: the words behind ``covey``; without them those of the process.
+        argv: the words after ``covey``; without them those of the process.
     """
     words = list(sys.argv[1:] if argv is None else argv)
 
@@ -231,7 +231,8 @@ def main(argv: Sequence[str] | None = None) -> int:
         redirect_stderr(PlainStream(sys.stderr)),
         warnings.catch_warnings(),
     ):
-        # numpy warns about numbers of a file that overflow. Such numbers are refused in a sentence.
+        # numpy warns when a number in a file overflows. Covey refuses such numbers in its own
+        # words.
         warnings.simplefilter("ignore", RuntimeWarning)
         return _run_in_sentences(words)
 
@@ -322,7 +323,7 @@ def current_words(words: list[str], *, says_so: bool = False) -> list[str]:
     """Return a command line in which a former command is replaced by its present words.
 
     Args:
-        words: the words behind ``covey``.
+        words: the words after ``covey``.
         says_so: whether a line on standard error names the new words.
     """
     if not words or words[0] not in FORMER:
@@ -368,7 +369,7 @@ def front_text() -> str:
 
 
 def front_page(words: Sequence[str] = (), *, is_whole: bool = False) -> App:
-    """Return the app with all commands, of which only the called one is imported.
+    """Return the app with all commands; only the called one is imported.
 
     Args:
         words: the command line; its first words are the command that is called.
@@ -412,7 +413,7 @@ def front_page(words: Sequence[str] = (), *, is_whole: bool = False) -> App:
 
 
 def _add_with_parts(app: App, command: Command, called: list[str], *, is_whole: bool) -> None:
-    """Import a command and add it with its parts, of which only the called one is imported."""
+    """Import a command and add it with its parts; only the called part is imported."""
     from cyclopts import App
 
     if not command.parts:

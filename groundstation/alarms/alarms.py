@@ -1,6 +1,6 @@
 """Alarms: the rows of the alarm table that hold now, and since when. Pure.
 
-:func:`conditions` returns the alarms of this moment. :class:`Alarms` keeps the begin of each alarm,
+:func:`conditions` returns the alarms of this moment. :class:`Alarms` keeps when each alarm began,
 whether it was acknowledged, and past alarms.
 
 A lasting alarm is one line with a duration. A flickering alarm is also one line: it ends only when
@@ -42,13 +42,13 @@ from onboard.types import TICK_S
 START_S = 20.0  # in this time after its start, an agent may not have heard everything yet
 LINGER_S = 3.0  # an alarm that comes back within this time counts as one that has lasted
 MAX_OVER = 100  # past alarms that are kept
-_GROUPED = 4  # so many vehicles or more with the same alarm share a line
+_GROUPED = 4  # at least this many vehicles with the same alarm share a line
 _SHOWN = 3  # names in a shared line
-_MOST_UNKNOWN = 3  # texts of one vehicle that are not in the table and are shown nevertheless
+_MOST_UNKNOWN = 3  # most texts of one vehicle that are shown although the table lacks them
 _AND = " – "  # separates the names of a pair
 
 # Alarms whose sentence ends in a number or a mode; a shared line shows the lowest number, or the
-# first mode in the order of the alphabet.
+# mode that comes first in the alphabet.
 _WITH_VALUE = frozenset(
     (
         GroundCondition.CLOSE,
@@ -76,7 +76,7 @@ class Alarm:
     sentence: str
     advice: str
     what: str = ""  # number, name or reason in the sentence
-    since_ns: int | None = None  # begin, if the state has it; None: the first update with it
+    since_ns: int | None = None  # when it began, if the state says so; None: at its first update
 
 
 @dataclass(frozen=True, slots=True)
@@ -178,8 +178,8 @@ class Alarms:
     def _end_if_over(self, key: _Key, now_ns: int) -> None:
         """End an alarm that does not hold now.
 
-        A latched alarm ends when it was acknowledged, any other after LINGER_S, because it may only
-        flicker.
+        A latched alarm ends once it is acknowledged. Any other alarm ends after LINGER_S, because
+        it may only be flickering.
         """
         line = self._lines[key]
         last_ns = self._last_ns[key]
@@ -208,7 +208,7 @@ class Alarms:
 
     @property
     def lines(self) -> list[AlarmLine]:
-        """Present alarms: first those that are not acknowledged, and the worst first.
+        """Present alarms: unacknowledged ones first, and the worst of each kind first.
 
         The same alarm of many vehicles is one line.
         """
@@ -244,7 +244,7 @@ class Alarms:
         """Acknowledge one alarm, or all; they stay in the list.
 
         Args:
-            line: alarm line as shown, also one of many vehicles; None: all lines.
+            line: alarm line as shown, perhaps one for many vehicles; None: all lines.
 
         Returns:
             The number of alarms that were not acknowledged before.
@@ -272,7 +272,7 @@ def _urgency(alarm: Alarm) -> tuple[int, int, str]:
 
 
 def _together(lines: list[AlarmLine]) -> AlarmLine:
-    """Return one line for the same alarm of many vehicles, with the begin of the oldest one."""
+    """Return one line for the same alarm of many vehicles; it began when the oldest one did."""
     oldest = min(lines, key=lambda line: (line.since_ns, line.alarm.subject))
     kind = oldest.alarm.kind
 
@@ -371,7 +371,7 @@ def _of_fleet(
 
 
 def _close_pairs(state: FleetState, limit_m: float, now_ns: int) -> Iterator[Alarm]:
-    """Yield every pair below the limit of which at least one flies."""
+    """Yield every pair closer than the limit, if at least one of the two flies."""
     positions_enu_m = {}
     for name, view in state.vehicles.items():
         position = view.position_enu_m(now_ns)

@@ -147,7 +147,7 @@ class AutopilotLink:
         """Send a new key to PX4, or none, with SETUP_SIGNING.
 
         Args:
-            key: the new key; None: PX4 forgets its key and signs no more.
+            key: the new key; None: PX4 forgets its key and stops signing.
         """
         stamp = 0
         sent_key = bytes(KEY_BYTES)  # zeros stand for no key
@@ -170,7 +170,7 @@ class AutopilotLink:
             seconds: longest time to listen [s].
             requested: numbers of messages to request first.
             until: name of a message that ends the listening; empty: none does.
-            take: function for every message of this vehicle, also of its other components.
+            take: function for every message of this vehicle, including its other components.
         """
         for number in requested:
             self.command(_REQUEST_MESSAGE, float(number))
@@ -200,7 +200,7 @@ class AutopilotLink:
         send_to_autopilot(self._link.mav, self.system_id, name, values)
 
     def next_message(self, names: Iterable[str], timeout_s: float) -> Any | None:
-        """Return the autopilot's next message with one of these names; None if none is in time."""
+        """Return the autopilot's next message of one of these names; None if none comes in time."""
         end_s = time.monotonic() + timeout_s
         while True:
             left_s = end_s - time.monotonic()

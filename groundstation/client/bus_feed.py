@@ -172,7 +172,7 @@ class BusFeed:
             return  # the loop closed after the check above
 
     def read(self) -> None:
-        """Take everything that has arrived now; for the event loop's thread only."""
+        """Take everything that has arrived so far; for the event loop's thread only."""
         self._drain()
 
     # -- threads of the bus ------------------------------------------------------------------------

@@ -61,7 +61,7 @@ from onboard.security.mavlink_key import mavlink_keys
 
 CONTROL_PERIOD_NS = 100_000_000
 _STARTS = ("arm", "takeoff")  # kinds of orders after which a vehicle may fly
-_AGE_PERIOD_S = 0.2  # period at which conditions are tested without a message, since ages grow
+_AGE_PERIOD_S = 0.2  # period at which conditions are tested even without a message, since ages grow
 
 
 class FleetClient:
@@ -70,7 +70,7 @@ class FleetClient:
     Args:
         fleet: the fleet file.
         author: person or program that orders; written into every order and every record.
-        operates: whether to take control of the fleet when nobody has it, or only to watch.
+        operates: whether to take control of the fleet when no ground has it, or only to watch.
         bus: the bus to use; by default a session that connects to all agents and the emulator, and
             listens on no port.
         extra_topics: further topics, whose messages only the sinks get; a recorder needs some.
@@ -92,7 +92,7 @@ class FleetClient:
         self.fleet = fleet
         self.is_recording = False  # whether this ground records, as the vehicles were told
         self._bring_home_ids: set[str] = set()  # ids of a person's orders to bring home
-        self.has_person = False  # whether a person gives orders by this client, beside a mission
+        self.has_person = False  # whether a person, besides a mission, gives orders through it
         self.author = author or user_name()
         self._clock_ns = clock_ns
         bus = bus or session(fleet)
@@ -177,7 +177,7 @@ class FleetClient:
         """Add a listener for events.
 
         Args:
-            listener: function for each event, also of this ground, called on the loop.
+            listener: function for each event, including this ground's own, called on the loop.
         """
         self._event_listeners.append(listener)
 
@@ -302,7 +302,7 @@ class FleetClient:
         Args:
             planned: planned order, from :meth:`plan` or :meth:`check_again`, not older than the
                 orders' deadline.
-            is_by_mission: whether a mission gives the order, and not a person. A mission's order
+            is_by_mission: whether a mission, not a person, gives the order. A mission's order
                 does not replace a person's order that this ground has not heard of, does not land
                 vehicles that a pilot flies by hand, and does not go straight to PX4 when several
                 vehicles are silent.
@@ -325,7 +325,7 @@ class FleetClient:
         return self._orders.send(planned, is_by_mission=is_by_mission)
 
     def ends_missions(self, order_id: str) -> bool:
-        """Whether an order is a person's order, at this ground, to bring the fleet home.
+        """Whether an order is one that a person gave at this ground, to bring the fleet home.
 
         Such an order ends the mission that flies.
 
@@ -408,7 +408,7 @@ class FleetClient:
     def submit_now(self, order: Intent | str, *, is_by_mission: bool = False) -> OrderResult:
         """Plan an order and send it at once.
 
-        Callable from any thread, also while the event loop is busy.
+        Callable from any thread, even while the event loop is busy.
 
         Args:
             order: an intent, or a line of the orders' grammar.
@@ -418,7 +418,7 @@ class FleetClient:
             Its results, which are filled in on the event loop.
 
         Raises:
-            OrderError: the line is no order, or a take-off in waves.
+            OrderError: the line is not an order, or it is a take-off in waves.
         """
         return self.send(self.plan(order), is_by_mission=is_by_mission)
 

@@ -51,7 +51,7 @@ _HEARTBEAT_ID = 0
 _MANUAL_CONTROL_ID = 69
 _STICKS_INTERVAL_US = 100_000
 _DEFAULT_INTERVAL_US = 0  # stands for the default interval of a message
-# Longest wait for a heartbeat that shows the mode: it comes once a second, and on request.
+# Longest wait for a heartbeat that shows the mode. PX4 sends one each second, and on request.
 _LOOK_S = 1.3
 _STICKS_S = 0.8  # longest wait for sticks, which PX4 repeats five times a second
 _RETRY_S = 0.2  # period of the command
@@ -226,7 +226,7 @@ def _is_flown_by_hand(link: Any, system_id: int, *, otherwise: bool) -> bool:
     """
     has_heartbeat = False
     is_pilots_mode = False
-    sticks_count = 0  # PX4 sends the first message at once, also without sticks
+    sticks_count = 0  # PX4 sends the first message at once, even without sticks
 
     stall = OwnStall(boot_clock_ns)
     end_s = time.monotonic() + _LOOK_S

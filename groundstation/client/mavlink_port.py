@@ -304,7 +304,7 @@ def _serial(endpoint: str, system_id: int) -> Any:
 
 
 def _receive_from_px4_only(link: Any) -> None:
-    """Drop datagrams from any other address than PX4's.
+    """Drop datagrams from any address other than PX4's.
 
     Our port is predictable, so any sender could pretend to be the autopilot.
     """

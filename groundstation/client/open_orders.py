@@ -42,11 +42,11 @@ REPLY_TIMEOUT_S = 1.5
 # order has ended.
 LOST_END_S = 3.0
 _LAND_REPLY_S = 1.0  # shortest wait for the reply to a landing
-_WAIT_ROUND_TRIPS = 3.0  # measured round trips for which a landing waits for its reply, at least
-_AGAIN_ROUND_TRIPS = 1.5  # measured round trips after which a landing is sent again, at least
+_WAIT_ROUND_TRIPS = 3.0  # a landing waits for its reply for at least this many round trips
+_AGAIN_ROUND_TRIPS = 1.5  # a landing is sent again after at least this many round trips
 _MOST_ROUND_TRIPS = 8  # newest round trips of a vehicle that are kept
 _QUIET_S = 0.5  # age of telemetry from which another vehicle in flight counts as silent as well
-_AT_ONCE_S = 1.0  # vehicles that fall silent within this time have the same reason
+_AT_ONCE_S = 1.0  # vehicles that fall silent within this time do so for the same reason
 _KILL_EFFECT_S = 1.3  # longest wait for the disarm, which PX4 reports once a second
 _LINK_SILENT_S = 1.0  # age of PX4's last packet at the agent, after which its link counts as dead
 _NOTHING_S = 1e-6  # remaining wait that is only a rounding error
@@ -54,7 +54,7 @@ _WATCH_PERIOD_S = 0.05
 _READ_AGAIN_S = 0.2  # time in which threads of the bus deliver waiting messages after a late wait
 _SEND_S = 3.0  # longest wait for PX4's own acknowledgement
 _WATCH_KILL_S = 2.0  # longest wait for PX4's own report that it is disarmed
-_WATCH_LAND_S = 30.0  # longest wait for that report of a landing, beyond the time of the descent
+_WATCH_LAND_S = 30.0  # longest wait for that report after a landing, plus the time of the descent
 _DIRECT: dict[str, DirectKind] = {"land": "land", "kill": "kill"}
 _WITHOUT_GROUND = (
     "Its agent goes on without the ground; one that hangs has left the landing to PX4."
@@ -111,7 +111,7 @@ class OpenOrders:
 
         Args:
             planned: order that was checked just now.
-            is_by_mission: whether a mission gives it, and not a person.
+            is_by_mission: whether a mission, not a person, gives it.
 
         Returns:
             Its results, which are filled in on the event loop.
@@ -193,11 +193,11 @@ class OpenOrders:
             self._open.pop(event.order_id, None)
 
     def _view(self, vehicle: str) -> VehicleView:
-        """Return a vehicle as known now, also one that the fleet file disables and nobody hears."""
+        """Return a vehicle as known now, even a silent one that the fleet file disables."""
         return self._views().get(vehicle, VehicleView(vehicle))
 
     def _has_lost_px4(self, vehicle: str, order: Order) -> bool:
-        """Whether the agent of an armed vehicle does not hear PX4 and PX4 can take the order."""
+        """Whether an armed vehicle's agent does not hear PX4, although PX4 can take the order."""
         telemetry = self._view(vehicle).telemetry
         if telemetry is None or order.kind not in _DIRECT:
             return False
@@ -360,8 +360,8 @@ class OpenOrders:
     ) -> bool:
         """Wait for a reply.
 
-        The wait begins again if this ground itself stood still in it. If this ground was late, the
-        bus is read once more at the end of the wait, except for a kill, which must not wait.
+        The wait restarts if this ground itself stalled during it. If this ground was late, it reads
+        the bus once more at the end of the wait. It does not do so for a kill, which must not wait.
 
         Returns:
             Whether the agent has replied. Telemetry that shows that the agent follows the order

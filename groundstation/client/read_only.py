@@ -15,7 +15,7 @@ REFUSAL = (
 
 
 class ReadOnlyClient:
-    """A client for a console that only watches: it refuses every order, also land and kill.
+    """A client for a console that only watches: it refuses every order, even land and kill.
 
     Args:
         client: fleet client that has been started.

@@ -1,7 +1,7 @@
-"""The world's clock (the time of day) of this ground, compared with the vehicles' computers.
+"""The wall clock (the time of day) of this ground, compared with the vehicles' computers.
 
 Flights run by monotonic clocks, which cannot be set. For a start at a time of day, this ground
-reads the world's clock once to convert that time into one of the monotonic clock. It cannot know
+reads the wall clock once to convert that time into one of the monotonic clock. It cannot know
 whether its time of day is right, but it can know whether all computers of the fleet have the same.
 """
 
@@ -12,13 +12,13 @@ from collections.abc import Callable
 
 from onboard.bus.clock_offsets import Clocks
 
-# Number of readings, of which the quickest is used: this process may be interrupted between
+# Number of readings. The quickest one is used, because this process may be interrupted between
 # reading one clock and reading the other.
 _READING_COUNT = 3
 
 
 class WorldClock:
-    """Reads the world's clock of this computer, and compares it with those of other computers.
+    """Reads the wall clock of this computer, and compares it with those of other computers.
 
     Args:
         clocks: function that returns the clocks of the other nodes; None in simulated time.
@@ -38,7 +38,7 @@ class WorldClock:
 
     @property
     def is_simulated(self) -> bool:
-        """Whether time is simulated; then the world's clock has no meaning."""
+        """Whether time is simulated; then the wall clock has no meaning."""
         return self._clocks() is None
 
     @property
@@ -52,8 +52,8 @@ class WorldClock:
         return self._world_ns()
 
     def offset_ns(self) -> int:
-        """Return the world's clock minus the monotonic clock [ns], by the quickest reading."""
-        readings = []  # duration of each reading, and the offset by it
+        """Return the wall clock minus the monotonic clock [ns], by the quickest reading."""
+        readings = []  # duration and offset of each reading
         for _ in range(_READING_COUNT):
             before_ns = self._now_ns()
             world_ns = self._world_ns()

@@ -71,7 +71,7 @@ def _parameters(parser: argparse.ArgumentParser) -> Iterator[inspect.Parameter]:
 
         kind: Any = _kind_of(action)
         default: object = action.default
-        is_repeatable = isinstance(action.default, list)  # so it is in these parsers
+        is_repeatable = isinstance(action.default, list)  # true of these parsers
         if is_repeatable:
             kind = tuple[kind, ...]
             default = ()

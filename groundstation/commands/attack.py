@@ -47,7 +47,7 @@ def attack(
 
     Args:
         fleet: the fleet file
-        long: floods and bad frames for minutes instead of seconds, and the search of lies
+        long: floods and bad frames for minutes instead of seconds, and the search for lies
         only: make only attempts whose name contains this; by default all
         json: one object instead of lines
     """

@@ -37,7 +37,7 @@ def corrections(
     Args:
         source: mock: a simulated base instead of the fleet's source
         check: only read the source: what does it send, and where is its base?
-        seconds: end after so long (default: run until Ctrl-C)
+        seconds: end after this time (default: run until Ctrl-C)
         every_s: time between reports
     """
     refuse_wrong_times(seconds, every_s)

@@ -45,7 +45,7 @@ def doctor(
     Args:
         fleet: the fleet file
         network: listen to all running nodes: rates, losses, ages, round trips, clocks
-        seconds: listen for so long
+        seconds: listen for this time
         json: a list with an object for each line
     """
     config = None if fleet is None else load_fleet(fleet)

@@ -65,7 +65,7 @@ def evidence(
     Args:
         fleet: fleet file
         mission: mission file, TOML or Python
-        wind: mean wind, from another direction in each flight, with gusts of 15 %
+        wind: mean wind, from a different direction in each flight, with gusts of 15 %
         out: folder of the evidence; flights that it holds are not flown again
         quick: one round: every fault once, which takes minutes
         rounds: number of rounds (default 4)

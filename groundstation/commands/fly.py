@@ -58,7 +58,7 @@ def fly(
     Args:
         mission: mission file, or the name of an example
         sitl: start the emulator and the agents too, on the fleet file's ports
-        at: begin at this time of the world's clock, 21:30:00, if all computers have the same time
+        at: begin at this wall-clock time, 21:30:00, if all computers have the same time
     """
     return fly_mission(mission, options, world, bus, is_simulated=sitl, has_free_ports=False, at=at)
 
@@ -117,7 +117,7 @@ def fly_mission(
 def _refuse_misplaced(
     options: FlightOptions, world: WorldOptions, bus: BusOptions, *, is_simulated: bool
 ) -> None:
-    """Refuse options that need a simulated flight or lockstep, if this flight is another one."""
+    """Refuse options that need a simulated flight or lockstep, if this flight is not one."""
     if bus.given and not options.lockstep:
         first = next(iter(bus.given)).replace("_", "-")
         raise ConfigError(f"--bus-{first} is for flights in lockstep. Add --lockstep.")
@@ -171,7 +171,7 @@ def _simulation(options: FlightOptions, world: WorldOptions, bus: BusOptions) ->
 
 
 def _refuse_wrong_faults(lines: tuple[str, ...]) -> None:
-    """Refuse lines that are no faults; the emulator checks the values of a fault."""
+    """Refuse lines that are not faults; the emulator checks the values of a fault."""
     if not lines:
         return
 

@@ -45,7 +45,7 @@ def incident(
 
     Args:
         flight: flight folder
-        before: tell so many seconds before it went wrong
+        before: begin the account this many seconds before it went wrong
         quick: only what the record says; nothing is flown again
     """
     if not 0.0 < before <= _LONGEST_S:

@@ -73,7 +73,7 @@ def init(
     law: Annotated[str | None, Parameter(metavar="NAME")] = None,
     force: bool = False,
 ) -> int:
-    """Write DIR/fleet.toml and DIR/mission.toml, commented, and such that covey check passes them.
+    """Write DIR/fleet.toml and DIR/mission.toml, with comments; both pass covey check.
 
     Args:
         folder: folder of the files
@@ -214,7 +214,7 @@ def _ask(
     *,
     shown: str = "",
 ) -> None:
-    """Ask until there is a right answer of this kind, unless an option has given one.
+    """Ask until the answer is valid and of this kind, unless an option has given one.
 
     Args:
         answers: the answers so far, to which this one is added.

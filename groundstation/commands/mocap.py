@@ -41,7 +41,7 @@ def mocap(
         source: kind of motion capture, instead of mocap.type
         hostname: computer of the motion capture, instead of mocap.hostname
         check: only listen: does each vehicle have its own body, axes and stamps?
-        seconds: end after so long (default: run until Ctrl-C)
+        seconds: end after this time (default: run until Ctrl-C)
         every_s: time between reports
     """
     refuse_wrong_times(seconds, every_s)

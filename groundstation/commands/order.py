@@ -7,8 +7,8 @@ Examples, with the orders of the console:
   covey order --fleet fleet.toml locate mav1
   covey order --fleet fleet.toml land all --json
 
-The order is sent without a question and without a preview, which the console
-has. Land, hold and kill are sent whichever ground operates the fleet. Other
+Unlike the console, this command sends the order without a question or a
+preview. Land, hold and kill are sent whichever ground operates the fleet. Other
 orders need control of the fleet: the command takes it if no ground has it, and
 gives it back at the end.
 

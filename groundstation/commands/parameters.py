@@ -51,10 +51,10 @@ class BusOptions:
     Args:
         bus_delay_s: shortest time from sender to receiver (default 0.001)
         bus_jitter_s: mean of the random time that is added to bus_delay_s (default 0)
-        bus_loss: chance of each message to be lost (default 0)
+        bus_loss: chance that a message is lost (default 0)
         bus_burst: mean number of messages lost in a row (default 1: each by itself)
-        bus_reorder: chance of each message to be overtaken (default 0)
-        bus_duplicate: chance of each message to come twice (default 0)
+        bus_reorder: chance that a message is overtaken (default 0)
+        bus_duplicate: chance that a message comes twice (default 0)
     """
 
     bus_delay_s: Annotated[float | None, _BUS] = None
@@ -110,7 +110,7 @@ class WorldOptions:
         gust_m_s: standard deviation of the gusts
         fault: a fault, for instance 'mav1 motor_dead at=20 motor=2'; may be given several times;
             covey sitl --faults lists them
-        order: an order of somebody else, for instance '12.5 hold all'; with --lockstep; may be
+        order: an order from somebody else, for instance '12.5 hold all'; with --lockstep; may be
             given several times
     """
 

@@ -179,7 +179,7 @@ def info(
     exclude: Names | None = None,
     json: bool = False,
 ) -> int:
-    """Say of every PX4 its version, board, uptime, state, sensors and links.
+    """Print the version, board, uptime, state, sensors and links of every PX4.
 
     Args:
         vehicles: only these: names or indices, a,b or 0-2 (default all)

@@ -58,7 +58,7 @@ def replay(
 
     Args:
         flight: flight folder, or the MCAP file of one
-        fleet: fleet file, where none lies beside the record
+        fleet: fleet file, if there is none beside the record
         speed: speed as a multiple of real time
         at: begin at this second
         headless: no console: print what happened

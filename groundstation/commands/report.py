@@ -48,7 +48,7 @@ def report(
         compare: another flight of the same vehicles, shown as ghosts beside this one
         rehearse: fly the mission of the folder in lockstep first, into DIR/rehearsal, and show
             that flight as ghosts; this runs the code of a Python mission and of the fleet's own law
-        fleet: fleet file, where none lies beside the record
+        fleet: fleet file, if there is none beside the record
         out: where to write (default: DIR/report.html)
         tiles: folder with pictures of the ground, {z}/{x}/{y}.png, which become a part of the page
     """

@@ -88,7 +88,7 @@ def sitl(
         no_gcs: ground links answer only the program that speaks first
         fault: inject a fault, for instance 'mav1 motor_dead at=20 motor=2'; may be given several
             times
-        faults: list the faults and their parameters, and leave
+        faults: list the faults and their parameters, and exit
         wind_m_s: steady wind
         gust_m_s: standard deviation of gusts
         gust_s: correlation time of gusts
@@ -97,8 +97,8 @@ def sitl(
         error_scale: size of the estimates' errors
         truth_offset_m: falsify the published truth by this much
         px4: version of PX4 to emulate (default: each vehicle's px4_version in the fleet file)
-        ftp_dies_after_kb: stop each file transfer after so many kB without a message, as PX4 v1.16
-            does after some seconds; 0 for never
+        ftp_dies_after_kb: stop each file transfer after this many kB without a message, as PX4
+            v1.16 does after some seconds; 0 for never
     """
     if faults:
         print(catalogue.listing())

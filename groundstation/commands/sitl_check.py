@@ -59,8 +59,7 @@ def sitl_check(
     i_have_removed_the_propellers: bool = False,
     key: Annotated[Path | None, Parameter(metavar="FILE")] = None,
 ) -> int:
-    """Check fact by fact whether a MAVLink endpoint behaves as a real PX4 of its version was
-    measured to.
+    """Check fact by fact that a MAVLink endpoint behaves as measured on a real PX4 of its version.
 
     Most facts need a flight: the vehicle is armed and flown up to 10 m high, by its own position
     estimate and in any direction, but only if it is simulated. Parameters and rates are put back at
@@ -72,7 +71,7 @@ def sitl_check(
         sih: also check the link on which the simulator shows viewers the true state
             (udpin://127.0.0.1:19410)
         px4: version to judge by; auto: the version that the endpoint reports
-        only: facts or topics, also with * and ?
+        only: facts or topics; * and ? are wildcards
         list: say which facts would be checked, and end
         json: findings as JSON on stdout, progress on stderr
         wait: longest wait for the first message

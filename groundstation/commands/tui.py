@@ -36,7 +36,7 @@ def tui(
         readonly: give no orders at all, not even land
         bell: ring the terminal's bell for every new alarm
         view: do not take control, not even of a free fleet; land, hold and kill work
-        no_preview: send arm, take-off and moves without showing them ahead
+        no_preview: send arm, take-off and moves without a preview
     """
     config = load_fleet(fleet)
     require_terminal()

@@ -368,7 +368,7 @@ class ConsoleApp(App[int]):
 
     @property
     def is_writing(self) -> bool:
-        """Whether the operator types a text, so that letters are no keys."""
+        """Whether the operator is typing a text, so that letters do not act as keys."""
         return isinstance(self.focused, Input) or self.panels.table.is_writing
 
     def check_action(self, action: str, parameters: tuple[object, ...]) -> bool | None:

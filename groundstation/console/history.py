@@ -19,7 +19,7 @@ from onboard.config.pair_separation import separations_m
 
 TRAIL_LENGTH = 600  # most points of one vehicle's trail
 _LEAST_TRAIL = 80  # the trail of a vehicle in a large fleet
-_ALL_TRAILS = 12_000  # points of all trails together, unless each has only the least
+_ALL_TRAILS = 12_000  # points of all trails together; each trail still gets at least its minimum
 _TRAIL_STEP_M = 0.03  # smallest distance between two points of a trail
 
 CHART_LENGTH = 3000  # number of smallest distances that are kept
@@ -28,7 +28,7 @@ PAIRS = 40  # number of closest pairs that are kept
 FAR_M = 1e6  # a coordinate beyond this is not plausible
 # Squares of the relative speeds below which two vehicles count as still, and beyond which the speed
 # is not plausible.
-_STILL_M2_S2 = 0.05**2  # two that hover move with less relative to each other
+_STILL_M2_S2 = 0.05**2  # two hovering vehicles move more slowly relative to each other
 _LARGEST_M2_S2 = 1e6
 
 _PACE_NS = 150_000_000  # time between two comparisons of all pairs

@@ -29,7 +29,7 @@ _WIDTH_SIDE_BY_SIDE = 60  # cells from which roll and pitch are drawn side by si
 _HELD_BACK_M_S2 = 0.01  # smallest intervention that is shown
 _SCALE_DOTS = 12  # width of a chart's scale at its left
 _LEAST_COLUMNS = 8  # dots below which a chart is not drawn
-_NO_ROTATION = 1e-9  # norm of a quaternion below which it is no rotation
+_NO_ROTATION = 1e-9  # norm of a quaternion below which it is not a rotation
 
 
 def thrust_block(subject: VehicleSubject, width: int) -> list[Text | Strip]:
@@ -149,7 +149,8 @@ def attitude_block(subject: VehicleSubject, width: int) -> list[Text | Strip]:
 def euler_deg(quaternion_wxyz: Wxyz) -> tuple[float, float, float]:
     """Return roll, pitch and yaw in degrees of a rotation from body FLU to ENU.
 
-    The rotation is yaw, then pitch, then roll. All three are NaN if the quaternion is no rotation.
+    The rotation is yaw, then pitch, then roll. All three are NaN if the quaternion is not a
+    rotation.
     """
     w, x, y, z = quaternion_wxyz
     norm = math.sqrt(w * w + x * x + y * y + z * z)

@@ -149,7 +149,7 @@ def draw_background(window: Window, fleet: FleetConfig) -> Canvas:
         label = f"{x_m:g}"
         if 2 < column < canvas.width - len(label) - 2:
             if label.startswith("-"):
-                column -= 1  # the digits are at the line, and not the sign
+                column -= 1  # the digits, not the sign, stand at the line
             canvas.text(column, max(0, min(canvas.height - 1, row)), label, FAINT)
 
     for y_m in grid_ys_m:
@@ -281,7 +281,7 @@ class PlanScene:
         return not view.is_fresh(self.now_ns)
 
     def is_emphasised(self, name: str) -> bool:
-        """Whether a vehicle is drawn with all details, also in a dense fleet."""
+        """Whether a vehicle is drawn with all details, even in a dense fleet."""
         return not self.is_dense or name == self.selected or name in self.marked
 
     def too_close(self) -> set[str]:

@@ -146,7 +146,7 @@ class ReplayApp(ConsoleApp):
         self.bar.show()
 
     def time_text(self, stamp_ns: int) -> str:
-        """Return the time since the record's begin."""
+        """Return the time since the record began."""
         return f"{clock((stamp_ns - self.replay.timeline.begin_ns) * 1e-9):>8}"
 
     def check_action(self, action: str, parameters: tuple[object, ...]) -> bool | None:

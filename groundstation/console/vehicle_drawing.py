@@ -277,7 +277,7 @@ def _check_lines(check: _Check, sign: str, colour: str, width: int) -> Block:
 
 
 class _Neighbour(NamedTuple):
-    """A neighbour or a person, to whose circle distances are; sorted by distance, then by name."""
+    """A neighbour, or a person's circle; sorted by distance, then by name."""
 
     # distance by the ground's telemetry, or else by the vehicle itself; inf if neither is known
     sorting_m: float
@@ -319,7 +319,7 @@ def _reported_m(subject: VehicleSubject, name: str) -> float:
 
 
 def _reported_person_m(subject: VehicleSubject, person: PersonView) -> float:
-    """Return the horizontal distance to a person's circle; NaN while he is not seen."""
+    """Return the horizontal distance to a person's circle; NaN while the person is not seen."""
     subject_enu_m = subject.view.position_enu_m(subject.now_ns)
     place_enu_m = person.position_enu_m
     if subject_enu_m is None or place_enu_m is None or not person.is_fresh(subject.now_ns):

@@ -100,7 +100,7 @@ class ScriptOrders:
 
     @property
     def time_s(self) -> float:
-        """Time since the begin [s], without the lateness of vehicles."""
+        """Time since the start [s], without the lateness of vehicles."""
         return (self.fleet.client.now_ns() - self._begin_ns) * 1e-9 - self._late_s
 
     # -- the script orders -------------------------------------------------------------------------
@@ -328,7 +328,7 @@ class ScriptOrders:
             has_failed = bool(phases - {"done", "superseded"})
             if has_failed:
                 raise
-            # A superseded order is no step of the flight, so that the verdict leaves it out.
+            # A superseded order is not a step of the flight, so the verdict leaves it out.
             steps = self.fleet.steps
             steps[:] = [step for step in steps if "superseded" not in step.vehicles.values()]
 

@@ -1,12 +1,12 @@
 """Checks a Crazyswarm script before it connects, so that it does not fail in the air.
 
 Covey refuses some of Crazyswarm's commands. A script usually calls them after its take-off. So the
-source of the script is read before, and the script is refused with the line of the call. A script
+source of the script is read first, and the script is refused with the line of the call. A script
 that uses vehicles with ids that the fleet does not have is also refused.
 
 Only numbers that stand in the source are known: in the call itself, or in a name that the script
-assigns once. Code below an `if` or in a `try` is not checked for ids, because a script may ask in
-this way whether the fleet has a vehicle. Other errors appear when the script reaches them.
+assigns once. Code below an `if` or in a `try` is not checked for ids, because a script may check
+that way whether the fleet has a vehicle. Other errors appear when the script reaches them.
 """
 
 from __future__ import annotations

@@ -110,9 +110,9 @@ class Trajectory:
         )
 
     def _piece_at(self, t: float) -> tuple[Polynomial4D, float]:
-        """Return the piece at a time, and the time since the begin of this piece [s].
+        """Return the piece at a time, and the time since the start of this piece [s].
 
-        A time before the begin or after the end is moved to the begin or the end.
+        A time before the start or after the end is clamped to the start or the end.
         """
         pieces = self.polynomials or []
         time_s = max(0.0, t)

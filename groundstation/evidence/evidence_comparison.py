@@ -1,9 +1,9 @@
 """The comparison of two folders of evidence: the same campaign, flown on two machines. Pure.
 
-On another machine the last digits of a calculation may differ, and so the flights and their digest.
-The figures have to agree: the share of wrong flights of each row lies in the exact interval of the
-other machine, in both directions, and so does the share of flights that leave the other machine's
-contingency volume.
+The last digits of a calculation may differ between machines, and then the flights and their digest
+differ, too. The figures must still agree: the share of wrong flights of each row lies in the exact
+interval of the other machine, in both directions, and so does the share of flights that leave the
+other machine's contingency volume.
 """
 
 from __future__ import annotations

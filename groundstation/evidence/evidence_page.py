@@ -17,7 +17,7 @@ from groundstation.evidence.volumes import GUST_OF_MEAN
 PAGE_NAME = "evidence.html"
 _MOST_REASONS = 8  # reasons of a row that are shown
 _SHORT_HASH = 16  # letters of a digest that are shown
-# a row whose upper bound of the share of wrong flights is larger rests on too few flights
+# a row with a larger upper bound of the share of wrong flights rests on too few flights
 _WIDE_BOUND = 0.2
 
 _WORDS = {SHOWN: "evidence for", WRONG: "against it", NOT_SHOWN: "not shown"}
@@ -128,8 +128,9 @@ def _volumes(evidence: Evidence, picture: bytes) -> str:
         for name, size, basis in rows
     )
 
-    # None of n flights left the volume, so with 95 % confidence the share s of such flights is
-    # below the one at which n flights without any have a probability of 5 %: (1 - s)^n = 0.05.
+    # None of n flights left the volume. So with 95 % confidence, the share s of flights that do is
+    # below the value at which n flights in a row stay inside with a probability of 5 %, that is,
+    # (1 - s)^n = 0.05.
     largest_share = 1.0 - 0.05 ** (1.0 / max(evidence.flights, 1))
     encoded = base64.b64encode(picture).decode("ascii")
     return (

@@ -13,7 +13,7 @@ The documents:
 * SORA 2.5: Annex A.4 is a matrix of requirements, and of the places where the operator answers
   them. The requirements are operational safety objectives (OSO) and the containment of step 8. OSO
   #13 is about services that others provide: satellites are one; an operator's own motion capture or
-  ground station is none.
+  ground station is not.
 * CAP 722E: the CAA of the United Kingdom asks these questions of an operator of rotary-wing
   aircraft that fly as a swarm within visual line of sight, as a part of the safety case.
 * 14 CFR 107.35: nobody may fly more than one drone at a time without a waiver. A waiver is given to

@@ -37,13 +37,13 @@ def two_sided(events: int, count: int) -> Interval:
     tail = 0.5 * (1.0 - CONFIDENCE)  # probability beyond each end: 2.5 %
     low = 0.0
     if events > 0:
-        # the share at which so many events or more have a probability of 2.5 %
+        # the share at which this many events or more have a probability of 2.5 %
         low = _share_where(
             lambda share: 1.0 - _probability_of_at_most(events - 1, count, share) < tail
         )
     high = 1.0
     if events < count:
-        # the share at which so many events or fewer have a probability of 2.5 %
+        # the share at which this many events or fewer have a probability of 2.5 %
         high = _share_where(lambda share: _probability_of_at_most(events, count, share) > tail)
     return Interval(events=events, flights=count, low=low, high=high)
 
@@ -75,7 +75,7 @@ def _share_where(is_below: Callable[[float], bool]) -> float:
 
 
 def _probability_of_at_most(events: int, count: int, share: float) -> float:
-    """Return the binomial probability of so many events or fewer."""
+    """Return the binomial probability of this many events or fewer."""
     if share <= 0.0:
         return 1.0
     if share >= 1.0:

@@ -44,7 +44,7 @@ class FlownCase(msgspec.Struct, frozen=True, kw_only=True):
     first_airborne_s: float
     last_airborne_s: float
     smallest_m: float | None  # smallest distance, by ground truth, of pairs that the law flies
-    smallest_silenced_m: float | None  # the same of pairs of which one vehicle no longer avoids
+    smallest_silenced_m: float | None  # the same for pairs in which one vehicle no longer avoids
     hull_m: tuple[tuple[float, float], ...]  # convex hull of positions in the air, east and north
     highest_m: float
     fastest_m_s: float  # horizontal

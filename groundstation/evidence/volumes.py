@@ -11,7 +11,7 @@ Each of the three is a convex outline, seen from above, with a height.
   vehicle without thrust can fall, from the greatest height and at the greatest speed flown, with
   the wind.
 
-The distance of a fall is an upper bound: drag lengthens the time of the fall, and does not slow the
+The distance of a fall is an upper bound. Drag lengthens the time of the fall but does not slow the
 vehicle horizontally, where its greatest speed and the wind with gusts add up.
 """
 

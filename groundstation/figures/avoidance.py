@@ -11,7 +11,7 @@ from groundstation.figures.style import LIMIT, SOFT, colour, new_figure
 from onboard.arrays import Array
 
 MAX_PAIRS = 10  # with more pairs, one line for each vehicle shows its nearest neighbour
-_FAR_M = 10.0  # room around a line, at most, of which its name makes use
+_FAR_M = 10.0  # largest room around a line that its name makes use of
 
 
 def draw(flight: FlightData) -> Any:
@@ -153,7 +153,7 @@ def _draw_closest(ax: Any, flight: FlightData) -> None:
 def _name_lines(ax: Any, grid_s: Array, pairs: tuple[PairSeparation, ...]) -> None:
     """Write the name of each pair where its line is furthest from the other lines."""
     lines_m = np.stack([pair.distance_m for pair in pairs])
-    margin = len(grid_s) // 20  # no name at the very begin or end
+    margin = len(grid_s) // 20  # no name at the very start or end
 
     for index, pair in enumerate(pairs):
         gaps_m = np.abs(np.delete(lines_m, index, axis=0) - pair.distance_m)

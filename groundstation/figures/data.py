@@ -25,12 +25,12 @@ from onboard.config.pair_separation import separations_m
 from onboard.config.people import Person, body_of
 
 TOPICS = ("truth", "tick", "telemetry")
-POSES = "mocap"  # the topic that is read, too, where the fleet has persons
+POSES = "mocap"  # this topic is also read if the fleet has persons
 GRID_S = 0.02
 _AIRBORNE_Z_M = 0.12
-_LONGEST_START_NS = 600_000_000_000  # longest time from a record's begin to its first vehicle
+_LONGEST_START_NS = 600_000_000_000  # longest time from a record's start to its first vehicle
 _LEAD_S = 1.0  # time before the start that is shown
-_LIFTED_M = 0.05  # height above its first position from which on a vehicle has left the ground
+_LIFTED_M = 0.05  # a vehicle this far above its first position has left the ground
 _SLOT_STEP_M = 0.05  # largest distance of two goals that are the same slot
 
 
@@ -67,10 +67,10 @@ class Walk:
     name: str
     radius_m: float  # of the circle that the vehicles keep clear of
     time_s: Array  # (n,)
-    position_enu_m: Array  # (n, 3), while he was tracked
+    position_enu_m: Array  # (n, 3), while the person was tracked
 
     def place_at(self, time_s: float) -> Array:
-        """Return where he was seen last before this time, or else first (3,)."""
+        """Return where the person was last seen before this time, or else first seen (3,)."""
         is_seen = np.isfinite(self.position_enu_m).all(-1)
         times_s = self.time_s[is_seen]
         before = int(np.searchsorted(times_s, time_s, side="right")) - 1

@@ -24,7 +24,7 @@ _STEPS_S = (1.0, 2.0, 5.0, 10.0, 20.0, 30.0, 60.0, 120.0, 300.0)  # possible ste
 _MOST_STEPS = 14.0  # time marks on a path
 _TIME_SHIFT_PT = (9.0, 8.0)  # distance from a mark to the middle of its time
 _SLOT_SHIFT_PT = (8.0, 7.0)  # distance from a slot to the edge of its number
-_ENOUGH_ROOM_PT = 40.0  # more room makes a number no better to read
+_ENOUGH_ROOM_PT = 40.0  # more room does not make a number easier to read
 
 
 class _SlotLabel(NamedTuple):
@@ -158,7 +158,7 @@ def draw_outlines(ax: Any, flight: FlightData) -> None:
 
 
 def _draw_walks(ax: Any, flight: FlightData) -> None:
-    """Draw the walk of each person, and the circle where he was when two vehicles were closest."""
+    """Draw the walk of each person, and the circle when two vehicles were closest."""
     time_s = 0.0
     closest = flight.closest()
     if closest is not None:

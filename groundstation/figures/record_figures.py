@@ -15,7 +15,7 @@ from onboard.config.file_reading import RECORD, opened
 from onboard.config.fleet import ConfigError, load_fleet, read_toml
 from onboard.config.flight_space import outlines_of
 
-_MCAP_MAGIC = b"\x89MCAP0\r\n"  # at the begin and at the end of a complete file
+_MCAP_MAGIC = b"\x89MCAP0\r\n"  # at the start and at the end of a complete file
 _DEFAULT_SAFETY_DISTANCE_M = 0.80  # that of the paper
 _FIGURES = {
     "fig2_attitude": attitude,

@@ -25,14 +25,14 @@ from onboard.bus.schema import Telemetry
 SETTLE_S = 0.5  # time in which every vehicle reports the operator
 SILENCE_S = 10.0  # time without an answer after which control may be taken by force
 FORCE_WORD = "force"
-_FIRST_TERM = 1  # number of the first operator's token; who takes over by force counts on
+_FIRST_TERM = 1  # number of the first operator's token; each takeover by force counts on
 # verbs that the operator may order from all grounds of the same person, see
 # onboard/bus/control_token.py
 _OPEN_TO_SAME_PERSON = ("resume", "skip", "home", "bring_home")
 
 
 class TokenBus(Protocol):
-    """The part of :class:`onboard.bus.protocol.Bus` for control tokens."""
+    """The part of :class:`onboard.bus.protocol.Bus` that handles control tokens."""
 
     @property
     def node(self) -> str:
@@ -54,7 +54,7 @@ class Control:
     Args:
         bus: bus on which tokens are claimed; it must be open before :meth:`update` is called.
         author: person or program that operates from here.
-        takes_control: whether to take control at the start if nobody has it, or only to watch.
+        takes_control: whether to take control at the start if no ground has it, or only to watch.
         say: function for severity and sentence of every change.
         clock_ns: the ground's monotonic clock [ns].
     """
@@ -226,10 +226,10 @@ class Control:
     # -- what the vehicles report ------------------------------------------------------------------
 
     def _give_way(self, holders: Sequence[ControlToken], *, is_settled: bool) -> None:
-        """Note who operates, and give up the own claim if another ground's claim wins.
+        """Note who operates, and give up this ground's claim if another ground's claim wins.
 
-        While vehicles report two holders, the token with the higher rank wins. An own claim that no
-        vehicle reports is given up after all vehicles have had the time to report it.
+        While vehicles report two holders, the token with the higher rank wins. This ground gives up
+        a claim that no vehicle reports, once all vehicles have had time to report it.
         """
         own_claim = self._own_tokens.get("operator")
         rivals = [token for token in holders if token != own_claim]
@@ -251,8 +251,8 @@ class Control:
     def _answer(self, tokens: set[ControlToken], *, has_holder: bool, is_settled: bool) -> None:
         """React to the tokens of all grounds.
 
-        Claim free control, note a refusal of the own request, and withdraw an own refusal when the
-        other ground's request has gone.
+        Claim free control, note a refusal of this ground's request, and withdraw this ground's
+        refusal when the other ground's request has gone.
         """
         # a token `keeps` names the node whose request its sender refuses
         is_refused = any(
@@ -271,7 +271,7 @@ class Control:
             self._drop("keeps")
 
     def _claim_free_control(self, tokens: set[ControlToken], *, is_settled: bool) -> None:
-        """Claim control that nobody has.
+        """Claim control that no ground has.
 
         If there are requests, the ground of the first one claims it. If there are none, a ground
         that takes control at its start claims it.

@@ -1,4 +1,4 @@
-"""Notices that this ground itself stood still: a stopped process, a closed lid of a laptop.
+"""Notices that this ground itself stood still: a stopped process, a laptop with its lid closed.
 
 A silence or a timeout during such a stall says nothing about the vehicles, so it does not count.
 """

@@ -15,7 +15,7 @@ def closest_pair(
     below_m: float,
     height_share: float,
 ) -> tuple[int, int, float] | None:
-    """Return the closest two vehicles, of which one flies and one was just updated.
+    """Return the closest pair in which one vehicle flies and one was just updated.
 
     Only pairs with an updated vehicle are compared, because a large fleet has many pairs.
 

@@ -91,7 +91,7 @@ class Separation(Struct, frozen=True):
     second: str
     distance_m: float
     stamp_ns: int
-    is_truth: bool = False  # whether it is by ground truth, and not by telemetry
+    is_truth: bool = False  # whether it comes from ground truth, not from telemetry
 
 
 class LoggedEvent(Struct, frozen=True):
@@ -203,7 +203,7 @@ class VehicleView(Struct, frozen=True):
     def is_disarmed_by_px4(self) -> bool:
         """Whether PX4 has reported a disarm on the direct path after the agent last heard it.
 
-        An agent whose PX4 is silent goes on to send the last report that it has heard.
+        An agent whose PX4 is silent keeps sending the last report that it heard.
         """
         if self.telemetry is None or self.direct_disarmed_ns == _NEVER:
             return False
@@ -337,7 +337,7 @@ class FleetState(Struct, frozen=True):
 
 
 def without_distances(state: FleetState) -> FleetState:
-    """Return the state without the distances so far, for the begin of another mission."""
+    """Return the state without the distances so far, for the start of another mission."""
     return replace(state, smallest=None, smallest_truth=None, unknown_times=())
 
 
@@ -688,7 +688,7 @@ def _with_true_separation_of(state: FleetState, updated: Set[str], now_ns: int) 
 
 
 def unknown_until(state: FleetState, now_ns: int) -> tuple[UnknownTime, ...]:
-    """Return the times in which distances were not known, also those that have not ended.
+    """Return the times in which distances were not known, including those that have not ended.
 
     Args:
         state: state of the fleet.

@@ -106,7 +106,7 @@ def unknown_time(
 
 
 def with_time(times: tuple[UnknownTime, ...], time: UnknownTime) -> tuple[UnknownTime, ...]:
-    """Return the periods with one more; of too many, the one with the largest bound is dropped.
+    """Return the periods with one more; if there are too many, drop the one with the largest bound.
 
     Args:
         times: periods so far, oldest first.

@@ -226,7 +226,7 @@ def edited_fleet(text: str, change: Change) -> str:
 
 
 def _value(text: str) -> Any:
-    """Return the TOML value of a text, or the text itself if it is no TOML."""
+    """Return the TOML value of a text, or the text itself if it is not TOML."""
     try:
         return toml_values(f"value = {text}", "--what-if")["value"]
     except ConfigError:

@@ -44,7 +44,7 @@ class FlightSettings:
     is_simulated: bool  # whether the flight starts emulator and agents itself
     is_headless: bool  # whether it runs without the console
     simulation: SimulationSettings  # settings of a simulated flight
-    at: WorldTime | None = None  # begin of the mission; None: when the vehicles are ready
+    at: WorldTime | None = None  # start of the mission; None: when the vehicles are ready
 
 
 def prepare(
@@ -74,7 +74,7 @@ def prepare(
         simulation: seed, weather, faults and orders of a simulated flight.
         needs_ports: whether the flight uses sockets; a lockstep flight does not.
         arguments: arguments of a Python mission, as texts.
-        at: begin of the mission; None: when the vehicles are ready.
+        at: start of the mission; None: when the vehicles are ready.
 
     Raises:
         ConfigError: a file or a combination of options is wrong, a port is in use, there is no

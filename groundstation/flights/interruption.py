@@ -1,4 +1,4 @@
-"""Interrupts a flight by signals, also if a Python mission blocks the event loop.
+"""Interrupts a flight by signals, even if a Python mission blocks the event loop.
 
 ``time.sleep`` in a mission blocks the loop, and with it the loop's signal handlers. So each signal
 is handled twice. asyncio's handler runs as soon as the loop is free. Python's own handler runs

@@ -1,8 +1,8 @@
 """One flight of a script: a Python program that connects with a fleet by itself.
 
 A mission is a function that is called with a connected fleet. A script is a whole program that
-connects by groundstation.Fleet, groundstation.BlockingFleet or groundstation.crazyswarm. It may
-fail in any way, or end without landing; the verdict tells whether the fleet has landed.
+connects through groundstation.Fleet, groundstation.BlockingFleet or groundstation.crazyswarm. It
+may fail in any way, or end without landing; the verdict tells whether the fleet has landed.
 """
 
 from __future__ import annotations

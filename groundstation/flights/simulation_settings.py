@@ -1,4 +1,4 @@
-"""The settings of a simulated flight, beside its fleet and its mission.
+"""The settings of a simulated flight, besides its fleet and its mission.
 
 Seed, weather, faults and orders of others come from the command line. They are written into the
 flight folder, so that the folder contains all that is needed to fly the flight again.

@@ -56,7 +56,7 @@ def spots_without_crossing(
 
     The sum of the squared ways is least, so no exchange of two spots makes it smaller. It follows
     that two vehicles never come nearer than d / sqrt(2), where d is the smaller of their distances
-    at the begin and at the end (Turpin, Michael and Kumar, CAPT, 2014). Heights do not count,
+    at the start and at the end (Turpin, Michael and Kumar, CAPT, 2014). Heights do not count,
     because vehicles fly back at their own heights.
 
     Args:

@@ -23,7 +23,7 @@ from onboard.control.path import Path, sampled
 from onboard.tuples import Xyz
 
 _SPEED_SHARE = 0.6  # share of the top speed that is flown if no duration is given
-_SLOWING_MARGIN = 1.005  # factor by which paths are slowed beyond the necessary slowing
+_SLOWING_MARGIN = 1.005  # factor by which paths are slowed more than necessary
 _LEAST_S = 2.0  # shortest duration between two points
 _LONGEST_S = 3600.0  # longest duration of a whole way
 _MOST_POINTS = 1000
@@ -36,7 +36,7 @@ class FramePoint(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_onl
     turn_deg: float = 0.0  # turn on the way to this point, counterclockwise
     # spacing from here on; by default as before, or the new formation's own if `name` is given
     spacing_m: float | None = None
-    name: str | None = None  # formation that it has become here; by default as before
+    name: str | None = None  # formation that it takes up on the way here; by default as before
     # duration of the way to this point; 0: the time that it takes at six tenths of the top speed
     duration_s: float = 0.0
 
@@ -64,13 +64,13 @@ def frame_paths(
 
     Args:
         fleet: the fleet file.
-        begin: the formation at the begin.
+        begin: the formation at the start.
         points: points that are flown through.
-        positions: positions of the vehicles before the begin, by which the slots are assigned, also
-            those of later shapes; None: each vehicle has its own slots, as always with a leader.
+        positions: positions of the vehicles before the start; they decide who gets which slot, in
+            later shapes as well. None: each vehicle has its own slots, as always with a leader.
 
     Returns:
-        Paths with a common begin.
+        Paths with a common start.
 
     Raises:
         ConfigError: a formation does not exist or has no slot for a vehicle, or the way has no
@@ -92,7 +92,7 @@ def frame_paths(
         slot_of = nearest_slots(turned, assigned_by, begin.position_enu_m)
         slots = {vehicle: slots[slot_of[vehicle]] for vehicle in names}
 
-    # The frame and the offsets (N, 3) within it, at the begin and at each point.
+    # The frame and the offsets (N, 3) within it, at the start and at each point.
     name = begin.name
     spacing_m = begin.spacing_m
     centres = [begin.position_enu_m]

@@ -176,7 +176,7 @@ def _spread(pixels: Array, count: int, title: str) -> Array:
             break
         centres = means
 
-    # Each centre gets the nearest pixel that is no slot yet.
+    # Each centre gets the nearest pixel that is not a slot yet.
     chosen: list[int] = []
     for centre in centres:
         distances = ((pixels - centre) ** 2).sum(-1)

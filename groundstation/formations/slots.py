@@ -22,7 +22,7 @@ from onboard.tuples import Xyz
 _SPACING_FACTOR = 1.15  # default spacing over the smallest distance that the law permits
 _SAME_SPOT_M = 1e-6  # slots that are nearer than this are at one spot
 
-# shapes that need no more than the number of slots
+# shapes that need only the number of slots
 _PLAIN = {
     "line": shapes.line,
     "column": shapes.column,

@@ -138,7 +138,7 @@ def page(flown: Sequence[IdentifiedVehicle]) -> str:
 
 
 def toml_of_types(flown: Sequence[IdentifiedVehicle]) -> dict[str, str]:
-    """Return by the name of each flown type TOML for the fleet file."""
+    """Return TOML for the fleet file, by the name of each flown type."""
     types: dict[str, list[IdentifiedVehicle]] = {}
     for member in flown:
         types.setdefault(member.vehicle.type, []).append(member)

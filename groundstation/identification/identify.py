@@ -4,14 +4,14 @@ There are two fits:
 
 * Attitude (``attitude_fit``): the commanded tilt after a dead time and a second-order response,
   times a static gain, plus a constant error, is compared with the measured attitude.
-* Motion (``motion_fit``): the acceleration by that response and the thrust, integrated twice, is
+* Motion (``motion_fit``): the acceleration from that response and the thrust, integrated twice, is
   compared with measured positions, in windows of two seconds with free initial position and
   velocity. This fit is linear in hover thrust, drag, tilt error, and in the time by which the
   motion precedes the time stamps of the attitude.
 
 An attitude is stamped some time after it was measured, and this age must not count in the lag L
-from a command to the acceleration that it causes. The second fit estimates the age, with the log's
-own value of it as one more measurement, and it is taken off the dead time.
+from a command to the acceleration that it causes. The second fit estimates this age, with the log's
+own value as one more measurement. The age is then subtracted from the dead time.
 
 Residuals are correlated (gusts, thrust noise, model error). Therefore standard deviations come from
 a jackknife over windows, and intervals from Student's factor for the number of windows. A standard
@@ -111,7 +111,7 @@ def identify(log: Log) -> Identified:
 
     # attitude.theta: dead time, wn, zeta, static gain, constant error of the attitude x, y
     # motion.theta: drag, minus the age of the attitude, acceleration x, y by the thrust's tilt
-    # The age is taken off the dead time.
+    # The age is subtracted from the dead time.
     delay_s, wn, zeta = attitude.theta[:3]
     delay_s += motion.theta[1]
     lag_std = math.hypot(motion.std[1], _FLOOR["lag"])

@@ -86,8 +86,8 @@ def jackknife(jacobian: Array, residual: Array, cluster: IntArray) -> tuple[Arra
     changes = (np.linalg.pinv(weights.sum(0) - weights) @ scores[..., None])[..., 0]
 
     # Sums (p,) of the squares, and of the products of neighbouring clusters. Each product occurs
-    # twice in the square of a sum, and counts by half (Bartlett's weight). Together they may lower
-    # the variance only by chance, so that they never do.
+    # twice in the square of a sum, and counts by half (Bartlett's weight). They could lower the
+    # variance only by chance, so they are not allowed to.
     squares = np.einsum("ci,ci->i", changes, changes)
     is_next = np.diff(names) == 1
     products = np.einsum("ci,ci->i", changes[:-1][is_next], changes[1:][is_next])

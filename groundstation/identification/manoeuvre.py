@@ -98,7 +98,7 @@ def manoeuvre(
 def mission_text(fleet_path: Path, name: str, steps: Sequence[tuple[Xyz, float]]) -> str:
     """Return the manoeuvre as the text of a Python mission.
 
-    A goal that is not reached in time is no failure; the mission goes on with the next one.
+    A goal that is not reached in time is not a failure; the mission goes on with the next one.
     """
     first_goal, _ = steps[0]
     height_m = first_goal[2]

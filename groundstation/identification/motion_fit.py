@@ -1,7 +1,7 @@
 """The motion part of the identification: how positions follow from attitude and thrust.
 
-The acceleration by attitude and thrust is integrated twice and compared with the measured
-positions, in windows of two seconds. The position and the velocity at the begin of each window are
+The acceleration from attitude and thrust is integrated twice and compared with the measured
+positions, in windows of two seconds. The position and the velocity at the start of each window are
 unknown; what they explain is removed by a projection. The rest is linear in the parameters.
 """
 
@@ -242,8 +242,8 @@ def fit_horizontal(
         ]
         columns, right, cluster = _windows(log, drive, (0, 1), inputs, push_twice, _GUST_M_S2)
 
-        # The known age is one more row, weighted as the whitened rows are. Its cluster, -10, is no
-        # neighbour of a window's.
+        # The known age is one more row, weighted as the whitened rows are. Its cluster, -10, is not
+        # a neighbour of any window's cluster.
         columns = np.concatenate([columns, [[0.0, weight, 0.0, 0.0]]])
         right = np.concatenate([right, [weight * (known_s - shift_s)]])
         cluster = np.concatenate([cluster, [-10]])

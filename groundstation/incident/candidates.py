@@ -41,7 +41,7 @@ class Candidate(NamedTuple):
     """One candidate, which consists of one or more changes."""
 
     kind: CandidateKind
-    what: str  # in words that fit behind "The promise would have been kept"
+    what: str  # in words that fit after "The promise would have been kept"
     changes: tuple[Change, ...]
 
 
@@ -64,7 +64,7 @@ def candidates_of(origin: FlightOrigin) -> list[Candidate]:
 
 
 def _faults(origin: FlightOrigin) -> Iterator[Candidate]:
-    """Yield candidates that remove one fault, of the options or of the mission's steps."""
+    """Yield candidates that remove one fault, from the options or from the mission's steps."""
     for number, line in enumerate(origin.settings.faults, start=1):
         yield _cause(f"without the fault '{line}'", "without_fault", number)
 

@@ -85,7 +85,7 @@ def sentences(findings: Findings) -> list[str]:
 
 
 def _other_way(trial: Trial) -> str:
-    """Return a change in words that fit behind "It would not have helped"."""
+    """Return a change in words that fit after "It would not have helped"."""
     what = trial.candidate.what
     if trial.candidate.kind == "defence":
         return f"to have {what}"

@@ -3,7 +3,7 @@
 If the smallest distance by ground truth is below the promise (the safety distance of the fleet
 file), it is the moment of that distance. Otherwise it is the first critical event of a vehicle, or
 else the first warning. If there is none of these, it is the moment of the smallest distance, which
-then is no incident.
+is then not an incident.
 """
 
 from __future__ import annotations

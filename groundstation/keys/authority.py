@@ -31,8 +31,8 @@ NODE_DAYS = 825
 AUTHORITY_KEY = "ca.key"  # name of the file in the folder of the keys
 
 _Key = ec.EllipticCurvePrivateKey | ed25519.Ed25519PrivateKey
-# Time before its issue from which a certificate is valid, because the clock of a companion without
-# a network is behind.
+# A certificate is valid from this long before its issue, because the clock of a companion computer
+# without a network is behind.
 _EARLIER = datetime.timedelta(days=1)
 
 

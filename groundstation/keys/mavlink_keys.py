@@ -40,7 +40,7 @@ def sign_mavlink(path: str) -> FleetConfig:
     for name in fleet.vehicles:
         file = folder / key_file(name)
         if file.exists():
-            read_key(str(file), fleet.path)  # refuses a file that is no key
+            read_key(str(file), fleet.path)  # refuses a file that is not a key
         else:
             write_files({file: secrets.token_bytes(KEY_BYTES)})
     return load_fleet(path)

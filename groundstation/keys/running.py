@@ -77,7 +77,7 @@ def running_authorities(fleet: FleetConfig, wait_s: float = WAIT_S) -> dict[str,
         for former_folder in _former_authorities(fleet):
             _watch(fleet, _kept_credentials(former_folder, fleet), "former", seen, stack, wait_s)
 
-        # Always the whole time: it is not known whether a mocap relay or an emulator runs.
+        # Always wait the whole time, because a mocap relay or an emulator may or may not run.
         time.sleep(wait_s)
 
     nodes = (*fleet.vehicles, NodeRole.MOCAP.value, NodeRole.EMULATOR.value)
@@ -140,7 +140,7 @@ def _former_folder(fleet: FleetConfig) -> Path:
 def _former_authorities(fleet: FleetConfig) -> list[Path]:
     """Return the folders of former authorities, the newest first.
 
-    A folder without all files is left out: its copying was interrupted.
+    A folder that lacks a file is left out, because its copying was interrupted.
     """
     folders = []
     for path in _former_folder(fleet).glob("[0-9]*"):

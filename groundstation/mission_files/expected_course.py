@@ -54,7 +54,7 @@ from onboard.tuples import Xyz
 
 _START_S = 3.0  # time of arming and spinning up before a climb
 _SETTLE_S = 1.0  # time from the end of a move until the vehicle counts as arrived
-_PATH_SETTLE_S = 5.0  # time from the arrival at the begins of paths to their start
+_PATH_SETTLE_S = 5.0  # time from the arrival at the first points of paths to their start
 _SHORT_ORDER_S = 1.0  # duration of an order that does not move a vehicle
 _PEAK_OF_MEAN = 1.875  # peak speed divided by mean speed of a quintic from rest to rest
 _LONGEST_MOVE_S = 600.0
@@ -335,7 +335,7 @@ def _course_step(
 def _with_paths(
     course_step: CourseStep, fleet: FleetConfig, paths: Mapping[str, Path]
 ) -> CourseStep:
-    """Return a step with its paths, their ends, and their duration with the way to their begins."""
+    """Return a step with its paths, their ends, and their duration with the way to their starts."""
     course_step = replace(course_step, paths=paths)
     if not paths or not set(paths) <= set(fleet.enabled_names):
         return course_step

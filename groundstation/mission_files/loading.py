@@ -1,7 +1,7 @@
 """Reads mission files: TOML with steps, or Python.
 
-The whole file is checked before anything starts. Unknown keys are errors, because a mission with a
-misspelt limit must not fly without that limit.
+The whole file is checked before anything starts. Unknown keys are errors: otherwise a mission with
+a misspelt limit would fly without that limit.
 """
 
 from __future__ import annotations
@@ -331,7 +331,7 @@ def _inner_steps(tables: Any, key: str, path: str) -> tuple[Any, ...]:
 
 
 def _all_steps(steps: Iterable[MissionStep]) -> Iterator[MissionStep]:
-    """Yield all steps, also those inside other steps."""
+    """Yield all steps, including those inside other steps."""
     for step in steps:
         yield step
         for name in BLOCK_KEYS:

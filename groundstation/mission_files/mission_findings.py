@@ -20,7 +20,7 @@ from onboard.feasibility.finding import Finding, at_least, at_most, worst, worst
 from onboard.feasibility.fleet_checks import ErrorClass, error_class, fleet_findings, spot_findings
 from onboard.safety.area_room import way_beyond_m
 
-# names of findings that refuse no flight, since they do not concern what the law can fly
+# names of findings that do not refuse a flight, since they do not concern what the law can fly
 _NEVER_REFUSING = ("time", "expectation", "arrival", "ending")
 _SPARE_PCT = 10.0  # charge at the end above the level at which a vehicle lands by itself
 _DETOUR_FACTOR = 1.7  # recommended time limit divided by the duration of the straight way
@@ -49,7 +49,7 @@ def mission_findings(mission: Mission, errors: ErrorClass | None = None) -> tupl
 
 
 def refused_findings(mission: Mission, is_simulated: bool) -> list[Finding]:
-    """Return the findings because of which the law cannot fly a mission; empty if it can.
+    """Return the findings that say why the law cannot fly a mission; empty if it can.
 
     Args:
         mission: mission file, loaded and checked.
@@ -101,7 +101,7 @@ def _name_of(finding: Finding) -> str:
 
 
 def _capitalised(words: str) -> str:
-    """Return words with a capital letter, for the begin of a sentence."""
+    """Return words with a capital letter, for the start of a sentence."""
     return words[0].upper() + words[1:]
 
 
@@ -169,7 +169,7 @@ def _unreachable_findings(
 
 
 def _way_findings(fleet: FleetConfig, course_step: CourseStep, step_name: str) -> Iterator[Finding]:
-    """Yield the finding about the straight way of which most lies beyond the edge of a fence."""
+    """Yield the finding about the vehicle with most of its straight way beyond a fence's edge."""
     areas = flight_space_of(fleet).areas
     beyond_m = {
         name: way_beyond_m(areas, course_step.positions[name], goal)

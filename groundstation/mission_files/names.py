@@ -13,7 +13,7 @@ def mission_names(start: str = "") -> list[str]:
     """Return the names of missions that begin with a text.
 
     Args:
-        start: begin of the name, with its folder.
+        start: start of the name, with its folder.
 
     Returns:
         Names of files in the folder, sorted, then names of examples if `start` has no folder; all

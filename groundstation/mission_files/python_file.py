@@ -162,7 +162,7 @@ def _is_mission(node: ast.stmt) -> bool:
 def _value(text: str, default: Any, subject: str) -> Any:
     """Return a written value converted to the type of its default.
 
-    For an argument without a default, the text is read as a Python literal; a text that is no
+    For an argument without a default, the text is read as a Python literal; a text that is not a
     literal is returned unchanged.
     """
     if isinstance(default, str):

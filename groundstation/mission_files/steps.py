@@ -35,28 +35,28 @@ class _Step(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tru
 class FlyFormationStep(_Step, frozen=True, kw_only=True):
     """A formation flies through points without a stop; it turns, stretches, changes on the way."""
 
-    name: str  # formation at the begin, which the vehicles take up first
+    name: str  # formation at the start, which the vehicles take up first
     position_enu_m: Xyz  # position of this formation, or of its leader
     to: tuple[FramePoint, ...]  # the points, see below
-    rotation_deg: float = 0.0  # rotation of the formation at the begin, counterclockwise
+    rotation_deg: float = 0.0  # rotation of the formation at the start, counterclockwise
     spacing_m: float | None = None  # distance of its two nearest slots
     # vehicle whose position is the formation's, and about which it turns
     leader: str | None = None
     assign: Literal["ids", "nearest"] = "ids"  # as for formation
-    at: str = ""  # time of the world's clock at which it starts: "21:30:00"; by default at once
+    at: str = ""  # wall-clock time at which it starts: "21:30:00"; by default at once
     on_lag: OnLag = "land"  # reaction of a vehicle that falls behind for too long
     timeout_s: float | None = None  # by default the duration of the way plus a minute
 
 
 class FollowPathStep(_Step, frozen=True, kw_only=True):
-    """Each vehicle flies to the begin of its path; then all follow their paths from one instant on.
+    """Each vehicle flies to the start of its path; then all follow their paths from one instant on.
 
     A mission names one file of a path for each vehicle.
     """
 
     paths: dict[str, str]  # vehicle -> file of its path, relative to the mission file
     lights: dict[str, str] = {}  # vehicle -> file of its colours, which are shown and recorded
-    at: str = ""  # time of the world's clock at which they start: "21:30:00"; by default at once
+    at: str = ""  # wall-clock time at which they start: "21:30:00"; by default at once
     on_lag: OnLag = "land"  # reaction of a vehicle that falls behind for too long
     timeout_s: float | None = None  # by default the duration of the paths plus a minute
 
@@ -88,9 +88,9 @@ class Until(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tru
 
 
 class WaitStep(_Step, frozen=True, kw_only=True):
-    """Let time pass, or wait until a condition holds or for a time of the world's clock."""
+    """Let time pass, or wait until a condition holds or for a wall-clock time."""
 
-    at: str = ""  # time of the world's clock until which it waits first: "21:30:00"
+    at: str = ""  # wall-clock time until which it waits first: "21:30:00"
     duration_s: float = 0.0  # vehicle time to wait
     until: Until | None = None  # condition, with the keys below
     timeout_s: float = 60.0  # the step fails if the condition does not hold in this time

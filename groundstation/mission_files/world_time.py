@@ -1,8 +1,8 @@
-"""Reads times of the world's clock (times of day) as people write them. Pure: `now` is an argument.
+"""Reads wall-clock times (times of day) as people write them. Pure: `now` is an argument.
 
 A time without a date is the nearest one in the future: at 23:50, ``00:10`` is twenty minutes ahead.
-A time is in this computer's time zone unless it names another one. If the clocks change between
-summer and winter time until then, that is taken into account::
+A time is in this computer's time zone unless it names another one. If the clocks change to or from
+summer time before then, that is taken into account::
 
     21:30    21:30:00    2026-11-26 21:30:00    20:30:00Z    21:30:00+01:00
 """
@@ -64,7 +64,7 @@ def _with_system_offset(instant: datetime.datetime | None) -> datetime.datetime:
 
 
 class WorldTime(NamedTuple):
-    """An instant of the world's clock."""
+    """An instant of the wall clock."""
 
     words: str  # the time for people, with its time zone
     world_ns: int  # time since 1970 [ns]
@@ -87,7 +87,7 @@ def world_time(written: str, now: datetime.datetime) -> WorldTime:
 
     Args:
         written: time as a person has written it.
-        now: the world's clock, with its time zone.
+        now: the wall clock, with its time zone.
 
     Raises:
         ConfigError: the text is not a time, or the time is in the past or too far ahead.
@@ -119,7 +119,7 @@ def world_time(written: str, now: datetime.datetime) -> WorldTime:
 
 
 def local_now(world_ns: int) -> datetime.datetime:
-    """Return a time of the world's clock in this computer's time zone.
+    """Return a wall-clock time in this computer's time zone.
 
     Args:
         world_ns: time since 1970 [ns].

@@ -139,11 +139,11 @@ class Fleet(Group):
         await self.land_all()
 
     async def _leave_to(self, taken: Taken, begin_ns: int) -> None:
-        """Stay beside a fleet that somebody has taken, until it is down; Ctrl-C lands all.
+        """Stay connected to a fleet that somebody has taken, until it is down; Ctrl-C lands all.
 
         Args:
             taken: who has taken the fleet.
-            begin_ns: begin of the script, on the ground's clock [ns].
+            begin_ns: start of the script, on the ground's clock [ns].
         """
         self.say(taken.sentence)
         try:
@@ -276,7 +276,7 @@ class Fleet(Group):
         Args:
             timeout_s: longest wait [s], in addition to twice the time of the descent from the
                 vehicles' heights.
-            is_by_person: whether a person has ordered the landing, and not only the mission. Then,
+            is_by_person: whether a person, and not only the mission, has ordered the landing. Then,
                 while this ground hears no agent, the order goes straight to the PX4s.
 
         Returns:

@@ -1,7 +1,7 @@
 """Checks whether a mission can begin now, with the fleet in its present state. Pure.
 
 A mission that begins with a take-off is refused while its vehicles fly. A mission is also refused
-when it cannot reach a step before the time of the world's clock at which that step starts. Both
+when it cannot reach a step before the wall-clock time at which that step starts. Both
 are refused before the mission gives its first order.
 """
 
@@ -91,11 +91,11 @@ def _without(fleet: FleetConfig, disabled: Collection[str]) -> FleetConfig:
 
 
 def step_times(mission: Mission, now: datetime.datetime) -> dict[str, WorldTime]:
-    """Return the times of the world's clock in a mission; the keys are the times as written.
+    """Return the wall-clock times in a mission; the keys are the times as written.
 
     Args:
         mission: mission file, loaded and checked.
-        now: the world's clock, with its time zone.
+        now: the wall clock, with its time zone.
 
     Raises:
         ConfigError: a time is in the past, or too far ahead.
@@ -120,13 +120,13 @@ def time_refusal(mission: Mission, times: Mapping[str, WorldTime], begin_ns: int
     Args:
         mission: mission file, loaded and checked.
         times: result of :func:`step_times`.
-        begin_ns: begin of the mission, by the world's clock [ns].
+        begin_ns: start of the mission, by the wall clock [ns].
     """
-    reached_s = 0.0  # time from the mission's begin to the step's begin
+    reached_s = 0.0  # time from the mission's start to the step's start
     for course_step in mission.course():
         step = course_step.step
 
-        # Vehicles first fly to the begins of their paths. The step's time of the world's clock is
+        # Vehicles first fly to the first points of their paths. The step's wall-clock time is
         # the start of the paths themselves.
         paths_s = 0.0
         if isinstance(step, FollowPathStep | FlyFormationStep):
@@ -151,7 +151,7 @@ def time_refusal(mission: Mission, times: Mapping[str, WorldTime], begin_ns: int
 
 
 def _in_order(steps: Sequence[MissionStep]) -> Iterator[MissionStep]:
-    """Yield all steps, also those inside other steps, in the order in which they may be flown."""
+    """Yield all steps and the steps inside them, in the order in which they may be flown."""
     for step in steps:
         yield step
         if isinstance(step, ParallelStep):

@@ -28,7 +28,7 @@ class FleetMoment(NamedTuple):
 
     state: FleetState
     now_ns: int  # the ground's monotonic clock
-    begin_ns: int  # begin of the wait on the same clock
+    begin_ns: int  # start of the wait on the same clock
 
 
 class WaitCondition(NamedTuple):
@@ -79,7 +79,7 @@ def reached(goals: Mapping[str, Xyz], within_m: float = ARRIVED_M) -> WaitCondit
 
 
 def separation_above(distance_m: float) -> WaitCondition:
-    """No two vehicles of which one flies have a smaller separation than this, by telemetry.
+    """No two vehicles, at least one of which flies, are closer than this, by telemetry.
 
     Args:
         distance_m: distance between centres [m].
@@ -92,7 +92,7 @@ def separation_above(distance_m: float) -> WaitCondition:
 
 
 def separation_below(distance_m: float) -> WaitCondition:
-    """Two vehicles of which one flies have a smaller separation than this, by telemetry.
+    """Two vehicles, at least one of which flies, are closer than this, by telemetry.
 
     Args:
         distance_m: distance between centres [m].
@@ -183,7 +183,8 @@ def event(code: str, vehicles: Sequence[str] | str | None = None) -> WaitConditi
 
     Args:
         code: code of the event, as in events.txt of a record; ``*`` for any warning or worse.
-        vehicles: vehicles that the event is about, or one; None: any event, also of the ground.
+        vehicles: vehicles that the event is about, or one; None: any event, including the ground's
+            own.
     """
 
     def is_meant(logged: LoggedEvent) -> bool:
@@ -257,7 +258,7 @@ def _each(
 
 
 def _closest_m(moment: FleetMoment) -> float:
-    """Return the smallest separation of two vehicles of which at least one flies.
+    """Return the smallest separation of two vehicles, at least one of which flies.
 
     It is infinite when there is no such pair with known positions.
     """

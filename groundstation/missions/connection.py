@@ -196,7 +196,7 @@ class RealTime:
     def call(self, coroutine: Coroutine[Any, Any, T]) -> T:
         """Run a coroutine in the thread of the event loop, and return its result.
 
-        The loop has a separate thread, so that it reads the bus also while the script computes.
+        The loop has a separate thread, so that it reads the bus even while the script computes.
         """
         if self._loop is None:
             self._loop = _ThreadLoop()

@@ -1,4 +1,4 @@
-"""The countdown to a start at a time of the world's clock.
+"""The countdown to a start at a wall-clock time.
 
 The instant of the start is fixed on the monotonic clock when the countdown begins. From then on
 all clocks are checked five times a second. The countdown ends without a start when
@@ -52,7 +52,7 @@ class Countdown:
         self.at = at
         self._world = world
         self._names = tuple(names)
-        self._offset_ns = world.offset_ns()  # world's clock minus monotonic clock, at the begin
+        self._offset_ns = world.offset_ns()  # wall clock minus monotonic clock, at the start
         self._begin_ns = world.now_ns
         self._ended = ""  # reason for an end without a start, as a sentence
         self._steps_seen = 0  # checks in a row that saw this computer's clock set
@@ -182,7 +182,7 @@ async def count_down(
 
 
 def clock_problem(world: WorldClock, vehicle: str) -> str:
-    """Return why a vehicle's clock forbids a start at a time of the world's clock.
+    """Return why a vehicle's clock forbids a start at a wall-clock time.
 
     The reason is a sentence; it is empty if the clock agrees.
 

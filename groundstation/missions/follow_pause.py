@@ -19,7 +19,7 @@ _HOME_S = 90.0  # longest wait for vehicles that are brought home
 
 
 class FollowGround(PauseGround, Protocol):
-    """What a pause of followers needs of the flight's :class:`MissionGround`."""
+    """What a pause of followers needs from the flight's :class:`MissionGround`."""
 
     watch: FleetWatch  # notices when somebody else has taken the fleet
 

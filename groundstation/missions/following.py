@@ -39,7 +39,7 @@ _HOLD_S = 15.0  # longest wait for the hold at the end
 async def follow(
     ground: MissionGround, leader: str, offsets: Mapping[str, Xyz], duration_s: float
 ) -> Results:
-    """Have vehicles follow another one for a time; then they hold, also when this is cancelled.
+    """Have vehicles follow another one for a time; then they hold, even when this is cancelled.
 
     Args:
         ground: gives the mission's orders and keeps their results.
@@ -138,7 +138,7 @@ def _landed_by_mission(client: FleetClient, names: Iterable[str]) -> tuple[str, 
 
 
 async def _order_goals(ground: MissionGround, leader: str, goals: dict[str, Xyz]) -> OrderResult:
-    """Send the followers to their goals, without a wait for the end of this order.
+    """Send the followers to their goals, without waiting for this order to end.
 
     Raises:
         FleetTaken: an operator has taken the fleet.

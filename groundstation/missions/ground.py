@@ -2,7 +2,7 @@
 
 A mission gives every order through :class:`MissionGround`. Before an order is sent, the ground
 waits for an operator who flies the mission step by step, for the end of a pause, and for its own
-link. No order is sent any more when somebody else has taken the fleet. After each order the ground
+link. Once somebody else has taken the fleet, the ground sends no more orders. After each order it
 keeps the results for the verdict.
 """
 
@@ -35,7 +35,7 @@ from onboard.tuples import Xyz
 
 _LOOK_S = 0.2  # period at which the end of a pause is looked for
 _HEARD_S = 0.5  # age of telemetry up to which a vehicle is heard
-_SILENCE_S = 0.7  # longest wait for telemetry before the own link is looked at
+_SILENCE_S = 0.7  # longest wait for telemetry before this ground checks its own link
 
 
 class MissionGround:
@@ -67,7 +67,7 @@ class MissionGround:
         self.other_ends: dict[str, str] = {}
         self._last_orders: dict[str, LastOrder] = {}
 
-        # Countdown to a start at a time of the world's clock.
+        # Countdown to a start at a wall-clock time.
         self.countdown: Countdown | None = None
         self.pause_line = ""  # short text about a pause of paths; empty without one
         self.follow_pauses: list[FollowPause] = []  # one for each group that follows a vehicle now
@@ -183,7 +183,7 @@ class MissionGround:
             self.countdown = None
 
     async def wait_for_time(self, at: WorldTime, names: Sequence[str]) -> None:
-        """Wait until a time of the world's clock.
+        """Wait until a wall-clock time.
 
         Args:
             at: time to go on.

@@ -500,13 +500,13 @@ class Group:
     ) -> Results:
         """Let each vehicle follow its own path; all start at the same instant.
 
-        Before the start, the vehicles fly to the begins of their paths.
+        Before that, the vehicles fly to the first points of their paths.
 
         Args:
             paths: paths of vehicles, see :func:`groundstation.paths.path_files.load_path`.
             lights: colours of vehicles, see :func:`groundstation.paths.lights.load_lights`.
             on_lag: reaction of a vehicle that falls behind for too long; the others go on.
-            at: time of the world's clock at which they start; empty: at once.
+            at: wall-clock time at which they start; empty: at once.
             timeout_s: longest flight along the paths [s]; None: their own duration plus a minute.
         """
         self.select(list(paths))  # raises ConfigError for a vehicle outside this group
@@ -565,7 +565,7 @@ class Group:
     ) -> Results:
         """Follow another vehicle for a time, each at its offset; then hold.
 
-        The followers hold also when this call is cancelled.
+        The followers hold even when this call is cancelled.
 
         Args:
             leader: the vehicle that is followed.
@@ -596,7 +596,7 @@ class Group:
         return await self.order(intent, timeout_s)
 
     async def kill(self, vehicles: Vehicles, *, timeout_s: float = 5.0) -> Results:
-        """Stop the motors at once, also in the air, where the vehicles fall.
+        """Stop the motors at once, even in the air, where the vehicles fall.
 
         Args:
             vehicles: vehicles to order; there is no default.
@@ -622,7 +622,7 @@ class Group:
         await asyncio.sleep(duration_s)
 
     async def countdown(self, at: str | WorldTime) -> None:
-        """Wait until a time of the world's clock; in simulated time, return at once.
+        """Wait until a wall-clock time; in simulated time, return at once.
 
         Args:
             at: time such as "21:30:00", which means the next time that a clock shows it, or a time
@@ -637,7 +637,7 @@ class Group:
             await self.ground.wait_for_time(start, self.names)
 
     def _time_of(self, at: str | WorldTime) -> WorldTime | None:
-        """Return a time of the world's clock; None if there is no wait for it."""
+        """Return a wall-clock time; None if there is no wait for it."""
         if isinstance(at, WorldTime):
             return at
         if not at:
@@ -654,7 +654,7 @@ class Group:
 
         Args:
             condition: condition to wait for.
-            timeout_s: longest wait [s]; time in which this ground hears nobody does not count.
+            timeout_s: longest wait [s]; time in which this ground hears no vehicle does not count.
 
         Raises:
             ConditionTimeout: the condition does not hold in time.
@@ -692,8 +692,8 @@ class Group:
 
         Args:
             condition: condition to watch for.
-            reaction: function that is called once, when the condition holds. It runs beside the
-                block, and the block waits for it at its end. An exception in one of them ends both.
+            reaction: function that is called once, when the condition holds. It runs alongside the
+                block, which waits for it at its end. An exception in either of them ends both.
             ends: whether the block is cancelled before the reaction; the mission goes on after it.
         """
         body = asyncio.current_task()  # runs the block

@@ -15,13 +15,13 @@ from dataclasses import dataclass
 from groundstation.fleet.state import FleetState
 from onboard.config.wind_limit import GUSTY
 
-_NOTABLE_SHARE = 0.8  # share of the limit from which a line tells the wind
+_NOTABLE_SHARE = 0.8  # share of the limit from which a line states the wind
 _SAMPLE_S = 0.2  # time between two samples
 _SAMPLE_COUNT = 50  # these take ten seconds
 
 
 class WindTooStrong(RuntimeError):
-    """The wind is above the limit of a hovering vehicle, so that the mission ends."""
+    """The wind is above the limit of a hovering vehicle, so the mission ends."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -55,7 +55,7 @@ async def land_all(
         link: link of this ground.
         watch: watch of the mission's fleet. Once somebody has taken the fleet, only a person lands
             it.
-        is_by_person: whether a person has ordered the landing, and not only the mission. Then the
+        is_by_person: whether a person, and not only the mission, has ordered the landing. Then the
             order does not wait for the link, and goes straight to PX4s whose agents do not answer.
 
     Returns:

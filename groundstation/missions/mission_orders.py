@@ -1,7 +1,7 @@
 """Written orders about missions: start one, step through it, end it.
 
-An operator types them beside the orders to vehicles, in the console or on the live page. Both use
-:class:`MissionOrders`.
+An operator types them alongside the orders to vehicles, in the console or on the live page. Both
+use :class:`MissionOrders`.
 """
 
 from __future__ import annotations
@@ -73,7 +73,7 @@ class MissionOrders:
             no record.
         run: the mission that the console was started with, if any.
         ask: function that shows the question before a countdown; None: it begins at once.
-        latch: vehicles that were killed from here, with which no mission begins; None: no vehicle
+        latch: vehicles that were killed from here; no mission begins with them. None: no vehicle
             was killed.
     """
 
@@ -336,5 +336,5 @@ def _names_sentence() -> str:
 
 async def _watched(run: MissionRun) -> None:
     """Look for silent vehicles until the mission is over."""
-    while not run.look_after():  # noqa: ASYNC110 - silence is no event
+    while not run.look_after():  # noqa: ASYNC110 - no event reports a silence
         await asyncio.sleep(_WATCH_S)

@@ -102,14 +102,14 @@ class OwnLink:
     # -- the loss ----------------------------------------------------------------------------------
 
     def _hears_nobody(self) -> bool:
-        """Whether nobody is fresh, and one vehicle has been silent for SILENT_S in flight."""
+        """Whether no vehicle is fresh, and one has been silent for SILENT_S in flight."""
         return bool(silent_in_flight(self._client)) and self._is_nobody_fresh()
 
     def _has_to_wait(self) -> bool:
         """Whether the link is lost or about to be, and the agents do not land by themselves yet."""
         if self._is_lost:
             return self.landing_in_s > 0.0
-        return self._is_nobody_fresh()  # not yet for so long that the link counts as lost
+        return self._is_nobody_fresh()  # not yet long enough for the link to count as lost
 
     def _is_nobody_fresh(self) -> bool:
         """Whether two or more vehicles were last heard in flight, and no telemetry is fresh."""

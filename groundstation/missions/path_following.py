@@ -1,11 +1,11 @@
 """Paths that are flown together: either all vehicles start, or none does.
 
 1. Each vehicle gets its path in parts, and checks it on board.
-2. One order sends all vehicles to the begins of their paths.
+2. One order sends all vehicles to the first points of their paths.
 3. The start is ordered some seconds ahead, for one instant of the fleet's clock. If a vehicle does
    not accept it, all are ordered to hold before that instant.
 
-The instant may be a time of the world's clock. Then the vehicles wait at the begins of their paths,
+The instant may be a wall-clock time. Then the vehicles wait at the first points of their paths,
 and an operator may stop the countdown until they start.
 """
 
@@ -89,7 +89,7 @@ async def follow_paths(
         paths: paths of the vehicles.
         lights: colours of the vehicles, which are shown and recorded.
         on_lag: reaction of a vehicle that falls behind for too long; the others go on.
-        at: time of the world's clock at which they start; None: at once.
+        at: wall-clock time at which they start; None: at once.
         timeout_s: longest flight along the paths [s]; None: their own duration plus a minute.
 
     Returns:
@@ -196,7 +196,7 @@ async def _watched_end_of(
 
 
 def _is_following(state: FleetState, name: str) -> bool:
-    """Whether a vehicle follows a path; only then its telemetry has a `show_id`."""
+    """Whether a vehicle follows a path; only then does its telemetry have a `show_id`."""
     telemetry = state.vehicles[name].telemetry
     return telemetry is not None and bool(telemetry.show_id)
 
@@ -221,7 +221,7 @@ async def _load(ground: PathGround, paths: Paths) -> None:
 
 
 async def _start_at(ground: PathGround, paths: Paths, on_lag: OnLag, at: WorldTime) -> OrderResult:
-    """Order the start for a time of the world's clock; an operator may stop it until then."""
+    """Order the start for a wall-clock time; an operator may stop it until then."""
     client = ground.client
     with ground.counting(at, tuple(paths)) as countdown:
         if countdown.left_s < AHEAD_S:

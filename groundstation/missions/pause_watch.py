@@ -20,7 +20,7 @@ from groundstation.orders.result import Results
 
 
 class PauseGround(Protocol):
-    """What a pause needs of the flight's :class:`MissionGround`, which gives its orders."""
+    """What a pause needs from the flight's :class:`MissionGround`, which gives its orders."""
 
     client: FleetClient
     say: Callable[[str], None]
@@ -46,7 +46,7 @@ class PauseWatch:
 
         The result is None if no vehicle reports its battery.
 
-        Call it about once a second, also before a pause, because it measures the rate of discharge.
+        Call it about once a second, even before a pause, because it measures the rate of discharge.
 
         Args:
             names: names of the vehicles in the air.

@@ -67,7 +67,7 @@ class MissionRun:
         ready_timeout_s: longest wait for the vehicles before the first step [s].
         stays: whether this process keeps running after somebody has taken the fleet from the
             mission, until the fleet is down.
-        at: time of the world's clock at which it begins; None: when the vehicles are ready.
+        at: wall-clock time at which it begins; None: when the vehicles are ready.
     """
 
     def __init__(

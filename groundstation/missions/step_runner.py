@@ -54,7 +54,7 @@ class StepRunner:
     Args:
         mission: mission file, loaded and checked.
         fleet: fleet that flies it.
-        times: how the mission file writes a time of the world's clock -> the time. In simulated
+        times: how the mission file writes a wall-clock time -> the time. In simulated
             time it is empty.
     """
 

@@ -7,7 +7,7 @@ name finish their present order, and hold.
 
 * Every order from another ground takes the fleet, except `locate`.
 * An order from the console in which the mission flies takes the fleet if it is to hold, to land or
-  to kill. Other orders are flown beside the mission.
+  to kill. Other orders are flown alongside the mission.
 """
 
 from __future__ import annotations
@@ -83,7 +83,7 @@ class FleetWatch:
                 self._earlier_order_ids.setdefault(name, _newest_order_id(view))
 
     def look(self) -> Taken | None:
-        """Return who has taken the fleet first; None while the mission has it.
+        """Return who took the fleet first; None while the mission has it.
 
         Call it before each order, and several times a second.
         """
@@ -139,7 +139,7 @@ class FleetWatch:
         return result.phase == "superseded" and is_newest
 
     def _has_order_of_others(self, name: str, view: VehicleView) -> bool:
-        """Whether somebody else gave a vehicle's newest order after the mission's begin.
+        """Whether somebody else gave a vehicle's newest order after the mission began.
 
         An order of this ground counts only if it ends missions and a person may have given it.
         """
@@ -209,7 +209,7 @@ async def stay(
     Args:
         client: fleet client that has been started.
         taken: who has taken the fleet.
-        begin_ns: begin of the mission, on the ground's clock [ns].
+        begin_ns: start of the mission, on the ground's clock [ns].
         say: function that receives each line of text.
     """
     limits = client.fleet.fleet

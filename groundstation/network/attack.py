@@ -190,7 +190,7 @@ def _result(name: str, with_keys: Outcome, without_keys: Outcome | None) -> Atte
         name: name of the attempt.
         with_keys: its outcome on the copy with keys.
         without_keys: its outcome on the copy without keys; None if it was not made there, because
-            something else than keys stops it.
+            something other than keys stops it.
     """
     remark = ""
     if without_keys is False:
@@ -200,7 +200,7 @@ def _result(name: str, with_keys: Outcome, without_keys: Outcome | None) -> Atte
     elif isinstance(without_keys, str):
         remark = without_keys
 
-    # without an attempt on the copy without keys, something else than keys stops it
+    # without an attempt on the copy without keys, something other than keys stops it
     is_proof = without_keys is None or without_keys is True
     return AttemptResult(
         name=name,

@@ -2,7 +2,7 @@
 
 An attempt runs twice: against a copy of the fleet with keys, and against a copy without keys. On
 the copy without keys it has to get in. An attempt that fails there as well is stopped by something
-else than keys, and proves nothing about them.
+other than keys, and proves nothing about them.
 
 Some attempts publish messages or give orders; they got in if these arrive at a spare vehicle
 (:func:`spare_vehicle`), which does not fly. Other attempts only disturb: floods, junk, lies. They
@@ -149,7 +149,7 @@ class Attempt:
 
     name: str
     gets_in: Callable[[AttackContext], bool]  # makes the attempt; returns whether it got in
-    # Whether something else than keys stops it, so that on a copy without keys it proves nothing.
+    # Whether something other than keys stops it, so that on a copy without keys it proves nothing.
     is_stopped_without_keys: bool = False
 
 
@@ -232,7 +232,7 @@ def _attempts_with_keys(first: str, last: str) -> Iterator[Attempt]:
 
 
 def _attempts_to_disturb(first: str, last: str) -> Iterator[Attempt]:
-    """Yield the attempts that something else than keys stops."""
+    """Yield the attempts that something other than keys stops."""
     for name, gets_in in (
         (
             f"{last}'s key: {first}'s telemetry under its own name",
@@ -314,7 +314,7 @@ def _reads_states(context: AttackContext, identity: str, vehicle: str) -> bool:
 
 
 def _exceeds_role(context: AttackContext, identity: str) -> bool:
-    """Publish every topic, under the own name and another one, and give an order.
+    """Publish every topic, under its own name and another one, and give an order.
 
     It got in if anything arrives that the holder of the key must not publish.
     """
@@ -344,7 +344,7 @@ def _exceeds_role(context: AttackContext, identity: str) -> bool:
 
 
 def _reports_second_agent(context: AttackContext, identity: str, other: str) -> bool:
-    """Publish, under the own name, telemetry of a second agent of another vehicle.
+    """Publish, under its own name, telemetry of a second agent of another vehicle.
 
     It got in if any vehicle then believes that the other one has two agents.
 

@@ -54,7 +54,7 @@ DENIED: dict[NodeRole, Denial] = {
         | _CLOCKS
         | _LOGS,
     ),
-    # a ground gives orders; it is no vehicle and no motion capture
+    # a ground gives orders; it is neither a vehicle nor a motion capture
     NodeRole.GROUND: Denial(
         as_itself=_STATES | _POSES | _CORRECTIONS | _TRUTH | _LOG_PIECES,
         as_another=_STATES | _POSES | _CORRECTIONS | _TRUTH | _CLOCKS | _LOG_PIECES,

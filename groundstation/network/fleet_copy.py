@@ -51,7 +51,7 @@ def copy_of(fleet: FleetConfig, folder: Path, *, is_locked: bool) -> FleetConfig
     """Write a copy of a fleet for this machine, with keys of its own or without any.
 
     Args:
-        fleet: the original, of which at most the first six vehicles are copied.
+        fleet: the original; at most its first six vehicles are copied.
         folder: folder of the copy, which is created.
         is_locked: whether the copy gets keys.
     """

@@ -59,8 +59,8 @@ class _NoSignatures:
 class _NoCertificate:
     """Credentials without a certificate of its own, but with that of the fleet's authority.
 
-    The authority's certificate is no secret. Without it the intruder's own zenoh would not open the
-    link, and the attempt would prove nothing.
+    The authority's certificate is not secret. Without it the intruder's own zenoh would not open
+    the link, and the attempt would prove nothing.
     """
 
     authority: str

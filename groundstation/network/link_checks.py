@@ -212,9 +212,9 @@ def _silent_vehicle(name: str, fleet: FleetConfig, heard: Heard) -> Diagnosis:
 
 
 def _old_s(fleet: FleetConfig) -> float:
-    """Return the age [s] from which on a state is older than the fleet's margin allows for.
+    """Return the age [s] above which a state is older than the fleet's margin allows.
 
-    A state may also wait here for one period of ours until it is looked at, so a period is added.
+    A state may also wait here for up to one of our periods, so a period is added.
     """
     return max(_OLD_S, message_age_s(fleet) + _STEP_S)
 

@@ -36,7 +36,7 @@ def interfaces() -> list[Diagnosis]:
         try:
             state = (_INTERFACES / name / "operstate").read_text().strip()
         except OSError:
-            continue  # no interface, such as bonding_masters, or one that was just removed
+            continue  # not an interface, such as bonding_masters, or one that was just removed
         if state == "down":
             continue
 
@@ -69,7 +69,7 @@ def _packet_size(interface: str) -> Diagnosis | None:
 def _wifi_power_saving(interface: str) -> Diagnosis | None:
     """Return the finding whether Wi-Fi sleeps between packets; None if there is no answer.
 
-    An interface that is no Wi-Fi gives none.
+    An interface that is not Wi-Fi gives none.
     """
     if not (_INTERFACES / interface / "wireless").exists():
         return None

@@ -62,7 +62,7 @@ class TamperedCredentials:
 
     @property
     def access(self) -> dict[str, object]:
-        """Zenoh's ``access_control``: what may come in from the holder of which certificate."""
+        """Zenoh's ``access_control``: what the holder of each certificate may send."""
         return self.own.access
 
     def order_signatures(self) -> OrderSignatures:

@@ -1,4 +1,4 @@
-"""Finds the vehicles on which others would fall whose motors are about to be stopped. Pure."""
+"""Finds the vehicles below others whose motors are about to be stopped. Pure."""
 
 from __future__ import annotations
 

@@ -1,8 +1,8 @@
 """Processes that compute forecasts; the console's own process only waits for the result.
 
-Parent and child exchange pickled messages over the child's standard input and output; each message
-follows its length. A child answers one request after the other. It ends when its input ends, so no
-child remains when the parent is killed.
+Parent and child exchange pickled messages over the child's standard input and output; the length of
+each message precedes it. A child answers one request after the other. It ends when its input ends,
+so no child remains when the parent is killed.
 
 There are two kinds of child. The compiled child flies an order ahead four times within half a
 second, but it has to compile first. That takes seconds with numba's cache, and more than a minute
@@ -59,7 +59,7 @@ class _Child:
 
         Args:
             arguments: arguments of its command line.
-            environment: variables beside those of this process.
+            environment: variables besides those of this process.
         """
         process = await asyncio.create_subprocess_exec(
             sys.executable,
@@ -221,8 +221,8 @@ class Forecaster:
             with contextlib.suppress(OSError, EOFError, TimeoutError):
                 await next(iter(asyncio.as_completed(answers)))
 
-            # If the compiled child has begun to compute in the meantime, its answer is awaited: it
-            # comes soon, and is made of more flights.
+            # If the compiled child has begun to compute in the meantime, wait for its answer, which
+            # comes soon and is made of more flights.
             interpreted_answer, compiled_answer = answers
             has_answer = interpreted_answer.done() and interpreted_answer.exception() is None
             if has_answer and not compiled.is_computing:

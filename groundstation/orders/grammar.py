@@ -166,7 +166,7 @@ def _names_meant(names: tuple[str, ...], kind: type[Intent], fleet: FleetConfig)
 
 
 def _take_options(words: list[str], kind: type[Intent]) -> tuple[dict[str, float], list[str]]:
-    """Return the numbers behind options at the end of a line, and the words before them."""
+    """Return the numbers after options at the end of a line, and the words before them."""
     begin = len(words)
     for index, word in enumerate(words):
         if word in _OPTION_MEANINGS:
@@ -237,7 +237,7 @@ def _take_vehicles(
     """Return the vehicles and the numbers of ``[WHO] numbers``.
 
     A verb may allow several counts of numbers. The largest count is chosen that fits the line: at
-    most one word for the vehicles, and only numbers behind it.
+    most one word for the vehicles, and only numbers after it.
     """
     for count in sorted(kind.number_counts, reverse=True):
         if len(words) not in (count, count + 1):
@@ -288,7 +288,7 @@ def _select(word: str, fleet: FleetConfig) -> tuple[str, ...]:
 
 
 def _check_index(word: str, fleet: FleetConfig) -> None:
-    """Refuse a number without a point that is the index of no vehicle."""
+    """Refuse a number without a point that is not the index of any vehicle."""
     try:
         fleet.select(word)
     except ConfigError:

@@ -63,11 +63,11 @@ PathVerb = Literal["load_path", "follow_path"]  # programs and missions give the
 
 
 class LineWords(NamedTuple):
-    """The words of a line behind its verb, as `groundstation/orders/grammar.py` has read them."""
+    """The words of a line after its verb, as `groundstation/orders/grammar.py` has read them."""
 
     vehicles: tuple[str, ...]
     numbers: tuple[float, ...] = ()  # as many as one of the verb's `number_counts`
-    options: Mapping[str, float] = {}  # the numbers behind "in", "yaw" and "turned"
+    options: Mapping[str, float] = {}  # the numbers after "in", "yaw" and "turned"
     goals: Mapping[str, Xyz] = {}  # vehicle -> goal, for goto
     formation: str = ""
     is_nearest: bool = False
@@ -75,12 +75,12 @@ class LineWords(NamedTuple):
 
     @property
     def duration_s(self) -> float:
-        """Return the number behind "in" [s]; 0 without one."""
+        """Return the number after "in" [s]; 0 without one."""
         return self.options.get("in", 0.0)
 
     @property
     def yaw_deg(self) -> float | None:
-        """Return the number behind "yaw"; None without one."""
+        """Return the number after "yaw"; None without one."""
         return self.options.get("yaw")
 
 
@@ -128,7 +128,7 @@ class Intent(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tr
     planned_fields: ClassVar[tuple[str, ...]] = ()
 
     vehicles: Names = "all"  # "all", a name, "0-2", "a,b" or a list
-    timeout_s: float = 40.0  # the step fails when it is not done within
+    timeout_s: float = 40.0  # the step fails if it is not done within this time
 
     @classmethod
     def from_line(cls, line: LineWords) -> Self:
@@ -158,7 +158,7 @@ class Intent(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tr
         return " ".join((self.verb, ",".join(self.names), *self._words()))
 
     def _words(self) -> list[str]:
-        """Return the line's words behind the vehicles."""
+        """Return the line's words after the vehicles."""
         return []
 
 
@@ -580,7 +580,7 @@ class Land(Intent, frozen=True, kw_only=True):
 
 
 class Kill(Intent, frozen=True, kw_only=True):
-    """Stop the motors at once, also in the air: the vehicles fall."""
+    """Stop the motors at once, even in the air: the vehicles fall."""
 
     verb = "kill"
     kind = "kill"

@@ -80,7 +80,7 @@ def in_the_way(fleet: FleetConfig, state: FleetState, name: str, goal: Xyz, now_
 
 
 def _law_words(telemetry: Telemetry) -> str:
-    """Return to whom the vehicle gives way, and by how much; empty if to nobody."""
+    """Return what the vehicle gives way to, and by how much; empty if to nothing."""
     if not telemetry.avoids or math.isnan(telemetry.intervention_m_s2):
         return ""
     by_how_much = ""

@@ -74,8 +74,8 @@ def plan_order(
 ) -> PlannedOrder:
     """Check an intent against the fleet and make its orders.
 
-    If one vehicle of a joint order is refused, no vehicle gets the order, so that no formation is
-    flown by a part of its vehicles.
+    If one vehicle of a joint order is refused, no vehicle gets the order, so that no formation
+    flies with only some of its vehicles.
 
     Args:
         intent: the order, from the grammar or from a program.

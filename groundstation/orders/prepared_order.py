@@ -82,7 +82,7 @@ class PreparedOrder:
         self.reasons: tuple[str, ...] = ()  # reasons against sending it
         self.is_computing = True
         self.note = ""  # reason why it was computed again
-        self.begun_ns = client.now_ns()  # begin of the computation
+        self.begun_ns = client.now_ns()  # start of the computation
 
         self._forecaster = forecaster
         self._start = start

@@ -76,7 +76,7 @@ class OrderResult:
 
     Args:
         planned: the order as it was sent.
-        is_by_mission: whether a mission has given it, and not a person.
+        is_by_mission: whether a mission, not a person, has given it.
     """
 
     def __init__(self, planned: PlannedOrder, *, is_by_mission: bool = False) -> None:

@@ -26,7 +26,7 @@ LOWEST_M = 0.3  # lowest height of a path above the ground
 STEP_S = 0.05  # time from one sample to the next
 # difference between the parking distance and the distance at which the law begins to act
 _PARKING_MORE_M = 0.10
-_END_SPEED_M_S = 0.05  # largest speed at the begin and at the end of a path
+_END_SPEED_M_S = 0.05  # largest speed at the start and at the end of a path
 _BLOCK_SAMPLES = 400  # number of samples compared at once, which limits the memory
 _MOST_LISTED = 12  # items of a list that a sentence names
 _TILT_SHARE = 0.8  # share of the largest tilt that a path may use
@@ -43,7 +43,7 @@ class SampledPaths(NamedTuple):
 
 
 class ClosestApproach(NamedTuple):
-    """Smallest horizontal distance of one pair, also between the samples."""
+    """Smallest horizontal distance of one pair, including between the samples."""
 
     distance_m: float
     first: str
@@ -73,7 +73,7 @@ def limits_of(fleet: FleetConfig, names: Sequence[str]) -> FlightLimits:
 
 
 def sample(paths: Mapping[str, Path], step_s: float = STEP_S) -> SampledPaths:
-    """Return the motion of all paths from their common begin to the end of the longest one."""
+    """Return the motion of all paths from their common start to the end of the longest one."""
     longest_s = max(path.duration_s for path in paths.values())
     times_s = np.linspace(0.0, longest_s, max(2, math.ceil(longest_s / step_s) + 1))
     values = np.stack([sampled(path, times_s) for path in paths.values()], axis=2)
@@ -129,7 +129,7 @@ def closest_pairs(
             least = np.minimum(abs(height[:-1]), abs(height[1:]))
             distance_m = np.maximum(distance_m, height_share * np.where(is_one_above, least, 0.0))
 
-        nearest_step = distance_m.argmin(0)  # of each pair, counted from the begin of the block
+        nearest_step = distance_m.argmin(0)  # of each pair, counted from the start of the block
         smallest_of_block_m = distance_m[nearest_step, np.arange(len(first))]
         is_nearer = smallest_of_block_m < smallest_m
         smallest_m[is_nearer] = smallest_of_block_m[is_nearer]
@@ -173,7 +173,7 @@ def needed_slowing(
     Args:
         flown: the paths.
         limits: limits of the vehicles.
-        begin_s: begin of the paths, on the clock of the times in the words [s].
+        begin_s: start of the paths, on the clock of the times in the words [s].
     """
     _, velocity, acceleration = flown.values
     speed_m_s = np.sqrt((velocity[:, :, :3] ** 2).sum(-1))
@@ -316,7 +316,7 @@ def _limit_finding(
 ) -> Finding:
     """Return the finding about the vehicle whose value is largest compared with its bound.
 
-    The values are (T, N), or (2, N) for the begin and the end. The bounds are (N).
+    The values are (T, N), or (2, N) for the start and the end. The bounds are (N).
     """
     step, index = np.unravel_index((values / np.array(bounds)).argmax(), values.shape)
     name = flown.names[index]

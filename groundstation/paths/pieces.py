@@ -19,7 +19,7 @@ _DENSE_S = 0.2  # positions with smaller intervals than this are dense
 _TOLERANCE_M = 0.01  # largest error of a piece in position
 # Largest error of a piece in acceleration, unless a tenth of the largest acceleration is more.
 _TOLERANCE_M_S2 = 0.5
-_FIRST_PIECE = 8  # samples of the grid that the first piece covers at least to begin with
+_FIRST_PIECE = 8  # the first piece that is tried has twice this many samples
 _LONGEST_PIECE = 80  # samples of the grid that a piece covers at most
 _SAME_SPOT_M = 1e-3  # waypoints that are nearer than this are at one spot
 _SHORTEST_S = 1e-6  # shorter pieces of a cut path are left out
@@ -100,7 +100,7 @@ def quintic(duration_s: float, begin: Array, end: Array) -> Array:
     end_value, end_first, end_second = end
     coefficients = np.zeros((4, 8))
 
-    # The motion at the begin gives the first three coefficients.
+    # The motion at the start gives the first three coefficients.
     coefficients[:, 0] = begin_value
     coefficients[:, 1] = begin_first
     coefficients[:, 2] = 0.5 * begin_second
@@ -135,7 +135,7 @@ def slowed(path: Path, factor: float) -> Path:
 
 
 def backwards(path: Path) -> Path:
-    """Return a path flown from its end to its begin."""
+    """Return a path flown from its end to its start."""
     # Each piece is shifted to its end, and then mirrored: t becomes -t, which changes the signs of
     # the odd powers.
     signs = (-1.0) ** np.arange(8.0)
@@ -156,7 +156,7 @@ def cut(path: Path, begin_s: float, end_s: float) -> Array:
         duration_s = piece[0]
         piece_begin_s = piece_end_s - duration_s
 
-        # The part of this piece that lies between the two times, counted from the piece's begin.
+        # The part of this piece that lies between the two times, counted from the piece's start.
         first_s = max(begin_s - piece_begin_s, 0.0)
         last_s = min(end_s - piece_begin_s, duration_s)
         if last_s - first_s <= _SHORTEST_S:
@@ -266,11 +266,11 @@ def _merged(
 def _largest_errors(
     piece: Array, positions: Array, accelerations: Array, step_s: float
 ) -> tuple[float, float]:
-    """Return by how much a piece misses samples of a motion at most.
+    """Return the largest errors with which a piece misses samples of a motion.
 
     Args:
         piece: the piece (33,).
-        positions: positions and yaw (T, 4) at a grid from the begin to the end of the piece.
+        positions: positions and yaw (T, 4) at a grid from the start to the end of the piece.
         accelerations: accelerations (T, 4) at the same times.
         step_s: step of the grid.
 

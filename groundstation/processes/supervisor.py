@@ -34,7 +34,7 @@ LOG_TAIL_LINES = 6
 
 # Agents' loops with real-time priority per core; more would leave nothing for network and ground.
 _LOOPS_PER_CORE = 5
-_MOST_PER_CORE = 6.5  # agents per core with which flights keep their time (docs/processes.md)
+_MOST_PER_CORE = 6.5  # agents per core up to which flights keep their time (docs/processes.md)
 
 
 def agent_command(path: str, name: str, *, is_realtime: bool = True) -> list[str]:
@@ -189,7 +189,7 @@ class Processes:
 
         Args:
             name: name of the process.
-            text: begin of the line.
+            text: start of the line.
             timeout_s: longest wait for the line.
 
         Raises:

@@ -16,12 +16,12 @@ class Pieces:
 
     Args:
         size: size of the whole file [byte].
-        count: number of bytes at the begin of the file that are on the disk already.
+        count: number of bytes at the start of the file that are on the disk already.
     """
 
     def __init__(self, size: int, count: int = 0) -> None:
         self.size = size
-        self.bytes_in_order = count  # from the begin of the file to the first hole
+        self.bytes_in_order = count  # from the start of the file to the first hole
         self._waiting: list[tuple[int, bytes]] = []  # heap of pieces behind a hole: offset, data
         self._waiting_bytes = 0
 

@@ -2,7 +2,7 @@
 
 Each log is fetched by file transfer. If the transfer ends early, the file is opened again and read
 from the first missing byte. If file transfer brings nothing more, the rest is fetched by LOG_DATA.
-An incomplete log is named ``NAME.ulg.part``, and the next fetch continues behind its last byte.
+An incomplete log is named ``NAME.ulg.part``, and the next fetch continues after its last byte.
 
 Logs are fetched from disarmed vehicles only, because PX4 writes the log of a flight until it
 disarms, and until then the link is needed for the flight.
@@ -44,8 +44,8 @@ _PART_SUFFIX = ".part"
 # Log folders of a flight controller, and of a PX4 on a computer. An agent forwards requests for
 # files below these folders only.
 _ROOTS = ("/fs/microsd/log", "/log")
-_HEAD_BYTES = 16  # head of a ULog, whose time of begin tells one flight from another
-_LOG_HERE = ULOG._replace(most_bytes=None)  # of a log that is here only the head is read
+_HEAD_BYTES = 16  # head of a ULog; its start time tells one flight from another
+_LOG_HERE = ULOG._replace(most_bytes=None)  # only the head of a log that is here is read
 _MOST_FAILURES = 2  # attempts in a row without a new byte, after which a method is given up
 _SMALL_GAP_BYTES = 5_000  # a gap up to this size is read by single requests, not by a burst
 _SHOWN_BYTES = 50_000  # bytes between two reports of progress
@@ -60,7 +60,7 @@ class IncompleteError(Exception):
 class VehicleLog:
     """One log on a vehicle's card."""
 
-    name: str  # date and time of its begin, in PX4's form
+    name: str  # date and time of its start, in PX4's form
     size: int
     path: str = ""  # path for file transfer; empty if it was listed by LOG_DATA
     number: int | None = None  # number for LOG_DATA; None if it was listed by file transfer

@@ -1,4 +1,4 @@
-"""Writes parameters to one PX4, with an outcome for each, also if the link is lost meanwhile."""
+"""Writes parameters to one PX4, with an outcome for each, even if the link is lost meanwhile."""
 
 from __future__ import annotations
 

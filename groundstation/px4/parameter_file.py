@@ -106,7 +106,7 @@ def read_file(path: Path) -> dict[int, dict[str, Value]]:
         MAVLink id -> parameter -> value.
 
     Raises:
-        ConfigError: the file cannot be read, or a line of it is no parameter.
+        ConfigError: the file cannot be read, or a line of it is not a parameter.
     """
     text = read_text(path, PARAMETER_FILE)
     vehicles: dict[int, dict[str, Value]] = {}
@@ -160,7 +160,7 @@ def _row(line: str) -> _Row | None:
 
 
 def _value(text: str, *, is_whole: bool) -> Value | None:
-    """Return a parameter's value; None if it is no number, or a number that PX4 cannot store."""
+    """Return a parameter's value; None if it is not a number that PX4 can store."""
     try:
         value: Value = int(text) if is_whole else float(text)
     except ValueError:

@@ -1,6 +1,6 @@
 """The PX4 parameters that Covey requires: reads them, reports differences, and sets them.
 
-Before anything is set, all parameters of the concerned vehicles are saved to a file.
+Before anything is set, all parameters of the vehicles concerned are saved to a file.
 """
 
 from __future__ import annotations

@@ -92,7 +92,7 @@ def compare(fleet: FleetConfig, old: str, new: str, measured: MeasuredPx4) -> Co
         measured: measurements of the versions of PX4.
 
     Raises:
-        ConfigError: one of the texts is no version.
+        ConfigError: one of the texts is not a version.
     """
     old_version = _version(old, measured)
     new_version = _version(new, measured)
@@ -143,7 +143,7 @@ def _versions_between(old: str, new: str, measured: MeasuredPx4) -> tuple[str, .
 def _by_vehicle(
     vehicles: Sequence[Vehicle], sentences_of: Callable[[Vehicle], Iterable[str]]
 ) -> list[str]:
-    """Return each sentence once; one that is not true for all vehicles begins with their names."""
+    """Return each sentence once; one that is not true for all vehicles names those it is about."""
     names: dict[str, list[str]] = {}
     for vehicle in vehicles:
         for sentence in sentences_of(vehicle):

@@ -1,11 +1,11 @@
 """Puts a log of PX4 on the clock of a flight's record, by how the vehicle tilted. Pure.
 
-PX4 counts time since its start, and the record counts time since its own begin. Nothing in the
+PX4 counts time since its start, and the record counts time since its own start. Nothing in the
 files relates the two clocks. But both files contain the attitude: the log has PX4's estimates, and
 the record has those that the agent received by telemetry. Roll and pitch of the log are shifted in
 time until they fit those of the record. The cross-correlation on a grid finds candidates for the
-shift. Near each candidate, the shift with the smallest difference is searched. The heading is left
-out, because the north of PX4's frame and that of the fleet's frame may differ.
+shift. Near each candidate, the shift with the smallest difference is searched for. The heading is
+left out, because the north of PX4's frame and that of the fleet's frame may differ.
 
 The two clocks also run at slightly different rates, by some 20 to 100 parts in a million: 30 ms at
 either end of ten minutes. So where log and record overlap for long, the offset is found separately
@@ -27,7 +27,7 @@ from onboard.arrays import Array
 
 GRID_S = 0.02  # step of the shift in the search for candidates
 FINE_S = 0.002  # step of the shift near a candidate, at the end
-_FINE_HALF_S = 0.05  # largest distance from a candidate at which the best shift is searched
+_FINE_HALF_S = 0.05  # largest distance from a candidate at which the best shift is sought
 LEAST_OVERLAP_S = 5.0  # a log and a record with a shorter overlap are not compared
 LEAST_TILT_DEG = 0.3  # standard deviation of roll and pitch together
 LEAST_DRIFT_OVERLAP_S = 60.0  # a shorter overlap does not show that the clocks' rates differ

@@ -126,7 +126,7 @@ def _message_lines(texts: Iterable[LoggedText], begin_s: float) -> list[str]:
 
 
 def fleet_lines(found: FoundLogs) -> list[str]:
-    """Return a summary of a flight's logs; times are seconds since the record's begin."""
+    """Return a summary of a flight's logs; times are seconds since the record's start."""
     if not found.logs and not found.notes:
         return []
     summary = ["PX4's own logs, on the record's clock:"]

@@ -46,7 +46,7 @@ _LEVELS |= {"emergency": "error", "notice": "info", "unknown": "info"}
 _DEEPEST = 20  # deepest nesting of types
 _MOST_FIELDS = 10_000  # most fields of a topic, nested types included
 
-# Exceptions that pyulog raises on bytes that are no ULog.
+# Exceptions that pyulog raises on bytes that are not a ULog.
 _BROKEN = (
     ULogException,
     ArithmeticError,
@@ -121,7 +121,7 @@ def read_log(path: Path) -> Px4Log:
         path: the file's path.
 
     Raises:
-        ConfigError: the file is no log, or nothing in it can be read.
+        ConfigError: the file is not a log, or nothing in it can be read.
     """
     with opened(path, ULOG) as file:
         size_bytes = file.seek(0, io.SEEK_END)

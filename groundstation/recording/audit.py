@@ -21,7 +21,7 @@ _NOT_BELIEVED = "order-refused"
 class OrderTrace:
     """One order to one vehicle."""
 
-    at_s: float  # time since the begin of the record
+    at_s: float  # time since the start of the record
     vehicle: str
     text: str  # kind, author and ground
     answer: str = "no answer"

@@ -93,7 +93,7 @@ def from_json(kind: type[Message], data: bytes) -> Message | None:
         data: the JSON text.
 
     Returns:
-        The message; None if the data are no message of this kind.
+        The message; None if the data are not a message of this kind.
     """
     try:
         values = _decode(data)
@@ -148,7 +148,7 @@ def json_schema(kind: type[Message]) -> bytes:
     """Return the JSON schema of a kind, as an object with named fields.
 
     Viewers know few words of JSON schema: one type for each field, and one for the items of an
-    array. They refuse a whole channel for one other word. So a field that these words cannot
+    array. One other word makes them refuse the whole channel. So a field that these words cannot
     describe is left out of the schema, but not out of the messages; JSON schema allows that. The
     schema also does not say that a value may be null.
     """

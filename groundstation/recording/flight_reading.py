@@ -5,7 +5,7 @@ stamps of all computers onto one clock, and skips damaged chunks. Here the messa
 become rows of numbers. JSON is decoded into the kept fields only, which is much faster than
 decoding the whole message. Each field may be missing.
 
-Records may come from anybody. A message that is no JSON, or has a text in place of a number, is
+Records may come from anybody. A message that is not JSON, or has a text in place of a number, is
 left out and counted. Absurd numbers become NaN, stamps far from all others are left out, and the
 numbers of vehicles and events are limited.
 """
@@ -50,7 +50,7 @@ from onboard.plain_text import plain_line
 
 MAX_VEHICLES = 256
 MAX_ORDER_MESSAGES = 50_000  # orders, replies and events
-# messages of one vehicle and kind that are decoded at once; so many stay in the processor's cache
+# messages of one vehicle and kind that are decoded at once; this many stay in the processor's cache
 _DECODED_AT_ONCE = 64
 MAX_MADE = 20  # kept entries about the program that wrote the record
 MAX_NAME = 60  # letters of a flight's title
@@ -551,7 +551,7 @@ class _Span:
 def _span(collected: _Collected, record_begin_ns: int) -> _Span:
     """Return the span with the most stamps in which there is no long pause.
 
-    Otherwise a clock that jumps, or one wrong stamp, would make a flight of years.
+    Otherwise a clock that jumps, or one wrong stamp, would stretch the flight to years.
     """
     all_stamps_ns = [np.zeros(0, np.int64)]
     for vehicle in collected.vehicles.values():

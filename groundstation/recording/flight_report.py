@@ -59,7 +59,7 @@ class PersonDistance(msgspec.Struct, frozen=True):
 class FlightReport:
     """Figures of one flight."""
 
-    # smallest separation by truth, of pairs of which at least one flew; None without truth
+    # smallest separation by truth, of pairs with at least one in flight; None without truth
     smallest: Separation | None
     pairs: dict[str, Separation]  # "FIRST-SECOND" -> smallest separation of this pair
     collided: tuple[str, ...]

@@ -13,7 +13,7 @@ from onboard.config.fleet import FleetConfig
 from onboard.tuples import Xyz
 
 _TOPICS = frozenset(("mocap",))
-_EVERY = 5  # one pose of so many is kept: a person is drawn by 10 poses a second
+_EVERY = 5  # one pose in this many is kept; 10 a second are enough to draw a person
 _LARGEST_M = 1e4
 
 

@@ -195,7 +195,7 @@ def chunk_messages(
         head_size = _HEAD.size
         content_begin = _MESSAGE_RECORD_HEAD.size
 
-        # behind this offset there is no room for another message
+        # after this offset there is no room for another message
         last_begin = size - content_begin
         begin = 0
         while begin <= last_begin:
@@ -270,7 +270,7 @@ class _BoundedStream:
 
 
 def _values(data: bytes) -> dict[str, Any] | None:
-    """Return a JSON object as a mapping; None if the data are no JSON object."""
+    """Return a JSON object as a mapping; None if the data are not a JSON object."""
     try:
         values = json.loads(data)
     except (ValueError, RecursionError):

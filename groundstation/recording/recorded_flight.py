@@ -1,7 +1,7 @@
 """A recorded flight as arrays: the values of every vehicle over a common time.
 
 A record has millions of messages, but figures and reports need curves. So ``flight_reading`` reads
-the record once into a :class:`Flight`. All times are seconds since the begin of the record, on its
+the record once into a :class:`Flight`. All times are seconds since the start of the record, on its
 common clock, as in replay and verdict.
 
 A value that is missing, null, infinite or absurd is NaN. Any part may be incomplete: a record of
@@ -224,7 +224,7 @@ def between_times(times_s: Array, values: Array, wanted_s: Array, max_gap_s: flo
         times_s: times (n,) of the values, rising.
         values: values (n, k).
         wanted_s: times (m,) of the result.
-        max_gap_s: longest time between two values that is no gap.
+        max_gap_s: longest time between two values that does not count as a gap.
 
     Returns:
         Values (m, k).

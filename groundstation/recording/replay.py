@@ -37,11 +37,11 @@ KEYFRAME_NS = 2_000_000_000  # time between two states that are kept
 MAX_KEYFRAMES = 20_000
 # A seek back begins this long before its target, so that trails and charts are filled.
 MEMORY_NS = 60_000_000_000
-# When another vehicle is followed, its ticks of so much time before the present are read at once.
+# When another vehicle is followed, its ticks of this long before the present are read at once.
 TICKS_NS = 20_000_000_000
 _SLICE_S = 0.02  # work of a seek between two breaks, in which other tasks draw the console
 _MAX_PLAY_S = 4.0 * _SLICE_S  # one call of Replay.play works no longer than this
-_MAX_ELAPSED_S = 1.0  # one call of Replay.play makes up for no longer pause than this
+_MAX_ELAPSED_S = 1.0  # one call of Replay.play makes up for a pause of at most this
 # While the record plays, a jump back skips events that are less than this behind. After a jump to
 # an event the replay passes that event at once, so the next jump would lead to it again.
 _BACK_NS = 1_000_000_000
@@ -135,7 +135,7 @@ class Replay:
 
     @property
     def length_s(self) -> float:
-        """Seconds from begin to end."""
+        """Seconds from start to end."""
         return self.timeline.length_s
 
     @property
@@ -180,7 +180,7 @@ class Replay:
         """Go to a time of the record. A new target replaces that of a seek under way.
 
         Args:
-            position_s: seconds since the begin of the record.
+            position_s: seconds since the start of the record.
         """
         within_s = max(0.0, min(position_s, self.length_s))
         chosen_ns = self.timeline.begin_ns + int(within_s * 1e9)

@@ -42,7 +42,8 @@ from onboard.config.file_reading import RECORD, opened
 from onboard.config.fleet import ConfigError
 
 MAX_EVENTS = 20_000
-# Messages of a chunk were written within seconds; stamps further apart than this are of two clocks.
+# Messages of a chunk were written within seconds; stamps further apart than this come from two
+# clocks.
 CLOCK_APART_NS = 5_000_000_000
 # A stamp further from the others of its chunk than this does not extend the chunk's time span.
 MAX_LATE_NS = 60_000_000_000
@@ -133,13 +134,13 @@ class Timeline:
         folder: flight folder, or the MCAP file itself.
 
     Raises:
-        ConfigError: the file is no record, or no part of it can be read.
+        ConfigError: the file is not a record, or no part of it can be read.
     """
 
     def __init__(self, folder: Path) -> None:
         self.path = record_path(folder)
         self.broken = ""  # sentence about the first damage of the record; empty if it is whole
-        self.made_by: dict[str, str] = {}  # program, version and begin; empty in older records
+        self.made_by: dict[str, str] = {}  # program, version and start; empty in older records
         self.malformed = 0  # messages that could not be decoded
         self.events: list[tuple[int, Event]] = []  # (stamp, event), sorted, at most MAX_EVENTS
         self._channels: dict[int, _RecordChannel] = {}
@@ -192,7 +193,7 @@ class Timeline:
     # -- the index ---------------------------------------------------------------------------------
 
     def _scan(self) -> None:
-        """Index the file from its begin to its end, or as far as it can be read."""
+        """Index the file from its start to its end, or as far as it can be read."""
         stamps = _Stamps()
         try:
             self._scan_records(stamps)
@@ -537,7 +538,7 @@ class _Span:
 def _bounds_ns(
     spans: Mapping[str, _Span], shifts_ns: Mapping[str, int], time_ns: int
 ) -> tuple[int, int]:
-    """Return begin and end [ns] of a chunk on the common clock; 0 and -1 if it is empty.
+    """Return start and end [ns] of a chunk on the common clock; 0 and -1 if it is empty.
 
     Only stamps near the time of the chunk count, because its first or last stamp may be absurd.
 
@@ -618,7 +619,7 @@ class _Stamps:
             span.middle_ns = middle_ns
 
     def settled(self) -> Iterator[_Settled]:
-        """Yield the begin and end of each chunk, and the shift of each of its clocks.
+        """Yield the start and end of each chunk, and the shift of each of its clocks.
 
         The common clock is the one that most chunks contain. Another clock may be hours away from
         it, for instance in a computer without a battery. The shift [ns] of a clock is subtracted

@@ -1,10 +1,10 @@
 """Packs curves into two bytes a sample, as differences that compress well. Pure.
 
 All curves of a report have the same grid of times. A curve is quantised to whole numbers of 16 bits
-(value = offset + scale * number; the least 16-bit number stands for NaN). Of these numbers, the
-differences from sample to sample are stored, first all their low bytes and then all their high
-ones: a curve that changes little becomes runs of equal bytes, which deflate packs well.
-``payload.js`` does the reverse.
+(value = offset + scale * number; the least 16-bit number stands for NaN). The differences of these
+numbers from sample to sample are stored, first all low bytes and then all high bytes. A curve that
+changes little then becomes runs of equal bytes, which deflate packs well. ``payload.js`` does the
+reverse.
 """
 
 from __future__ import annotations

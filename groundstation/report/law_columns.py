@@ -1,4 +1,4 @@
-"""Packs the law's half-planes for a report: of each vehicle, that of the neighbour it avoids."""
+"""Packs the law's half-planes for a report: for each vehicle, that of the neighbour it avoids."""
 
 from __future__ import annotations
 

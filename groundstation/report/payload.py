@@ -48,7 +48,7 @@ _PATH_GAP_S = 0.5
 _PERSON_GAP_S = 0.5
 _TICK_GAP_S = 0.3
 _TELEMETRY_GAP_S = 3.0
-_UP_M = 0.05  # height above its first position from which on a vehicle counts as flying
+_UP_M = 0.05  # a vehicle this far above its first position counts as flying
 _HEAD = struct.Struct("<I")
 
 # Resolutions of the columns.
@@ -273,7 +273,7 @@ def _ghost_columns(flight: Flight, ghost: Flight, grid_s: Array) -> Iterator[Col
 
 
 def _lift_off_s(flight: Flight) -> float:
-    """Return the time at which the first vehicle leaves the ground; the begin if none does."""
+    """Return the time at which the first vehicle leaves the ground; the start if none does."""
     lifted_s = []
     for vehicle in flight.vehicles.values():
         times_s, positions_enu_m = vehicle.path

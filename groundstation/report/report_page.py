@@ -1,8 +1,8 @@
 """Makes the page of a report: one file with its scripts, its styles and its data. Pure.
 
 The page's content security policy allows exactly these scripts and styles, by their hashes, and no
-loading from anywhere: no text of a record can be executed. The data are base64 in an element that
-is no script.
+loading from anywhere. So no text of a record can be executed. The data are base64 in an element
+that is not a script.
 """
 
 from __future__ import annotations

@@ -63,8 +63,8 @@ def read_ground_tiles(folder: Path, fleet: FleetConfig) -> GroundTiles:
         fleet: the fleet file; it needs an ``origin`` on Earth.
 
     Raises:
-        ConfigError: the fleet has no origin, no tile covers its fence, a tile is no PNG or too
-            large, or all tiles together are too large.
+        ConfigError: the fleet has no origin, no tile covers its fence, a tile is not a PNG or is
+            too large, or all tiles together are too large.
     """
     origin = fleet.fleet.origin
     if isinstance(origin, str):
@@ -223,7 +223,7 @@ def _png(path: Path) -> bytes:
     if len(data) < _HEADER_BYTES or not data.startswith(_PNG_BEGIN):
         raise ConfigError(f"{path} is no PNG. Export the tiles as PNG.")
 
-    # The size follows the signature and the begin of the first chunk.
+    # The size follows the signature and the start of the first chunk.
     width_px, height_px = struct.unpack(">II", data[16:_HEADER_BYTES])
     if not 1 <= width_px <= _MOST_SIDE_PX or not 1 <= height_px <= _MOST_SIDE_PX:
         raise ConfigError(

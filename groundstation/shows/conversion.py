@@ -36,11 +36,11 @@ from onboard.tuples import Xyz
 
 _TAKEOFF_M = 1.0
 _LOWEST_TAKEOFF_M = 0.5
-_TAKEOFF_SHARE = 0.8  # share of the lowest path's greatest height that a take-off reaches at most
+_TAKEOFF_SHARE = 0.8  # a take-off reaches at most this share of the lowest path's greatest height
 # A path that begins or ends in motion gets a piece from or to rest. It replaces this time of the
 # show, and takes twice this time.
 _JOIN_S = 1.0
-_SHORTEST_S = 2.5 * _JOIN_S  # both pieces, and something of the show between them
+_SHORTEST_S = 2.5 * _JOIN_S  # both pieces, and some of the show between them
 _GRID_S = 0.05  # time between two points at which a path is sampled
 _STILL_M_S = 0.02  # a path whose end is slower than this counts as at rest there
 _EXTRA_SLOWING = 1.005  # factor by which a show is slowed more than needed
@@ -163,7 +163,7 @@ def _takeoff_height_m(show: Show) -> float:
 
 
 def _grid(path: Path) -> Array:
-    """Return times from the begin to the end of a path."""
+    """Return times from the start to the end of a path."""
     count = max(2, math.ceil(path.duration_s / _GRID_S) + 1)
     return np.linspace(0.0, path.duration_s, count)
 
@@ -265,7 +265,7 @@ def _check_homes(homes: Mapping[str, Xyz], spacing_m: float) -> None:
 
 
 def _assign_homes(flyable: Converted) -> None:
-    """Assign homes near the begins of the paths, if that shortens the longest flight to a path."""
+    """Assign homes near the starts of the paths, if that shortens the longest flight to a path."""
     begins = {name: point_at(path, 0.0).position_enu_m for name, path in flyable.paths.items()}
     # each home, raised to the height at which its path begins
     above_home = {name: (x, y, begins[name][2]) for name, (x, y, _) in flyable.homes.items()}

@@ -27,7 +27,7 @@ def read_csv_zip(file: FilePath) -> Show:
         file: a zip with one CSV for each drone, in any of its folders.
 
     Raises:
-        ConfigError: it is no such zip, or :func:`read_folder` refuses its CSVs.
+        ConfigError: it is not such a zip, or :func:`read_folder` refuses its CSVs.
     """
     with tempfile.TemporaryDirectory(prefix="covey-csvs-") as name:
         folder = FilePath(name) / file.stem
@@ -49,7 +49,7 @@ def read_folder(folder: FilePath) -> Show:
         The show; its drones are in the order of the files' names.
 
     Raises:
-        ConfigError: there are no CSVs or too many, or one of them is no path.
+        ConfigError: there are no CSVs or too many, or one of them is not a path.
     """
     csvs = [file for file in folder.iterdir() if file.suffix.lower() == ".csv"]
     files = sorted(csvs, key=lambda file: _natural_sort_key(file.stem))

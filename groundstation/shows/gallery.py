@@ -64,7 +64,7 @@ def gallery_mission(name: str, folder: Path) -> Mission:
 
 
 def sentence_of(name: str) -> str:
-    """Return what a mission shows, in words: the comment at the begin of its file."""
+    """Return what a mission shows, in words: the comment at the start of its file."""
     if name == SHOW:
         return _SHOW_SENTENCE
 

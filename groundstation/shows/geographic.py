@@ -136,7 +136,7 @@ def east_north_m(
 
 
 def _columns(first_line: str) -> dict[str, tuple[int, float]]:
-    """Return by kind (a key of _KINDS) the index of its column and the factor of its numbers."""
+    """Return, by kind (a key of _KINDS), the index of its column and the factor of its numbers."""
     columns: dict[str, tuple[int, float]] = {}
     for index, name in enumerate(_cells(first_line)):
         stem, unit = _stem_and_unit(name.strip())
@@ -144,7 +144,7 @@ def _columns(first_line: str) -> dict[str, tuple[int, float]]:
         if unit in ("ms", "msec"):
             factor = 1e-3
 
-        # also the whole name may be known: "seconds" only seems to end in a unit
+        # the whole name may be known as well: "seconds" only seems to end in a unit
         for kind, known_names in _KINDS.items():
             is_known = _letters(stem) in known_names or _letters(name) in known_names
             if is_known and kind not in columns:

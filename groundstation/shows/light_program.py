@@ -116,7 +116,7 @@ class _Reader:
             byte = self.byte()
             value |= (byte & 127) << shift
             shift += 7
-            # a longer number is no duration of a show
+            # a longer number is not a duration of a show
             if byte < 128 or shift > 35:
                 return value
 

@@ -37,7 +37,7 @@ _FENCE_SAMPLE_COUNT = 500  # points of each path around which the fence is put
 # bounds of the top speed of a fleet made for the show; faster vehicles would brake too late
 _SLOWEST_TOP_SPEED_M_S = 1.0
 _FASTEST_TOP_SPEED_M_S = 1.5
-# homes are further apart than paths by this, because vehicles hover above their homes
+# homes are this much further apart than paths, because vehicles hover above their homes
 _EXTRA_HOME_SPACING_M = 0.10
 # origin of a show without one: that of PX4's simulator
 _DEFAULT_ORIGIN = Origin(47.397742, 8.545594, 489.4)

@@ -69,7 +69,7 @@ def path_from_pieces(name: str, pieces: list[list[float]]) -> Path:
     """Return the path of a drone; pieces with kinks between them are smoothed.
 
     Raises:
-        ConfigError: the pieces are no path in metres with z up.
+        ConfigError: the pieces are not a path in metres with z up.
     """
     try:
         path = _smooth(path_of(pieces))

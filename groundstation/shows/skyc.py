@@ -59,7 +59,7 @@ def read_skyc(file: str | os.PathLike[str]) -> Show:
         The show.
 
     Raises:
-        ConfigError: the file does not exist, is no zip, is truncated or too large, is of another
+        ConfigError: the file does not exist, is not a zip, is truncated or too large, is of another
             version, or has no paths.
     """
     name = os.fspath(file)
@@ -149,7 +149,7 @@ class _Members:
     def _referenced(self, reference: str, folder: str, depth: int) -> Any:
         """Return the value to which ``member#/key/key`` refers.
 
-        Returns None if there is no such key, or if the member is no JSON.
+        Returns None if there is no such key, or if the member is not JSON.
         """
         member, _, pointer = reference.partition("#")
         path = posixpath.normpath(posixpath.join(folder, member))
@@ -169,7 +169,7 @@ def _show(name: str, data: Any) -> Show:
     """Return the show in the data of ``show.json``.
 
     Raises:
-        ConfigError: its version cannot be read, or its drones are not as they must be.
+        ConfigError: its version cannot be read, or its drones are not valid.
     """
     if not isinstance(data, dict):
         data = {}
@@ -340,7 +340,7 @@ def _with_yaw(subject: str, path: Path, begin_s: float, control: dict[str, Any])
             )
     yaws_rad = np.unwrap(np.radians(yaws_deg))
 
-    # yaw at the begin of the path and at the end of each piece
+    # yaw at the start of the path and at the end of each piece
     knots_s = begin_s + np.concatenate([[0.0], np.array(path.ends_s)])
     knots_rad = np.interp(knots_s, times_s, yaws_rad)
 

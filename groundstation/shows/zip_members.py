@@ -38,7 +38,7 @@ def refuse_many_members(name: str, stream: BinaryIO) -> None:
 
     begin = tail.rfind(_ZIP_END_SIGNATURE)
     if begin < 0 or len(tail) < begin + _ZIP_END.size:
-        return  # no zip; zipfile will refuse it
+        return  # not a zip; zipfile will refuse it
     # The stated number may be false, so the length of the list is limited, too. A name and further
     # fields make a member up to four times as long as the least.
     *_, count, list_bytes, _, _ = _ZIP_END.unpack_from(tail, begin)
@@ -62,7 +62,8 @@ def unpack(
         most_bytes: largest size of all of them together, unpacked.
 
     Raises:
-        ConfigError: the file is no zip, is truncated, exceeds these limits, or has no such members.
+        ConfigError: the file is not a zip, is truncated, exceeds these limits, or has no such
+            members.
     """
     name = str(file)
     try:

@@ -2,7 +2,7 @@
 
 Two formats are read: the geoFence of QGroundControl's ``.plan``, and GeoJSON (RFC 7946). From
 GeoJSON come polygons, their holes as areas to stay out of, and points with a radius. All
-coordinates are latitudes and longitudes, in the files as in the result.
+coordinates are latitudes and longitudes, both in the files and in the result.
 
 In PX4 a vehicle may be in any of several areas to stay in; in Covey all fences hold at once. So a
 file with more than one area to stay in is refused: vehicles could only be where these overlap.

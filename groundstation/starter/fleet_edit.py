@@ -69,7 +69,7 @@ def checked_text(path: Path, more: str) -> str:
         ConfigError: the file would be wrong with the tables.
     """
     text = read_text(path, FLEET_FILE).rstrip() + "\n\n" + more
-    # without the law: the file of a user's own law may be missing on this computer
+    # does not look for the law, because a user's own law may be missing on this computer
     fleet_from_mapping(toml_values(text, str(path)), path=str(path), finds_law=False)
     return text
 

@@ -1,4 +1,4 @@
-"""A law of your own: neighbours push, the more the nearer, and everybody passes on the right.
+"""A law of your own: neighbours push harder the nearer they are, and all pass on the right.
 
 docs/own-law.md of Covey says what comes in, what has to go out, and what a law may not do.
 """

@@ -40,7 +40,7 @@ NOT_POSITIONS = {
     "vio": "No camera on a vehicle is read by Covey: docs/mocap.md says how poses come by the bus.",
 }
 HERE = "here"  # answer for the companions if agents and PX4s run on this machine
-MOST = 200  # vehicles; MAVLink has 255 system ids, of which other programs use some
+MOST = 200  # vehicles; MAVLink has 255 system ids, and other programs use some of them
 _MOST_AT_50_HZ = 8  # vehicles that can send all their states over one radio channel
 _FIRST_PORT = 7460  # port of the first agent
 _FIRST_DIRECT_PORT = 18570  # port of the first PX4 past its companion

@@ -30,7 +30,7 @@ def final_verdict(
     """Judge a mission with the flight's record and write ``verdict.json``.
 
     If several missions were flown in one flight, the file has the verdict on the first mission that
-    has failed, or on the last one if none has; below ``missions`` it has the verdicts on all.
+    has failed, or on the last one if none has; under ``missions`` it has the verdicts on all.
 
     Args:
         flown: observations of the runner.

@@ -24,7 +24,7 @@ class Arrival(msgspec.Struct, frozen=True):
     step: str
     vehicle: str
     distance_m: float
-    is_truth: bool  # whether it is by ground truth, and not by telemetry
+    is_truth: bool  # whether it comes from ground truth, not from telemetry
 
 
 class StepResult(msgspec.Struct, frozen=True):
@@ -50,10 +50,10 @@ class FlightObservations:
     state: FleetState  # the fleet at the end
     steps: list[StepResult]
     arrivals: list[Arrival]
-    begin_ns: int  # begin of the first step, on the ground's monotonic clock
+    begin_ns: int  # start of the first step, on the ground's monotonic clock
     end_ns: int
-    earlier_touchdowns: Collection[Touchdown] = ()  # contacts with the ground before the begin
-    earlier_collided: Collection[str] = ()  # vehicles that had touched another one before the begin
+    earlier_touchdowns: Collection[Touchdown] = ()  # contacts with the ground before the start
+    earlier_collided: Collection[str] = ()  # vehicles that had touched another one before the start
     left_out: Collection[str] = ()  # vehicles that the mission went on without
     left_out_orders: Sequence[str] = ()  # orders that the operator has left out, in words
     # vehicles that do not fly although their last order left them flying, each with a sentence

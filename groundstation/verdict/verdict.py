@@ -33,7 +33,7 @@ from onboard.exit_status import (
     EXIT_WRONG_INPUT,
 )
 
-_MOST_LOOPS = 4  # vehicles whose loop periods are all told; of more, the longest one
+_MOST_LOOPS = 4  # the loop periods of up to this many vehicles are all stated; of more, the longest
 _LAW_REFUSED = "own-law-refused"  # code of the event of an agent that flies Covey's law instead
 
 
@@ -43,7 +43,7 @@ class SmallestSeparation(msgspec.Struct, frozen=True):
     first: str
     second: str
     distance_m: float
-    time_s: float  # since the flight's begin
+    time_s: float  # since the flight's start
     source: str  # truth or telemetry
 
 
@@ -53,15 +53,15 @@ class NearestPerson(msgspec.Struct, frozen=True):
     vehicle: str
     person: str
     distance_m: float  # horizontal, to the circle; negative inside it
-    time_s: float  # since the flight's begin
-    safety_distance_m: float  # what the law keeps to the circle
+    time_s: float  # since the flight's start
+    safety_distance_m: float  # what the law keeps from the circle
 
 
 class LandingSpeed(msgspec.Struct, frozen=True):
     """Vertical speed at a first contact with the ground, by the emulator's physics."""
 
     vehicle: str
-    time_s: float  # since the flight's begin
+    time_s: float  # since the flight's start
     speed_m_s: float  # downwards
     limit_m_s: float  # depends on what gives the vehicle its position: poses, satellites or nothing
     had_thrust: bool  # False: its motors were off, weak or dead; then the limit does not count
@@ -118,7 +118,7 @@ def judge(
         expect: expectations at the end of the mission.
         report: evaluation of the record.
         record: folder of the record.
-        begin_ns: time that counts as second 0, the begin of the record [ns]; None: the mission's
+        begin_ns: time that counts as second 0, the start of the record [ns]; None: the mission's
             first step.
         record_failure: sentence about a record that ended early or is not complete.
 

@@ -1,4 +1,4 @@
-"""Makes messages of Foxglove's schemas of a flying fleet, on the topics of a viewer record."""
+"""Makes messages of Foxglove's schemas about a flying fleet, on the topics of a viewer record."""
 
 from __future__ import annotations
 
@@ -169,7 +169,7 @@ def _goal(view: VehicleView) -> PointEnu | None:
 def _avoided(view: VehicleView) -> str:
     """Return the name of the vehicle or person that the law avoids; empty if it avoids none.
 
-    An obstacle, the fence or the tilt limit can be the reason of an intervention, too.
+    An obstacle, the fence or the tilt limit can be the reason for an intervention, too.
     """
     if view.telemetry is None or view.telemetry.law_status.lower() in _NO_INTERVENTION:
         return ""

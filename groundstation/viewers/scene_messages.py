@@ -1,4 +1,4 @@
-"""Makes messages of Foxglove's schemas of a flight: frames, scene, positions, log, fixes. Pure.
+"""Makes messages of Foxglove's schemas about a flight: frames, scene, positions, log, fixes. Pure.
 
 All positions are in one frame, ``fleet`` (east, north, up), the parent of a frame for each vehicle.
 So the scene needs no transform. A viewer that follows a vehicle finds a transform at or before each
@@ -53,7 +53,7 @@ HATCH_M = 0.09  # spacing and depth of the strokes on the side that the law forb
 _CAPSULE_CORNERS = 24
 _EARTH_RADIUS_M = 6_371_000.0  # radius of the sphere in PX4's projection of its local frame
 LEVEL: Quaternion = (1.0, 0.0, 0.0, 0.0)
-# Colours of figures and report too; they differ also for people with a common colour blindness.
+# Colours of figures and report too; people with a common colour blindness can tell them apart.
 _COLOURS = (
     (0.00, 0.45, 0.70),
     (0.84, 0.37, 0.00),
@@ -246,7 +246,7 @@ def _capsule(capsule: tuple[float, ...], height_m: float) -> list[Point3]:
     points = []
     for corner in range(_CAPSULE_CORNERS):
         angle_rad = heading_rad + math.pi / 2.0 + 2.0 * math.pi * corner / _CAPSULE_CORNERS
-        # the first half of the corners is around the begin, the second half around the end
+        # the first half of the corners is around the start, the second half around the end
         x, y = x1, y1
         if corner > _CAPSULE_CORNERS // 2:
             x, y = x2, y2
@@ -641,7 +641,7 @@ def cloud_of(points: Mapping[int, PointEnu], stamp_ns: int) -> PointCloud:
     for number, name in enumerate(("x", "y", "z")):
         cloud.fields.add(name=name, offset=4 * number, type=PackedElementField.FLOAT32)
     for number, name in enumerate(("red", "green", "blue", "alpha")):
-        # behind the three floats
+        # after the three floats
         cloud.fields.add(name=name, offset=12 + number, type=PackedElementField.UINT8)
 
     data = bytearray()

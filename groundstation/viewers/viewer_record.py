@@ -3,8 +3,8 @@
 The file begins with the fleet file, the mission and the verdict as attachments. Then come the
 record's own messages unchanged, on its common clock, together with channels of Foxglove's schemas:
 ``/tf``, ``/scene/static``, ``/scene``, ``/scene/law``, ``/positions``, ``/log``, where persons were
-seen ``/scene/people`` and, outdoors, ``/fix/NAME``. The file is made after a flight, so that the
-flight pays nothing for it.
+seen ``/scene/people`` and, outdoors, ``/fix/NAME``. The file is made after a flight, so that it
+costs the flight nothing.
 """
 
 from __future__ import annotations

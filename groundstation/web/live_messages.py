@@ -184,7 +184,7 @@ def _person(person: PersonView, now_ns: int) -> PageMessage:
 
 
 def _show_words(telemetry: Telemetry) -> str:
-    """Return words on a vehicle's time on its path, or on whom it follows; else empty."""
+    """Return words on a vehicle's time on its path or on its leader; else an empty text."""
     words = ""
     if telemetry.show_id and math.isfinite(telemetry.path_time_s):
         words = f"at {max(0.0, telemetry.path_time_s):.0f} s of its path"
@@ -209,7 +209,7 @@ def _way(
 ) -> list[Sequence[float]]:
     """Return both ends of the predicted path: straight to the goal, as far as it gets in AHEAD_S.
 
-    A vehicle that is slow now is taken to fly with at least half its top speed.
+    A vehicle that is slow now is assumed to fly with at least half its top speed.
 
     Returns:
         Present position and end; empty on the ground, close to the goal, or if either is unknown.
@@ -262,7 +262,7 @@ def _alarm(line: AlarmLine, now_ns: int) -> PageMessage:
 def _control(control: Control | None) -> Mapping[str, Any] | None:
     if control is None:
         return None
-    requester_label = None  # nobody asks for the control
+    requester_label = None  # no ground requests control
     if control.requester is not None:
         requester_label = plain_line(control.requester.label)
     return {

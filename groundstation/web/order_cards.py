@@ -216,7 +216,7 @@ class OrderCards:
             self._drop(card, "Dropped.")
 
     def check_waiting(self) -> None:
-        """Check the waiting cards again, and drop old ones; to be called each CHECK_S."""
+        """Check the waiting cards again, and drop old ones; call it every CHECK_S."""
         now_s = self._client.now_ns() * 1e-9
         for card in self._cards:
             if card.phase != "previewed":
@@ -412,7 +412,7 @@ class OrderCards:
 
         Args:
             text: the line of the page.
-            words: its words, of which the second one is ``control``.
+            words: its words; the second one is ``control``.
         """
         control = self._client.control
         verb, _, *rest = words

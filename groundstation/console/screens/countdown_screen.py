@@ -1,4 +1,4 @@
-"""The question before a mission that starts at a time of the world's clock.
+"""The question before a mission that starts at a given wall-clock time.
 
 It shows the time until the start, which clocks agree, the duration of the mission, and the weakest
 battery. Enter begins the countdown, escape drops it.

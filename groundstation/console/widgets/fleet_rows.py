@@ -32,7 +32,7 @@ _FEW_COLUMNS = 10
 # least one of these:
 _COVERED_ALWAYS = 2
 _COVERED_AMONG_FEW = 1  # where few columns are shown
-_NEVER_COVERED = 3  # no column has so much
+_NEVER_COVERED = 3  # no column has this value
 
 
 @dataclass(frozen=True, slots=True)
@@ -173,7 +173,7 @@ def _silent(layout: RowLayout, row: VehicleRow, has_nodes: bool) -> list[Segment
                 text = "?"
             segments.append(_cell((text, colour), column, dim=True))
         elif end > _SILENCE_WIDTH + 1:
-            # The duration covers the begin of this column, so the rest of the column stays empty.
+            # The duration covers the start of this column, so the rest of the column stays empty.
             segments.append(Segment(" " * (end - _SILENCE_WIDTH - 1)))
 
     if layout.reason_width:

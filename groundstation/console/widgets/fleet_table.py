@@ -102,7 +102,7 @@ class FleetTable(Lines, ScrollView, can_focus=True):
 
     @property
     def marked(self) -> tuple[str, ...]:
-        """Marked vehicles, in the order of the fleet file, also those that the filter hides."""
+        """Marked vehicles in the order of the fleet file, including those that the filter hides."""
         return tuple(view.name for view in self._views if view.name in self._marks.names)
 
     @property

@@ -224,7 +224,7 @@ class OrderLine(Input):
 
     async def action_submit(self) -> None:
         """Post the line and clear it, so that a second Enter does not send it again."""
-        # ":" opens the line; another one at its begin is ignored.
+        # ":" opens the line; another one at its start is ignored.
         text = self.value.strip().removeprefix(":").strip()
         self.value = ""
         self._draft = ""
@@ -252,7 +252,7 @@ class OrderLine(Input):
     def action_complete(self) -> None:
         """Write the only completion, or the start that all completions have in common."""
         lines = completions(self.value, self._fleet)
-        start = os.path.commonprefix(lines)  # noqa: RUF071 - of texts, which are no paths
+        start = os.path.commonprefix(lines)  # noqa: RUF071 - these texts are not paths
         if len(start) > len(self.value):
             self.value = start
             self.cursor_position = len(start)
