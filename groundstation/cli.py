@@ -201,7 +201,7 @@ FORMER: dict[str, tuple[str, ...]] = {
 
 _HELP_WORDS = ("--help", "-h")
 _COMPLETION_WORD = "--install-completion"
-# The line of bash that the library writes splits file names at spaces, and puts a space behind
+# The line of bash that the library writes splits file names at spaces, and puts a space after
 # folders. The function below replaces it.
 _BASH_FILES_OF_LIBRARY = 'COMPREPLY=( $(compgen -f -- "${cur}") )'
 _BASH_FILES = """\

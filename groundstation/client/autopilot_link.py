@@ -47,7 +47,7 @@ _HEARTBEAT_S = 2.5
 
 
 class LinkSilentError(RuntimeError):
-    """PX4 is not heard any more."""
+    """PX4 is no longer heard."""
 
 
 class AutopilotLink:
@@ -129,7 +129,7 @@ class AutopilotLink:
         return (major, minor)
 
     def sign(self, key: bytes | None) -> Signing:
-        """Sign with a key from now on, and accept also messages that are not signed with it.
+        """Sign with a key from now on, and also accept messages that are not signed with it.
 
         The counts show how PX4 signs.
 
@@ -226,7 +226,7 @@ class AutopilotLink:
             PX4's value; None if PX4 does not know the parameter.
 
         Raises:
-            LinkSilentError: PX4 is not heard any more.
+            LinkSilentError: PX4 is no longer heard.
         """
         return self._value_after(name, lambda: self._request(name))
 
@@ -241,7 +241,7 @@ class AutopilotLink:
             Name -> value.
 
         Raises:
-            LinkSilentError: PX4 is not heard any more, or does not send them all.
+            LinkSilentError: PX4 is no longer heard, or does not send them all.
         """
         values: dict[int, tuple[str, Value]] = {}  # index -> name and value
         count = 0  # number of PX4's parameters; 0 until PX4 has sent it
@@ -286,7 +286,7 @@ class AutopilotLink:
             PX4's value afterwards; None if PX4 does not know the parameter.
 
         Raises:
-            LinkSilentError: PX4 is not heard any more; it may have the old or the new value.
+            LinkSilentError: PX4 is no longer heard; it may have the old or the new value.
         """
         if name not in self._kinds and self.read(name) is None:
             return None

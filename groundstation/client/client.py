@@ -104,7 +104,7 @@ class FleetClient:
         self._event_listeners: list[Callable[[Event], None]] = []
         stall_clock_ns = clock_ns if bus.is_simulated else boot_clock_ns
         self._stall = OwnStall(stall_clock_ns)
-        self._short_stall = OwnStall(stall_clock_ns, least_s=LATE_S)  # of a computer that is busy
+        self._short_stall = OwnStall(stall_clock_ns, least_s=LATE_S)  # stalls of a busy computer
         self._loop_lateness = LoopLateness(clock_ns, DELIVERY_PERIOD_S)  # of the deliveries
         folded = list(FOLDED)
         if fleet.people:

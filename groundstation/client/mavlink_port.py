@@ -33,7 +33,7 @@ _GCS = 6
 _ONBOARD_CONTROLLER = 18
 _NO_AUTOPILOT = 8
 
-_CONNECT_ATTEMPTS = 3  # of a TCP link, whose other side may be starting
+_CONNECT_ATTEMPTS = 3  # attempts to open a TCP link, whose other side may be starting
 _CONNECT_AGAIN_S = 1.0
 _ENDED_WAIT_S = 0.05  # wait for each message of a TCP link that the other side has closed
 

@@ -9,8 +9,8 @@ Three things can be missing, and each is watched for:
   two that fall silent at once show that this ground has lost its own link.
 * The effect of a land or a kill that was accepted. Such an order then goes straight to PX4, too. It
   goes at once if the agent reports that it does not hear PX4.
-* The event about the end, because a link broke. Telemetry then shows that the vehicle does not
-  follow the order any more.
+* The event about the end, because a link broke. Telemetry then shows that the vehicle no longer
+  follows the order.
 
 Time in which this ground itself stood still does not count, and neither does time in which its
 computer was too busy to run it.
@@ -486,7 +486,7 @@ class OpenOrders:
     # -- the effect, and the end -------------------------------------------------------------------
 
     async def _watch_for_lost_end(self, result: OrderResult, vehicle: str) -> None:
-        """End an accepted order when its vehicle does not follow it any more.
+        """End an accepted order when its vehicle no longer follows it.
 
         A link that broke may have lost the event about the end.
         """

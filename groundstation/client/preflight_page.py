@@ -31,8 +31,8 @@ from onboard.security.node_roles import NodeRole
 _MARKS = {"ok": "ok", "advice": "advice", "no-go": "NO-GO"}
 _WIDTH = 118
 
-# lateness of this ground: from the first on advice; from the second on no-go, because it would miss
-# replies that agents have sent in time
+# Lateness of this ground from which the page advises, and from which it says no-go. At the second
+# value, this ground would miss replies that agents have sent in time.
 _LATE_ADVICE_S = 0.1
 _LATE_NO_GO_S = 0.3
 

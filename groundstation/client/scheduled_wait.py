@@ -11,7 +11,7 @@ import asyncio
 import contextlib
 
 _SLEEP_S = 0.1
-_LATE_S = 0.05  # a sleep may take so much longer and still count; an idle computer needs 1 to 5 ms
+_LATE_S = 0.05  # lateness of a sleep that still counts; an idle computer needs 1 to 5 ms
 _NOTHING_S = 1e-6  # remaining wait that is only a rounding error
 LONGEST_LATE_S = 6.0  # time of one wait that is not counted, at most; after it all time counts
 

@@ -2,7 +2,7 @@
 
 Flights run by monotonic clocks, which cannot be set. For a start at a time of day, this ground
 reads the wall clock once to convert that time into one of the monotonic clock. It cannot know
-whether its time of day is right, but it can know whether all computers of the fleet have the same.
+whether its time of day is right, but it can tell whether all computers of the fleet agree.
 """
 
 from __future__ import annotations

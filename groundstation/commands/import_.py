@@ -45,7 +45,7 @@ def import_(
             emulated vehicles)
         promise: distance that the vehicles keep, centre to centre, in metres (default: the fleet's,
             or 0.8)
-        vertical: difference of height at which vehicles may pass above each other, in metres
+        vertical: height difference at which one vehicle may pass above another, in metres
             (default: as the fleet says; without --fleet they may not)
     """
     if promise is not None and not 0.1 <= promise <= 100.0:

@@ -110,7 +110,7 @@ def _sign_mavlink(path: str) -> int:
 
 @keys.command
 def init(fleet: FleetArgument, /, *, force: bool = False) -> int:
-    """Make a new authority and issue all nodes anew: whoever holds an older key is locked out.
+    """Make a new authority and reissue all certificates: whoever holds an older key is locked out.
 
     Args:
         fleet: the fleet file
@@ -149,7 +149,7 @@ def issue(fleet: FleetArgument, /, *nodes: NodeArgument) -> int:
 
 @keys.command
 def renew(fleet: FleetArgument, /) -> int:
-    """Issue the certificates of all nodes anew, by the same authority: before they expire, or after
+    """Reissue the certificates of all nodes, by the same authority: before they expire, or after
     hosts changed.
 
     Args:

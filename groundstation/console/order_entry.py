@@ -299,7 +299,7 @@ class OrderEntry:
             sent = await self._client.submit(order)
             self._show_sent(sent)
         except (OrderError, RuntimeError) as error:
-            # RuntimeError: the bus is not open yet, or not any more.
+            # RuntimeError: the bus is not open yet, or no longer open.
             self._refuse(str(order), str(error))
 
     def _show_sent(self, sent: OrderResult) -> None:

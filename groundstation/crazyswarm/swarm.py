@@ -99,7 +99,7 @@ class TimeHelper:
         self._orders.pass_time(max(0.0, float(duration)), waits_for_moves=True)
 
     def sleepForRate(self, rateHz: float) -> None:
-        """Let one period of a rate pass, without a wait for moves.
+        """Let one period of a rate pass, without waiting for moves.
 
         Args:
             rateHz: the rate [Hz].

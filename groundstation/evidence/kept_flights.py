@@ -77,7 +77,7 @@ class KeptFlights:
     def _read(self, origin: dict[str, str]) -> None:
         """Read the flights of a file, which must have this origin.
 
-        The file is written anew, because its last line may be incomplete.
+        The file is rewritten, because its last line may be incomplete.
         """
         lines = read_bytes(self.path, EVIDENCE_FILE).splitlines()
         try:
@@ -102,7 +102,7 @@ class KeptFlights:
         self._write_whole(origin)
 
     def _write_whole(self, origin: dict[str, str]) -> None:
-        """Write the file anew, without an incomplete line; wholly or not at all."""
+        """Rewrite the file without an incomplete line; wholly or not at all."""
         lines = [msgspec.json.encode(origin), *map(msgspec.json.encode, self.flown.values())]
         target = self.path.resolve()
         new_path = target.with_name(f".{target.name}.new")

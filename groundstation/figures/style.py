@@ -40,7 +40,7 @@ def save(figure: Any, folder: Path, name: str) -> list[Path]:
     png = folder / f"{name}.png"
     figure.savefig(png)
 
-    # The first savefig has computed the layout. To compute it again would take as long as to draw.
+    # The first savefig has computed the layout. Computing it again would take as long as drawing.
     figure.set_layout_engine("none")
     svg = folder / f"{name}.svg"
     figure.savefig(svg, metadata={"Date": None})

@@ -281,7 +281,7 @@ class FleetState(Struct, frozen=True):
         """Return the events after a given one, oldest first.
 
         Args:
-            last: the given event; if it is not kept any more, all events are returned.
+            last: the given event; if it is no longer kept, all events are returned.
         """
         newer = []
         for logged in reversed(self.events):

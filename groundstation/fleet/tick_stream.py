@@ -55,7 +55,7 @@ class BusTickStream:
         self._declarer.submit(self._bus.follow, Topic.TICK, names, self._receive)
 
     def stop(self) -> None:
-        """End the thread; the followed vehicle does not change any more."""
+        """End the thread; the followed vehicle no longer changes."""
         if self._declarer is not None:
             self._declarer.shutdown(wait=False, cancel_futures=True)
             self._declarer = None

@@ -110,8 +110,8 @@ def touchdown_of(
     is_blind = False
     if telemetry is not None and is_fresh:
         is_linked = telemetry.autopilot_age_s < _LINK_IS_FRESH_S
-        # The state counts besides the mode: a failed agent sends no setpoints, and PX4 reports its
-        # mode only once a second.
+        # The state counts as well as the mode, because a failed agent sends no setpoints, and PX4
+        # reports its mode only once a second.
         is_flown_by_agent = telemetry.state != "failed" and is_linked
         is_by_px4 = telemetry.mode != "OFFBOARD" or not is_flown_by_agent
         may_be_blind = telemetry_age_s > _MAY_BE_BLIND_S

@@ -20,7 +20,7 @@ _ROUNDING_M2 = 1e-9  # allowance for rounding errors of squared distances
 def nearest_slots(
     slots: Mapping[str, Xyz], positions: Mapping[str, Xyz], centre: Xyz
 ) -> dict[str, str]:
-    """Assign the slots of a formation anew.
+    """Reassign the slots of a formation.
 
     The longest flight is as short as possible. Among all such assignments, the sum of the squared
     flights is least, so that straight ways hardly cross.
@@ -80,7 +80,7 @@ def spots_without_crossing(
 def _squares_m2(starts: Array, goals: Array) -> Array:
     """Return the squared flights from each start to each goal [m²], at most _FORBIDDEN.
 
-    Without that bound, the searches below would not end with a flight that is not finite.
+    Without that bound, a flight that is not finite would keep the searches below from ending.
 
     Args:
         starts: positions (N, D) [m].

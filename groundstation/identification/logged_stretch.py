@@ -12,7 +12,7 @@ import numpy as np
 
 from onboard.arrays import Array, IntArray
 
-MEMORY_S = 2.0  # a command that is older than this has no effect on the attitude any more
+MEMORY_S = 2.0  # a command that is older than this no longer affects the attitude
 
 
 class TooLittleFlown(ValueError):

@@ -82,9 +82,9 @@ def copied_files(fleet: FleetConfig, node: str) -> list[str]:
 
 
 def renew_authority(fleet: FleetConfig, now: datetime.datetime) -> list[str]:
-    """Make a new authority and issue the certificates of all nodes anew.
+    """Make a new authority and reissue the certificates of all nodes.
 
-    The former files are not valid any more. A viewer's certificate of the former authority is kept,
+    The former files are no longer valid. A viewer's certificate of the former authority is kept,
     to find nodes that still run with it.
 
     Args:

@@ -71,7 +71,7 @@ class FollowPause:
         return tuple(skipped)
 
     def leave_out(self, names: tuple[str, ...]) -> None:
-        """Forget these vehicles, which do not follow any more.
+        """Forget these vehicles, which no longer follow.
 
         Args:
             names: names of the vehicles.

@@ -33,8 +33,8 @@ from groundstation.verdict.other_ends import LastOrder, last_order, other_ends
 from onboard.bus.schema import Order
 from onboard.tuples import Xyz
 
-_LOOK_S = 0.2  # period at which the end of a pause is looked for
-_HEARD_S = 0.5  # age of telemetry up to which a vehicle is heard
+_LOOK_S = 0.2  # period of the checks for the end of a pause
+_HEARD_S = 0.5  # age of telemetry up to which a vehicle counts as heard
 _SILENCE_S = 0.7  # longest wait for telemetry before this ground checks its own link
 
 
@@ -424,7 +424,7 @@ class MissionGround:
                 # A lost link shows only when the last telemetry of all is stale.
                 await self.client.wait_for(self._hears_somebody, _SILENCE_S)
             is_back = await self.link.wait_while_lost()
-            # The time without a link did not count, so exactly that time is waited once more.
+            # The time without a link did not count, so wait for exactly that time once more.
             wait_s = self.link.lost_s - lost_before_s
 
             was_lost = is_back or wait_s > 0.0

@@ -459,8 +459,7 @@ class Group:
         """Let the clock of paused paths go on.
 
         Args:
-            vehicles: vehicles to order; a show goes on when none of its vehicles is paused any
-                more.
+            vehicles: vehicles to order; a show goes on when none of its vehicles is still paused.
             timeout_s: longest wait [s].
         """
         names = self._stoppable(self.select(vehicles))
@@ -675,7 +674,7 @@ class Group:
             if await client.wait_for(holds, wait_s):
                 return
             await link.wait_while_lost()
-            wait_s = link.lost_s - lost_before_s  # exactly this time is waited once more
+            wait_s = link.lost_s - lost_before_s  # wait exactly this time once more
 
         value = condition.value(moment(client.state))
         raise ConditionTimeout(f"Not {condition.words} within {timeout_s:g} s: {value}.")

@@ -108,7 +108,7 @@ async def land_all(
         await client.wait_for(_has_ended(client, order), (end_ns - client.now_ns()) * 1e-9)
 
         # A vehicle whose order is not done may still come down: when a failsafe has taken over, PX4
-        # lands by itself. A vehicle whose order is done may send no telemetry any more: its agent
+        # lands by itself. A vehicle whose order is done may no longer send telemetry: its agent
         # may have ended, and PX4 itself has reported the landing over the direct link.
         remaining = tuple(
             name

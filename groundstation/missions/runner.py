@@ -128,7 +128,7 @@ class MissionRun:
         except asyncio.CancelledError:
             self.interrupt()
             await asyncio.wait({task})
-        # Before the mission itself lands vehicles: which of them do not fly any more already?
+        # Before the mission itself lands vehicles: which of them no longer fly?
         self.fleet.ground.note_other_ends()
         await self._bring_down(task)
         self._note_later_pilots()

@@ -199,7 +199,7 @@ def pilot_words(names: list[str]) -> str:
 async def stay(
     client: FleetClient, taken: Taken, begin_ns: int, say: Callable[[str], None]
 ) -> None:
-    """Stay connected to a fleet that somebody has taken, until no vehicle flies any more.
+    """Stay connected to a fleet that somebody has taken, until no vehicle flies.
 
     Vehicles that a pilot flies by hand do not count. A crashed vehicle never reports that it is
     down, so a vehicle that has been silent for longer than its battery lasts does not count either.

@@ -2,8 +2,8 @@
 
 We listen as a node that only watches. Each vehicle publishes its states with sequence numbers and
 time stamps, and reports the age of each neighbour's newest state at its ticks. Each node answers
-the clock messages of the others. From this follow rates, losses, ages, round trips and clock
-errors, here and between any two nodes.
+the clock messages of the others. Rates, losses, ages, round trips and clock errors follow from
+this, here and between any two nodes.
 """
 
 from __future__ import annotations

@@ -74,7 +74,7 @@ def weakest(
     discharge: Discharge,
     now_ns: int,
 ) -> Reserve | None:
-    """Return the vehicle whose charge exceeds the charge for its return by the least.
+    """Return the vehicle whose charge exceeds the charge for its return by the smallest margin.
 
     Return None if no vehicle reports its charge.
 

@@ -42,7 +42,7 @@ class VehicleResult:
 
     @property
     def is_final(self) -> bool:
-        """Whether the phase cannot change any more."""
+        """Whether the phase can no longer change."""
         return self.phase not in OPEN_PHASES
 
     @property

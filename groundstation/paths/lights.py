@@ -1,7 +1,7 @@
 """Colours of vehicles along their paths.
 
 A file with the columns ``t,red,green,blue`` gives colours at some times. Between two of them the
-colour changes evenly; at a time that stands twice it jumps.
+colour changes evenly; at a time that occurs twice, it jumps.
 """
 
 from __future__ import annotations

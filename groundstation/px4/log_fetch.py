@@ -457,7 +457,7 @@ def _read_on(transfer: FileTransfer, download: _Download) -> None:
                 download.take(piece)
                 if pieces.drops_more:
                     # So many pieces wait behind a hole that further ones would be dropped. The
-                    # caller opens the file anew, which ends the burst, and reads the hole first.
+                    # caller reopens the file, which ends the burst, and reads the hole first.
                     return
         if pieces.bytes_in_order == before:
             return

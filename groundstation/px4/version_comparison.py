@@ -183,7 +183,7 @@ def _changed_demands(fleet: FleetConfig, old: Version, new: Version) -> list[str
 def _gone_parameters(
     vehicles: Sequence[Vehicle], steps: Sequence[str], measured: MeasuredPx4
 ) -> list[str]:
-    """Return sentences about parameters of the fleet file that PX4 does not have any more."""
+    """Return sentences about parameters of the fleet file that PX4 no longer has."""
     gone_with = {}
     for version in steps:
         for name in measured.parameters.get(version, {}).get("gone", ()):

@@ -1,6 +1,6 @@
 """Makes a show flyable.
 
-The show's own take-off and landing are cut off, since Covey flies these. Homes are assigned anew if
+The show's own take-off and landing are cut off, since Covey flies these. Homes are reassigned if
 they are far from the paths. If the show is too fast, the whole show is slowed down. Vehicles whose
 paths come too near to each other begin later.
 
@@ -45,7 +45,7 @@ _GRID_S = 0.05  # time between two points at which a path is sampled
 _STILL_M_S = 0.02  # a path whose end is slower than this counts as at rest there
 _EXTRA_SLOWING = 1.005  # factor by which a show is slowed more than needed
 _SLOWEST = 4.0  # a show that would have to be slowed by a larger factor is refused
-# homes are assigned anew if the longest flight to a path becomes shorter by this
+# homes are reassigned if the longest flight to a path becomes shorter by this
 _ASSIGN_ABOVE_M = 0.5
 
 # bounds of a vertical separation that is proposed if heights would keep vehicles apart

@@ -137,8 +137,8 @@ def judge(
 
     is_collision = bool(collided)
     if closest is not None and fleet.fleet.vertical_separation_m is None:
-        # With a vertical separation, a small distance may be between vehicles above each other.
-        # Then only the emulator knows which vehicles have touched.
+        # With a vertical separation, a small distance may be between two vehicles one above the
+        # other. Then only the emulator knows which vehicles have touched.
         is_collision = is_collision or closest.distance_m < fleet.fleet.body_diameter_m
 
     unknown_times = _unknown_times(flown, expect)

@@ -378,7 +378,7 @@ class OrderCards:
         try:
             self._follow(card, self._client.send(planned))
         except (OrderError, RuntimeError) as error:
-            # RuntimeError: the bus is not open yet, or not any more.
+            # RuntimeError: the bus is not open yet, or no longer open.
             card.phase = "refused"
             card.sentences = (str(error),)
             self._tell(card.message())

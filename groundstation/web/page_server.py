@@ -243,7 +243,7 @@ def _close_after(task: asyncio.Task[None], socket: web.WebSocketResponse) -> Non
 
 
 async def obey(text: str, cards: OrderCards) -> None:
-    """Carry out a message of a page; a message of no known form is ignored.
+    """Carry out a message of a page; a message of an unknown form is ignored.
 
     Args:
         text: the message, JSON.

@@ -25,7 +25,7 @@ AnswerT = TypeVar("AnswerT")
 class Dialog(ModalScreen[AnswerT]):
     """A box with the rows of the fleet above it, which are still updated.
 
-    The console behind the box is not drawn. To shade it would take as long as to draw it, and an
+    The console behind the box is not drawn. Shading it would take as long as drawing it, and an
     emergency key would have to wait for that.
 
     Args:

@@ -312,7 +312,7 @@ class FleetTable(Lines, ScrollView, can_focus=True):
     def _is_shown(self, view: VehicleView) -> bool:
         """Whether the filter lets a vehicle be shown.
 
-        The row under the cursor stays although its vehicle does not match any more. Otherwise the
+        The row under the cursor stays although its vehicle no longer matches. Otherwise the
         cursor would jump, and the next order would reach another vehicle.
         """
         if not self.filter or self._is_match(view):

@@ -122,7 +122,7 @@ class PlanView(Lines, can_focus=True):
         self.redraw()
 
     def action_whole(self) -> None:
-        """Show the fleet's part of the fence without zoom, and in turn with it the whole fence."""
+        """Show the fleet's part of the fence without zoom, or the whole fence at the next press."""
         is_moved = self.zoom != 1.0 or self._middle is not None
         shows_fleets_part = not is_moved and not self.is_whole_fence
         self.is_whole_fence = shows_fleets_part

@@ -164,7 +164,7 @@ class SeparationView(Lines, can_focus=True):
     # -- chart -------------------------------------------------------------------------------------
 
     def _strip_chart(self, width: int, height: int) -> list[Strip]:
-        """Return the chart, which is drawn anew twice a second."""
+        """Return the chart, which is redrawn twice a second."""
         key = (width, height, int(2.0 * self._now_s))
         if self._chart_key != key:
             self._chart_key = key
