@@ -162,7 +162,7 @@ def _new_link(endpoint: str) -> Any:
     _, _, port_word = address.rpartition(":")
     px4_port = int(port_word)
     link.port.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-    with contextlib.suppress(OSError):  # another program has the port: the system chooses one
+    with contextlib.suppress(OSError):  # another program has the port, so the system chooses one
         link.port.bind(("", _FIRST_PORT + px4_port % _PORTS))
     _receive_from_px4_only(link)
     return link

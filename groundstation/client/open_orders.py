@@ -73,7 +73,7 @@ class OpenOrders:
         send_direct: function that sends a land or kill command straight to PX4.
         publish_event: function that publishes an event of the ground.
         views: function that returns the vehicles as known now.
-        stall_clock_ns: a clock that goes on while this computer sleeps [ns].
+        stall_clock_ns: a clock that keeps running while this computer sleeps [ns].
         mavlink_keys: keys of the vehicles whose MAVLink is signed.
     """
 

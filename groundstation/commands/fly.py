@@ -108,7 +108,7 @@ def fly_mission(
     if not options.lockstep:
         return asyncio.run(MissionFlight(settings, say=clock_say()).fly())
 
-    # Imported here: a flight with real agents needs nothing of the simulation.
+    # Imported here: a flight with real agents does not need the simulation.
     from sitl.lockstep.command import fly_mission as fly_in_lockstep
 
     return fly_in_lockstep(settings.mission, settings.folder, settings.simulation)
@@ -175,7 +175,7 @@ def _refuse_wrong_faults(lines: tuple[str, ...]) -> None:
     if not lines:
         return
 
-    # Imported here: a flight with real agents needs nothing of the simulation.
+    # Imported here: a flight with real agents does not need the simulation.
     from sitl.faults.catalogue import FaultError, parse
 
     for line in lines:

@@ -106,7 +106,7 @@ def trials_of(flown: RecordedFlight) -> Iterator[Trial]:
 
 def _trial(flown: RecordedFlight, candidate: Candidate) -> Trial:
     """Fly a recorded flight again with a candidate's changes; return the result."""
-    # Imported here: an account needs nothing of the simulation.
+    # Imported here: an account does not need the simulation.
     from sitl.lockstep.reflight import fly_again
 
     try:

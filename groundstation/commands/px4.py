@@ -270,7 +270,7 @@ def compare(
 
 def measured_px4() -> version_comparison.MeasuredPx4:
     """Return the conformance suite's measurements of the versions of PX4."""
-    # Imported here: the other commands need nothing of the simulation.
+    # Imported here: the other commands do not need the simulation.
     from sitl.conformance.facts import VERSIONS, facts_of, nearest
     from sitl.conformance.suite import FACTS
 

@@ -135,7 +135,7 @@ def _rehearse(
 def _fly_in_lockstep(
     script: str, arguments: tuple[str, ...], config: FleetConfig, folder: Path, seed: int
 ) -> int:
-    # Imported here: a flight with real agents needs nothing of the simulation.
+    # Imported here: a flight with real agents does not need the simulation.
     from sitl.lockstep.flight import Lockstep
 
     with Lockstep(config, seed=seed, folder=folder) as flight:

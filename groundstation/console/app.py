@@ -418,7 +418,7 @@ class ConsoleApp(App[int]):
         self.orders.answer_request(answer)
 
     def action_stop_countdown(self) -> None:
-        """End the countdown without a start."""
+        """End the countdown without starting."""
         if self.orders.missions is not None:
             sentence = self.orders.missions.stop_countdown()
             self.panels.results.show_sentence(sentence)

@@ -20,7 +20,7 @@ from groundstation.fleet.descent import longest_descent_s
 from onboard.config.fleet import FleetConfig
 
 INTERRUPTED = 130  # exit status of a program that Ctrl-C has ended
-LAND_WAIT_S = 90.0  # longest wait for landings, beyond the time of the descent
+LAND_WAIT_S = 90.0  # longest wait for landings, plus the time of the descent
 HANG_UP_S = 1.0  # pause after the order to land, so that it reaches all vehicles before the end
 
 

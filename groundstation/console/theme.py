@@ -1,7 +1,7 @@
 """Colours, signs and numbers of the console. Pure.
 
 The palette is Okabe and Ito's, lightened for a dark background; it is safe for the common kinds of
-colour blindness. No colour alone has a meaning: a sign or a word always says the same.
+colour blindness. No colour carries a meaning alone; a sign or a word always says the same.
 `terminal_filters` adapts colours and signs to the terminal.
 """
 

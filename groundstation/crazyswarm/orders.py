@@ -103,7 +103,7 @@ class ScriptOrders:
         """Time since the start [s], without the lateness of vehicles."""
         return (self.fleet.client.now_ns() - self._begin_ns) * 1e-9 - self._late_s
 
-    # -- the script orders -------------------------------------------------------------------------
+    # -- orders from the script --------------------------------------------------------------------
 
     def arm(self, name: str) -> None:
         """Have a vehicle arm on the ground."""
@@ -141,7 +141,7 @@ class ScriptOrders:
         """Stop all motors now."""
         self._blocking.run(lambda fleet: fleet.kill(fleet.names))
 
-    # -- the script reads --------------------------------------------------------------------------
+    # -- what the script reads ---------------------------------------------------------------------
 
     def spot(self, name: str) -> tuple[Xyz, float]:
         """Return the point at which relative goals begin, and the heading there [deg].
@@ -220,7 +220,7 @@ class ScriptOrders:
         await asyncio.wait(running)
         self._late_s += self.time_s - begin_s
 
-    # -- orders leave ------------------------------------------------------------------------------
+    # -- sending orders ----------------------------------------------------------------------------
 
     async def _send(self, batch: _Batch) -> None:
         """Send the orders of a batch, with all orders of the same kind as one order."""

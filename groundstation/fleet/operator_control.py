@@ -316,8 +316,8 @@ class Control:
     def _hold(self, token: ControlToken) -> None:
         """Claim a token on the bus; it replaces this ground's earlier token of the same kind."""
         self._drop(token.claim)
-        # Parsed from its text, the token equals the one that telemetry will report: the text
-        # shortens names.
+        # The text of a token shortens names. Parsed from its text, the token equals the one that
+        # telemetry will report.
         parsed = parse_control_token(str(token))
         assert parsed is not None
         self._own_tokens[token.claim] = parsed

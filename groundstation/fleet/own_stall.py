@@ -23,7 +23,7 @@ class OwnStall:
     """Detects stalls of this process.
 
     Args:
-        clock_ns: a clock that goes on while this computer sleeps [ns].
+        clock_ns: a clock that keeps running while this computer sleeps [ns].
         least_s: shortest stall [s].
     """
 

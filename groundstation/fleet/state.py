@@ -60,8 +60,8 @@ PREFLIGHT_STALE_NS = int(TOPICS[Topic.PREFLIGHT].stale_after_s * 1e9)
 PERSON_STALE_NS = int(TOPICS[Topic.ALL_POSES].stale_after_s * 1e9)
 TRUTH_STALE_NS = int(TOPICS[Topic.TRUTH].stale_after_s * 1e9)
 _NEVER = -(1 << 62)  # time of something that has not happened, long before every other time [ns]
-# A message whose number is less than this below the last number was overtaken, and is dropped. If
-# it is lower still, the last number was false, and the message counts.
+# A message whose number is below the last number, but by less than this, was overtaken and is
+# dropped. If it is lower still, the last number was false, and the message counts.
 _REORDERED_TICKS = 50
 _REORDERED_REPORTS = 2
 
@@ -433,8 +433,8 @@ def _fold_event(state: FleetState, message: Event, now_ns: int) -> FleetState:
 def fold_batch(state: FleetState, batch: Sequence[ReceivedMessage], now_ns: int) -> FleetState:
     """Fold everything that has arrived since the last batch.
 
-    Telemetry of all vehicles is folded at once, after the other messages, and so is ground truth:
-    the number of pairs to compare grows with the square of the number of vehicles.
+    Telemetry of all vehicles is folded at once, after the other messages, and so is ground truth,
+    because the number of pairs to compare grows with the square of the number of vehicles.
 
     Args:
         state: fleet before the batch.

@@ -1,8 +1,8 @@
 """The steps of a mission file and its reaction to a failure: keys, defaults and meanings.
 
 A step that gives an order is an intent of `groundstation/orders/intents.py`, so a new verb becomes
-a step without a change of this module. This module adds the steps that no operator types: they
-follow paths, wait, contain other steps, check expectations, or inject faults.
+a step without changing this module. This module adds the steps that no operator types: they follow
+paths, wait, contain other steps, check expectations, or inject faults.
 
 docs/mission-file.md is printed from these classes and from the comments beside their fields.
 """

@@ -167,4 +167,4 @@ def _turn_sigterm_into_an_exception() -> None:
             # 128 + number is the exit code of a program that a signal has ended
             signal.signal(signal.SIGTERM, lambda number, _: sys.exit(128 + number))
     except ValueError:
-        return  # not the main thread: only that one may set signal handlers
+        return  # not the main thread, which alone may set signal handlers

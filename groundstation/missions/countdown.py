@@ -4,9 +4,9 @@ The instant of the start is fixed on the monotonic clock when the countdown begi
 all clocks are checked five times a second. The countdown ends without a start when
 
 * an operator stops it,
-* this computer's clock is set: then it is not known which of the two times was right,
-* a vehicle's computer has another time than this one, or does not report its time: one of the two
-  clocks is wrong, perhaps this computer's.
+* this computer's clock is set, because it is then unknown which of the two times was right,
+* a vehicle's computer has a different time from this one, or does not report its time. One of the
+  two clocks is wrong, perhaps this computer's.
 """
 
 from __future__ import annotations
@@ -77,7 +77,7 @@ class Countdown:
         return f"starts at {self.at.words}, in {hours}:{minutes:02}:{seconds:02}"
 
     def stop(self, sentence: str) -> None:
-        """End the countdown without a start.
+        """End the countdown without starting.
 
         Args:
             sentence: the reason.

@@ -213,7 +213,7 @@ class MissionGround:
         return ""
 
     def stop_countdown(self) -> bool:
-        """End the countdown without a start, as an operator orders.
+        """End the countdown without starting, as an operator orders.
 
         Returns:
             Whether there was one.

@@ -389,7 +389,7 @@ class Group:
     async def yaw(
         self, yaw_deg: float, vehicles: Vehicles = "all", *, timeout_s: float = 15.0
     ) -> Results:
-        """Turn each vehicle to a heading, without a change of position.
+        """Turn each vehicle to a heading, without changing its position.
 
         Args:
             yaw_deg: heading, counterclockwise from east.

@@ -26,8 +26,8 @@ from groundstation.orders.result import OrderResult, Results
 LAND_AGAIN_S = 6.0  # wait for vehicles that land, before the next order
 TELEMETRY_WITHIN_S = 0.3  # longest wait for telemetry that shows the newest order
 _LAST_TELEMETRY_S = 1.0  # longest wait for telemetry after all orders are done
-# Factor on the time of the descent: a landing vehicle may wait for others below it, and may have to
-# avoid others.
+# Factor on the time of the descent, because a landing vehicle may wait for others below it, and may
+# have to avoid others.
 _DESCENT_FACTOR = 2.0
 _MAY_FLY_STATES = ("armed", "taking off", "flying", "holding", "landing")
 

@@ -431,7 +431,7 @@ class Rotate(Intent, frozen=True, kw_only=True):
 
 
 class Yaw(Intent, frozen=True, kw_only=True):
-    """Turn each vehicle to a heading, without a change of position."""
+    """Turn each vehicle to a heading, without changing its position."""
 
     verb = "yaw"
     kind = "move"

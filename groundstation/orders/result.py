@@ -65,7 +65,7 @@ class OrderFailed(RuntimeError):
         self.results = results
 
         not_done = [result for result in results.values() if not result.is_done]
-        # The failure that came first is named first: it may be the cause of the others.
+        # The failure that came first is named first, because it may be the cause of the others.
         not_done.sort(key=lambda result: result.ended_before)
         reasons = [f"{result.vehicle} {result.phase}: {result.sentence}" for result in not_done]
         super().__init__(f"'{intent}' failed. {' '.join(reasons)}")
@@ -130,7 +130,7 @@ class OrderResult:
         before = self.results[vehicle]
         if before.is_final and before.phase != "no answer":
             return
-        # PX4 has the order already: an agent that accepts it later changes nothing
+        # PX4 has the order already, so an agent that accepts it later changes nothing
         if phase == "accepted" and before.phase == "direct":
             return
 

@@ -70,7 +70,7 @@ def run(
         links: links to them, which receive messages with any signature.
         keys: name of a vehicle -> its key.
         action: whether to look only, to set the key, or to remove it.
-        old_key: the key that PX4 has now, where it is not the one in ``keys``; else None.
+        old_key: the key that PX4 has now, if it is not the one in ``keys``; else None.
     """
 
     def run_one(link: VehicleLink) -> VehicleReport:

@@ -10,9 +10,9 @@ import msgspec
 from onboard.config.fleet import FleetConfig
 
 _MOST_LETTERS = 200  # most letters of a value
-# Keys that tell vehicles apart or say how to reach them: not shown, as they need no default.
+# Keys that tell vehicles apart or say how to reach them are not shown; they need no default.
 _IDENTITY = frozenset(("name", "index", "system_id", "agent", "autopilot", "direct", "mocap_body"))
-# Keys with folders and addresses on one computer: not shown.
+# Keys with folders and addresses on one computer are not shown.
 _PLACES = frozenset(("folder", "keys", "routers", "simulator"))
 
 

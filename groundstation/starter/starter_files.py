@@ -83,7 +83,7 @@ class Starter:
 
 
 def refuse_wrong_answer(key: str, answers: Answers) -> None:
-    """Refuse one answer by itself; whether the law can fly such a fleet is not asked here.
+    """Refuse one answer by itself; whether the law can fly such a fleet is not checked here.
 
     Args:
         key: name of the answer, a field of Answers.

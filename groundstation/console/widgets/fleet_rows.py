@@ -28,7 +28,7 @@ _LONG_NAME = 24
 _SHORT_NAME = 16
 _FEW_COLUMNS = 10
 
-# A reason not to fly that has too little room is written over the columns whose ``cover`` is at
+# A reason not to fly that has too little room is written over some columns. Their ``cover`` is at
 # least one of these:
 _COVERED_ALWAYS = 2
 _COVERED_AMONG_FEW = 1  # where few columns are shown
