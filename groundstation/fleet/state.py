@@ -213,7 +213,7 @@ class VehicleView(Struct, frozen=True):
     def is_armed(self) -> bool:
         """Whether the vehicle is armed, by the last telemetry.
 
-        A later report of a disarm, which PX4 itself sends on the direct path, counts more.
+        A later report of a disarm, which PX4 itself sends on the direct path, takes precedence.
         """
         if self.telemetry is None or self.is_disarmed_by_px4:
             return False
@@ -228,7 +228,7 @@ class VehicleView(Struct, frozen=True):
     def is_airborne(self) -> bool:
         """Whether the vehicle flies, by the last telemetry.
 
-        A later report of a disarm, which PX4 itself sends on the direct path, counts more.
+        A later report of a disarm, which PX4 itself sends on the direct path, takes precedence.
         """
         if self.telemetry is None or self.is_disarmed_by_px4:
             return False

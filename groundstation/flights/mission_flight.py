@@ -303,7 +303,7 @@ def next_commands(folder: Path, mission_name: str) -> list[str]:
 
 
 def clock_say() -> Say:
-    """Return a function that prints lines with the seconds since now."""
+    """Return a function that prints lines with the seconds since this call."""
     begin_s = time.monotonic()
 
     def say(line: str) -> None:

@@ -65,7 +65,7 @@ def text_slots(text: str, font: str | None, count: int) -> Array:
 
 
 def _invisible(text: str) -> ConfigError:
-    """Return the refusal of a text in which nothing is drawn."""
+    """Return the refusal for a text in which nothing is drawn."""
     return ConfigError(f"The text {text!r} has no visible letter. Write another one.")
 
 

@@ -267,7 +267,7 @@ def _check_planned_fields(values: dict[str, Any], kind: type[Intent], key: str, 
 
 
 def _check_step(step: MissionStep, key: str, path: str) -> None:
-    """Refuse values outside their bounds, and a wait without anything to wait for."""
+    """Refuse values outside their bounds, and a wait with nothing to wait for."""
     for name, (low, high) in STEP_BOUNDS.items():
         value = getattr(step, name, None)
         if value is not None and not low <= value <= high:

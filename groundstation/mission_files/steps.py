@@ -91,7 +91,7 @@ class WaitStep(_Step, frozen=True, kw_only=True):
     """Let time pass, or wait until a condition holds or for a wall-clock time."""
 
     at: str = ""  # wall-clock time until which it waits first: "21:30:00"
-    duration_s: float = 0.0  # vehicle time to wait
+    duration_s: float = 0.0  # time to wait, in vehicle time
     until: Until | None = None  # condition, with the keys below
     timeout_s: float = 60.0  # the step fails if the condition does not hold in this time
 

@@ -53,8 +53,8 @@ async def land_all(
             heights.
         say: function that receives each line of progress.
         link: link of this ground.
-        watch: watch of the mission's fleet. Once somebody has taken the fleet, only a person lands
-            it.
+        watch: watch of the mission's fleet. Once somebody has taken the fleet, only a person may
+            land it.
         is_by_person: whether a person, and not only the mission, has ordered the landing. Then the
             order does not wait for the link, and goes straight to PX4s whose agents do not answer.
 

@@ -7,7 +7,7 @@ that keeps the distance from that neighbour (line D of the law). It is a half-pl
 bound`` of the horizontal acceleration, before drag and disturbance are compensated. The thrust
 before the law lies outside of it, and the thrust after the law inside.
 
-Rows of turning, of obstacles and of the fence are left out, and so are users' own laws. The record
+Rows for turning, obstacles and the fence are left out, and so are users' own laws. The record
 of states is thinned when it is read, so an accuracy may be older than the one that the law used.
 """
 
