@@ -644,7 +644,7 @@ class Group:
 
         check_world_time(at)
         if self.client.world.is_simulated:
-            self.ground.say(f"Simulated time has no world's clock: {at} counts as now.")
+            self.ground.say(f"Simulated time has no wall clock: {at} counts as now.")
             return None
         return world_time(at, local_now(self.client.world.world_ns))
 

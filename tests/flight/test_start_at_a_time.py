@@ -1,4 +1,4 @@
-"""A mission that starts at a time of the world's clock, with real agents and real clocks."""
+"""A mission that starts at a time of the wall clock, with real agents and real clocks."""
 
 from __future__ import annotations
 

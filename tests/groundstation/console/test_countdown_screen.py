@@ -1,4 +1,4 @@
-"""The question before a start at a time of the world's clock, and the key that stops it."""
+"""The question before a start at a time of the wall clock, and the key that stops it."""
 
 from __future__ import annotations
 

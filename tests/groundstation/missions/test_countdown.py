@@ -1,4 +1,4 @@
-"""Starts at a time of the world's clock: counted down, stopped, and refused where clocks differ."""
+"""Starts at a time of the wall clock: counted down, stopped, and refused where clocks differ."""
 
 from __future__ import annotations
 
@@ -199,7 +199,7 @@ async def test_simulated_time_waits_for_nobody(fleet: FleetConfig, client: Any) 
     steps = [{"do": "wait", "at": "03:00"}, *HOP]
     run = MissionRun(make(fleet, steps), client, say=lines.append)
     assert (await asyncio.wait_for(run.run(), 20.0)).passed
-    assert "Simulated time has no world's clock: 03:00 counts as now." in lines
+    assert "Simulated time has no wall clock: 03:00 counts as now." in lines
 
 
 # -- paths -----------------------------------------------------------------------------------------

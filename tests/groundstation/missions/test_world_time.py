@@ -1,4 +1,4 @@
-"""Times of the world's clock, as people write them."""
+"""Times of the wall clock, as people write them."""
 
 from __future__ import annotations
 

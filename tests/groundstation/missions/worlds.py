@@ -1,4 +1,4 @@
-"""A world's clock that a test sets."""
+"""A wall clock that a test sets."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from groundstation.mission_files.world_time import WorldTime, local_now
 from onboard.bus.clock_offsets import Clocks
 
 _S = 1_000_000_000
-NOW_NS = 1_795_000_000 * _S  # of the world's clock
+NOW_NS = 1_795_000_000 * _S  # of the wall clock
 
 
 class World(WorldClock):
