@@ -1,8 +1,8 @@
-"""Commands that the agent's core returns, and that its shell executes in the returned order.
+"""Commands of the agent's core. Its shell executes them in the order in which they are returned.
 
 The core computes without I/O, and the shell does all I/O. Some commands go to PX4, some go to the
-bus, and one ends the process. To execute a command only means to send it: the core learns the
-effect from later inputs (``agent_inputs.py``).
+bus, and one ends the process. Executing a command only means sending it. The core learns its effect
+from later inputs (``agent_inputs.py``).
 """
 
 from __future__ import annotations

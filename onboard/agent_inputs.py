@@ -1,8 +1,8 @@
 """Inputs of the agent's core, which computes without I/O.
 
 Inputs are poses, messages of the neighbours, orders, PX4's newest snapshot, and observations of the
-process about itself. The shell, which does all I/O, passes them to the core one after the other
-before each tick.
+process about itself. The shell does all I/O, and passes them to the core one by one before each
+tick.
 
 Some twenty inputs are created at every tick. They are frozen Structs, because creating a Struct
 takes a tenth of the time of a frozen dataclass.
@@ -34,7 +34,7 @@ class AllPosesReceived(Struct, frozen=True):
 
 
 class NeighbourReceived(Struct, frozen=True):
-    """A neighbour's state or telemetry."""
+    """A neighbour's state or telemetry message."""
 
     message: StateMessage | Telemetry
     received_ns: int  # on our clock
@@ -105,7 +105,7 @@ class LoopTimed(Struct, frozen=True):
 
 
 class MessagesCounted(Struct, frozen=True):
-    """Numbers of messages that the shell has not passed on, since the last such input.
+    """Numbers of messages that the shell has not passed on since the last input of this type.
 
     ``message_counts.py`` says what each reason means.
     """

@@ -1,4 +1,4 @@
-"""Types of numpy arrays, for rooms that work on recorded flights or on many vehicles at once."""
+"""Types of numpy arrays, for packages that work on recorded flights or on many vehicles at once."""
 
 from __future__ import annotations
 

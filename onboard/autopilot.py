@@ -30,13 +30,13 @@ class LinkError(RuntimeError):
 
 
 Version = tuple[int, int]  # major and minor number of PX4, as PX4 reports them
-# oldest and newest version with which Covey was measured
+# oldest and newest version that Covey was measured with
 MEASURED_VERSIONS: tuple[Version, Version] = ((1, 16), (1, 18))
 SIGNING_SINCE: Version = (1, 18)  # first version of PX4 that supports MAVLink signing
 AUTOPILOT_COMPONENT = 1  # MAVLink's component id of an autopilot
 _LARGEST_MAJOR = 9  # a larger major number is not plausible
 
-# ages after which reports of PX4 are no longer used
+# reports of PX4 older than this are not used
 BATTERY_KNOWN_NS = 5_000_000_000  # PX4 reports the battery twice a second
 ACCURACY_KNOWN_NS = 5_000_000_000
 FIX_KNOWN_NS = 1_500_000_000  # PX4 reports the fix five times a second while a receiver works
@@ -60,22 +60,22 @@ def plausible_version(version: Version | None) -> Version | None:
 class Refused(Struct, frozen=True):
     """Numbers of the packets at the autopilot's endpoint that were refused, by reason."""
 
-    malformed: int = 0  # no MAVLink, or a wrong checksum
+    malformed: int = 0  # not MAVLink, or a wrong checksum
     # from other systems and components, for instance a ground station's packets that PX4 forwards
     others: int = 0
     other_address: int = 0  # with the autopilot's ids, but not from its address
     unsigned: int = 0  # not signed, although this vehicle's packets must be signed
     forged: int = 0  # signed with another key
-    old: int = 0  # signed, but replayed, or stamped by a clock that went back
+    old: int = 0  # signed, but replayed, or stamped by a clock that was set back
 
-    # the newest refused packet, without those that are counted as ``others``
+    # the newest refused packet, except those counted as ``others``
     newest: str = ""  # why it was refused
     source: str = ""  # its sender's address, if the transport knows it
     newest_ns: int = 0  # time of its arrival
 
     @property
     def count(self) -> int:
-        """Number of refused packets without those from other systems, which are harmless."""
+        """Number of refused packets, except those from other systems, which are harmless."""
         return self.malformed + self.other_address + self.unsigned + self.forged + self.old
 
 

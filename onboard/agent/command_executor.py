@@ -1,4 +1,4 @@
-"""Executes the core's commands, in their order.
+"""Executes the core's commands, in order.
 
 Setpoints and requests go to PX4; messages, replies and subscriptions go to the bus. Calls that may
 block (reliable messages, subscriptions) run on their own threads, so that nothing delays the
@@ -20,7 +20,7 @@ from onboard.bus.schema import OrderReply
 from onboard.bus.topics import TOPICS, Delivery, Topic
 from onboard.process.background_queue import BackgroundQueue
 
-# a setpoint that comes later than this after the begin of its tick is not sent
+# a setpoint that is later than this after the start of its tick is not sent
 _LATEST_SETPOINT_NS = 60_000_000
 
 log = logging.getLogger("covey.agent")
@@ -29,7 +29,7 @@ OnReply = Callable[[OrderReply], None]
 
 
 class CommandExecutor:
-    """Executes commands in their order.
+    """Executes commands in order.
 
     Args:
         name: name of the vehicle.
@@ -84,7 +84,7 @@ class CommandExecutor:
         self._subscriptions.submit(int)
 
     def stop(self) -> None:
-        """Execute what waits in the queues, and end their threads."""
+        """Execute everything that is still queued, and end the threads."""
         self._subscriptions.stop()
         self.reliable.stop()
 
@@ -93,7 +93,7 @@ class CommandExecutor:
         self._replies[order_id] = reply
 
     def execute(self, commands: Iterable[agent_commands.Command]) -> None:
-        """Execute commands in their order."""
+        """Execute commands in order."""
         for command in commands:
             self._actions[type(command)](command)
 
@@ -133,8 +133,8 @@ class CommandExecutor:
         on_message = self._inbox.neighbour_received
         self._subscriptions.submit(self._bus.follow, Topic.STATE, command.names, on_message)
 
-        # Of the vehicles that are not followed, only the slow states are read (topic FAR). A slow
-        # state under the own name comes from a second agent of the same vehicle.
+        # Only the slow states (topic FAR) are read from vehicles that are not followed. A slow
+        # state under our own name comes from a second agent of this vehicle.
         slow_names = self._names - command.names
         slow_names.add(self._name)
         self._subscriptions.submit(self._bus.follow, Topic.FAR, slow_names, on_message)

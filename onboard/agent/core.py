@@ -1,6 +1,6 @@
 """The agent without I/O: inputs and time come in, commands go out.
 
-The shell in loop.py moves bytes and time. It hands over every input as it comes (``handle``), and
+The shell in loop.py moves bytes and time. It passes every input on as it arrives (``handle``), and
 calls ``tick`` 50 times a second. A tick asks, in this order:
 
     Where are we?          localization: mocap samples, attitude and thrust -> State
@@ -8,11 +8,11 @@ calls ``tick`` 50 times a second. A tick asks, in this order:
     What is wrong?         supervision: conditions, and the failsafe table's action
     What do we do?         flight: the step of the flight, and the goal of its order
     How do we fly that?    control: the pipeline, with the avoidance law -> attitude setpoint
-    May that leave?        the last check before the wire
-    Who needs to know?     state for the neighbours, telemetry for people, samples for the record
+    May we send it? the last check before the wire Who needs to know?     state for the neighbours,
+    telemetry for people, samples for the record
 
-Every vehicle decides for itself, from what it knows at this tick. Nothing here waits: if something
-takes longer than a tick, a command requests it, and the result comes back as a later input.
+Every vehicle decides for itself, from what it knows at this tick. Nothing here waits: anything that
+takes longer than a tick is requested by a command, and its result arrives later as an input.
 """
 
 from __future__ import annotations
@@ -91,13 +91,13 @@ from onboard.vectors import subtract
 if TYPE_CHECKING:
     from onboard.corrections.intake import CorrectionsIntake
 
-# bounds of the time over which one tick integrates
+# bounds of the time step that one tick integrates over
 _SHORTEST_S = 0.005
 _LONGEST_S = 0.1
 
 _ZERO = (0.0, 0.0, 0.0)
 _IN_AIR = (Landed.IN_AIR, Landed.TAKING_OFF, Landed.LANDING)
-# situations in which the process may end: on the ground, and after a flight that it has given up
+# the process may end in these situations: on the ground, and after it has given up a flight
 _MAY_END = (Situation.GROUND, Situation.SILENT)
 # steps in which the process waits for PX4 to report that it has disarmed
 _DISARMING_STEPS = (
@@ -207,7 +207,7 @@ class AgentCore:
         self._requested_bodies: tuple[str, ...] = ()
 
         # from the newest tick
-        self._period_s = TICK_S  # time since the tick before
+        self._period_s = TICK_S  # time since the previous tick
         self._ages_s: dict[str, float] = {}  # age of the state of each followed neighbour
         self._distances_m: dict[str, float] = {}  # separation from each neighbour and person
         self._people_m: dict[str, float] = {}  # separation from each person
@@ -237,7 +237,7 @@ class AgentCore:
     # -- a tick ------------------------------------------------------------------------------------
 
     def tick(self, now_ns: int) -> list[Command]:
-        """Run one pass; return its commands in the order in which they are to be executed."""
+        """Run one pass; return its commands in the order of execution."""
         dt_s = self._measure_period(now_ns)
 
         # Where are we?
@@ -275,7 +275,7 @@ class AgentCore:
         if flight.step.control_mode is ControlMode.FLYING and self._mismatch.is_due():
             self._report_mismatch(view)
 
-        # May that leave?
+        # May we send it?
         setpoint = self._setpoints.commands(view, self.control)
         self._orders.check_conflict(view, self.neighbours.telemetries)
 
@@ -296,7 +296,7 @@ class AgentCore:
         return min(max(self._period_s, _SHORTEST_S), _LONGEST_S)
 
     def _estimate(self, now_ns: int, dt_s: float) -> OwnEstimate:
-        """Return the estimate of the own motion for this tick."""
+        """Return the estimate of our own motion for this tick."""
         step = self.flight.step
         is_on_ground = step.control_mode is ControlMode.GROUND or step is FlightStep.LIFTOFF
         seems_to_stand = predicates.seems_to_stand_blind(self.flight, self._view)
@@ -312,7 +312,7 @@ class AgentCore:
         )
 
     def _look(self, now_ns: int, own: OwnEstimate) -> FlightView:
-        """Keep and return what the flight knows of its vehicle at this tick."""
+        """Store and return what the flight knows about its vehicle at this tick."""
         state = own.state
         if state is None:
             self._view = FlightView(
@@ -463,7 +463,7 @@ class AgentCore:
         )
 
     def _requests(self, view: FlightView, *, was_on_ground: bool) -> list[Command]:
-        """Return the least urgent commands, which are due only from time to time."""
+        """Return the least urgent commands, which are due only occasionally."""
         requests: list[Command] = []
 
         position_enu_m = view.position_enu_m if view.has_position else None
@@ -498,7 +498,7 @@ class AgentCore:
     def _may_end(self, view: FlightView) -> bool:
         """Return whether the process may end now.
 
-        After the process has disarmed PX4, it waits at most a few seconds for PX4 to report that.
+        After the process has disarmed PX4, it waits at most a few seconds for PX4's confirmation.
         """
         flight = self.flight
         waited_long = predicates.px4_has_not_confirmed_in_time(flight, view)
@@ -506,7 +506,7 @@ class AgentCore:
         return flight.step.situation in _MAY_END and not is_disarming
 
     def _is_airborne(self) -> bool:
-        """Return whether the others have to expect this vehicle in the air."""
+        """Return whether other vehicles must expect this vehicle to be in the air."""
         snapshot = self._snapshot
         if snapshot.is_armed and snapshot.landed in _IN_AIR:
             return True
@@ -518,7 +518,7 @@ class AgentCore:
     def handle(self, agent_input: AgentInput, now_ns: int) -> list[Command]:
         """Take one input; return the commands that follow at once.
 
-        Only orders and poses have such commands. The effect of other inputs shows at the next tick.
+        Only orders and poses have such commands. Other inputs take effect at the next tick.
         """
         return _RECEIVERS[type(agent_input)](self, agent_input, now_ns)
 

@@ -32,8 +32,9 @@ from onboard.mocap.source import MocapSource
 
 _MOST_EVENTS = 2000  # number of messages that may wait for a tick
 _MOST_CORRECTIONS = 32  # number of frames of corrections that may wait for a tick
-_NODES_PER_TICK = 50  # number of appeared or lost nodes of the bus that one tick takes
-# if this many states are missing, the neighbour was silent or not followed, and none counts as lost
+_NODES_PER_TICK = 50  # one tick handles at most this many changes of nodes
+# if more states than this are missing, the neighbour was silent or not followed, and none counts as
+# lost
 _MOST_MISSING = 50
 
 
@@ -64,7 +65,7 @@ class Inbox:
         # this process are few, and have their own queue so that no event can push them out.
         self.notices: deque[agent_inputs.AgentInput] = deque(maxlen=_MOST_EVENTS)
         self.events: deque[agent_inputs.AgentInput] = deque(maxlen=_MOST_EVENTS)
-        self._nodes: dict[str, bool] = {}  # node that appeared or left -> whether it is present
+        self._nodes: dict[str, bool] = {}  # changed node -> whether it is present
 
         self._vehicle = vehicle
         self._boot_id = boot_id
@@ -102,7 +103,7 @@ class Inbox:
             self._mocap.stop()
 
     def take_counts(self) -> agent_inputs.MessagesCounted:
-        """Return how many messages were not passed on since the last call."""
+        """Return how many messages have not been passed on since the last call."""
         counts = self._counts
         self._counts = MessageCounts()
         return agent_inputs.MessagesCounted(counts.malformed, counts.refused, counts.dropped)
@@ -115,7 +116,7 @@ class Inbox:
         return changes
 
     def neighbour_received(self, topic: Topic, name: str, message: Message | Malformed) -> None:
-        """Take a state or a telemetry.
+        """Take a state or a telemetry message.
 
         Messages of this agent are skipped. A message under our own name with another boot_id comes
         from a second agent of the same vehicle, and is taken.

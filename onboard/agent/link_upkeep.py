@@ -1,7 +1,7 @@
 """Upkeep of the link to PX4: waits for PX4, sets rates and origin, checks parameters.
 
-It begins anew whenever PX4 restarts, and whenever PX4 is heard again after a silence: a PX4 whose
-USB cable was plugged in again sends at its default rates.
+It starts over whenever PX4 restarts or is heard again after a silence. For example, PX4 sends at
+its default rates after its USB cable has been plugged in again.
 """
 
 from __future__ import annotations
@@ -117,7 +117,7 @@ class LinkUpkeep:
         # polled, because MAVSDK's threads set no Event to wait for
         while self._link.snapshot().heartbeat_ns < requested_ns:  # noqa: ASYNC110
             await asyncio.sleep(0.1)
-        # armed by an earlier run of this agent or by a pilot; in flight nothing is changed
+        # PX4 was armed by an earlier run of this agent or by a pilot; nothing is changed in flight
         if self._link.snapshot().is_armed:
             log.warning("PX4 is armed already: its origin and its parameters are left as they are")
             return
@@ -137,10 +137,10 @@ class LinkUpkeep:
         return [param for name, param in required.items() if name not in self._absent]
 
     async def _watch(self, beginnings: int) -> None:
-        """Check parameters, origin and disk until the number of beginnings changes."""
+        """Check parameters, origin and disk until PX4 restarts or returns after a silence."""
         problems: tuple[str, ...] | None = None  # None: the parameters have not been read yet
-        read_ns = 0  # time of the newest reading
-        read_for: Version | None = None  # PX4's version at the newest reading
+        read_ns = 0  # when the parameters were last read
+        read_for: Version | None = None  # PX4's version at that time
         has_origin = True
 
         while True:
@@ -153,8 +153,8 @@ class LinkUpkeep:
             if is_on_ground:
                 has_origin = self._link.settle_global_origin(sets_ours=self._vehicle.mocap_required)
 
-            # The first reading may be in flight. Further readings are on the ground: after some
-            # time, for another version of PX4, and while there are problems.
+            # The parameters may be read in flight the first time. They are read again only on the
+            # ground: after some time, for another version of PX4, and while there are problems.
             is_old = time.monotonic_ns() - read_ns > _READ_AGAIN_NS
             is_due_again = bool(problems) or version != read_for or is_old
             if problems is None or (is_due_again and is_on_ground):
@@ -162,7 +162,7 @@ class LinkUpkeep:
                 read_for = version
                 problems = await self._read_params(has_origin)
 
-            # a missing origin is looked for every second
+            # while the origin is missing, check every second
             pause_s = _LOOK_S
             if problems and has_origin:
                 pause_s = _REPEAT_S
@@ -201,7 +201,7 @@ class LinkUpkeep:
 
 
 def _beginnings(px4: Snapshot) -> int:
-    """Return how often PX4 has restarted, or was heard again after a silence."""
+    """Return how often PX4 has restarted, or has returned after a silence."""
     return px4.restarts + px4.returns
 
 
@@ -211,6 +211,6 @@ def _values(required: Iterable[RequiredParam]) -> dict[str, Value]:
 
 
 def _log_end(task: asyncio.Task[None]) -> None:
-    """Log a bug that ended the upkeep; the flight goes on without it."""
+    """Log a bug that ended the upkeep; the flight continues without upkeep."""
     if not task.cancelled() and task.exception() is not None:
         log.error("upkeep of the link ended", exc_info=task.exception())

@@ -1,9 +1,9 @@
 """Forwards requests for PX4's own logs from the ground to PX4, and PX4's answers to the ground.
 
-PX4 is often connected to its companion computer by a serial cable, where only the agent reaches it.
-The agent forwards requests while its vehicle stands disarmed on the ground, and only requests that
-read logs (:mod:`onboard.px4.log_requests`). It stores nothing on its own disk: the program that
-fetches the log requests missing pieces again.
+PX4 is often connected to its companion computer by a serial cable. Then only the agent can reach
+it. The agent forwards requests while its vehicle is disarmed on the ground, and it forwards only
+requests that read logs (:mod:`onboard.px4.log_requests`). It stores nothing on its own disk. The
+program that fetches the log asks again for missing pieces.
 
 Pieces of a log have the lowest priority of all messages on the bus. Each tick sends a bounded
 number of pieces. If the queue is full, the oldest pieces are dropped.
@@ -22,9 +22,9 @@ from onboard.px4.log_requests import is_allowed
 from onboard.px4.mavsdk_link import Px4Link
 from onboard.px4.packets import Packet, cut, packed
 
-_MOST_REQUESTS = 16  # most requests that wait for a tick
-_MOST_ANSWERS = 4000  # most packets of PX4 that wait for a tick, about one megabyte
-_ANSWERS_A_TICK = 60  # most packets of one tick, about 0.7 MB/s
+_MOST_REQUESTS = 16  # at most this many requests wait for a tick
+_MOST_ANSWERS = 4000  # at most this many packets of PX4 wait for a tick, about one megabyte
+_ANSWERS_A_TICK = 60  # at most this many packets are forwarded per tick, about 0.7 MB/s
 _LISTENS_NS = 5_000_000_000  # time after a request for which answers are forwarded
 
 
@@ -92,7 +92,7 @@ class LogRelay:
         """Store an answer of PX4; called on the thread of the link."""
         if self._is_listening:
             system_id = self._link.system_id
-            # packed again, so that the packet has no signature
+            # pack it again to remove the signature
             data = packed(
                 packet.number,
                 packet.payload,

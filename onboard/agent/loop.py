@@ -42,7 +42,7 @@ from onboard.security.mavlink_key import mavlink_key
 from onboard.types import TICK_S
 
 PERIOD_NS = round(TICK_S * 1e9)
-# rate of PX4's position with mocap, where this position is only compared
+# rate of PX4's position with mocap, which only compares this position
 _CHECKED_POSITION_HZ = 10.0
 _SATELLITES_HZ = 5.0  # rate of PX4's satellite fix, without mocap
 _STATISTICS_TICKS = 25  # number of ticks between two reports of the loop's times
@@ -78,7 +78,7 @@ class AgentProcess:
 
         position_hz = 1e9 / PERIOD_NS
         satellites_hz = _SATELLITES_HZ
-        if vehicle.mocap_required:  # then PX4's own position is only checked
+        if vehicle.mocap_required:  # then PX4's own position is only compared
             position_hz = _CHECKED_POSITION_HZ
             satellites_hz = 0.0
         self._link = Px4Link(
@@ -102,7 +102,7 @@ class AgentProcess:
             router_timeout_s=_ROUTER_S,
         )
 
-        # earliest end of the certificates with which the links are opened; None without any
+        # earliest expiry of the certificates that the links use; None without certificates
         self._certificate_end = first_end(fleet, name)
         self._ends_links = False  # whether the process ends because of its certificate
 
@@ -136,7 +136,7 @@ class AgentProcess:
 
         self._log_relay = LogRelay(name, self._link, self._bus)
 
-        # the vehicles tick one after the other, spread over the period
+        # the ticks of the vehicles are spread over the period
         offset_ns = vehicle.index * PERIOD_NS // max(1, len(fleet.vehicles))
         self._ticker = Ticker(PERIOD_NS, self._tick, offset_ns=offset_ns)
 
@@ -152,7 +152,7 @@ class AgentProcess:
         loop = asyncio.get_running_loop()
         self._ended = loop.create_future()
 
-        # before anything else, because a request to stop may come early
+        # first of all, because a request to stop may come early
         for number in (signal.SIGINT, signal.SIGTERM):
             loop.add_signal_handler(number, self._signalled)
 
@@ -268,7 +268,7 @@ class AgentProcess:
             self._run_core(now_ns)
             self._failed_ticks = 0
             self._notifier.alive(now_ns, self._core.flight.state)
-        except Exception as error:  # our own bug in flight: the one place that catches it
+        except Exception as error:  # our own bug in flight: only this place catches it
             log.exception("tick failed")
             self._failed_ticks += 1
             self._core.handle(
@@ -302,7 +302,7 @@ class AgentProcess:
             execute(core.handle(change, now_ns))
         self._bus.deliver()
 
-        # commands that follow from poses; the setpoint does not wait for them
+        # commands in response to poses; the setpoint does not wait for them
         pose_commands: list[agent_commands.Command] = []
         while inbox.events:
             pose_commands += core.handle(inbox.events.popleft(), now_ns)
@@ -330,7 +330,7 @@ class AgentProcess:
     def _check_certificate(self, now_ns: int) -> None:
         """Tell the core how long the certificates stay valid; end the process after they expired.
 
-        Open links survive the expiry of a certificate, so that no flight is interrupted. Once the
+        Open links survive the expiry of a certificate, so no flight is interrupted. Once the
         certificate has been expired for longer than the longest flight, the process ends as soon as
         the vehicle is on the ground. That closes the links.
         """

@@ -1,7 +1,8 @@
 """Publishes ends of orders again to a ground that was cut off when they happened. Pure.
 
-An order ends with an event, its end. A ground whose link breaks misses this event, and would wait
-for it forever. Therefore the newest ends are kept, and published again when the ground is back.
+An event, called its end, marks the end of an order. If the link of a ground breaks, the ground
+misses this event and would wait for it forever. So the newest ends are kept, and published again
+when the ground is back.
 """
 
 from __future__ import annotations
@@ -12,7 +13,7 @@ from collections.abc import Iterable
 from onboard.agent_commands import Command, Publish
 from onboard.bus.schema import Event
 
-_NOTICED_NS = 1_500_000_000  # longest time from the loss of a ground until it is noticed
+_NOTICED_NS = 1_500_000_000  # the loss of a ground is noticed within this time
 _WAIT_NS = 1_000_000_000  # time after which a ground that is back receives events
 _MOST_ENDS = 8
 _MOST_GROUNDS = 16
@@ -29,7 +30,7 @@ class LostEnds:
         self._repeat_ns = 0  # time of the next repeat; 0: no repeat is pending
 
     def see(self, ground: str, is_alive: bool, now_ns: int) -> None:
-        """Take the appearance or the loss of a ground."""
+        """Note that a ground has appeared or was lost."""
         is_repeat_pending = self._repeat_ns != 0
 
         if not is_alive:
@@ -51,9 +52,9 @@ class LostEnds:
             self._repeat_ns = now_ns + _WAIT_NS
 
     def pass_on(self, commands: Iterable[Command], now_ns: int) -> list[Command]:
-        """Return the commands of a tick, and the ends that are to be published again.
+        """Return the commands of a tick, followed by the ends that must be published again.
 
-        The ends among the commands are kept.
+        Ends among the commands are kept.
         """
         out = list(commands)
         if self._repeat_ns and now_ns >= self._repeat_ns:

@@ -31,7 +31,7 @@ from onboard.supervision.failsafe_supervisor import FailsafeSupervisor
 from onboard.tuples import Xyz
 from onboard.types import LawStatus, Tick
 
-_MOST_CHARACTERS = 60  # of a text that comes from an order
+_MOST_CHARACTERS = 60  # longest text taken from an order
 
 
 class AgentIdentity(Struct, frozen=True):
@@ -64,7 +64,7 @@ class TickResult(Struct, frozen=True):
     view: FlightView
     state: AgentState  # state of the flight, for people
     is_cooperative: bool  # whether the others may count on this vehicle to avoid them
-    period_s: float  # time since the tick before
+    period_s: float  # time since the previous tick
     is_airborne: bool
     may_touch_the_ground: bool  # whether it lifts off or touches down
     ages_s: dict[str, float]  # age of the state of each followed neighbour
@@ -87,8 +87,8 @@ def state_message(identity: AgentIdentity, result: TickResult, sequence: int) ->
     state = result.tick.state
     law = result.tick.law
 
-    # At the ground, friction and wind accelerate a vehicle for a moment. Others would expect this
-    # acceleration to go on, and flee from it.
+    # Friction and wind briefly accelerate a vehicle on the ground. Other vehicles would expect this
+    # acceleration to continue, and would flee from it.
     acceleration_enu_m_s2: Xyz = state.acceleration_enu_m_s2
     if result.may_touch_the_ground:
         acceleration_enu_m_s2 = (0.0, 0.0, 0.0)
@@ -120,7 +120,7 @@ def px4_state_message(
 ) -> StateMessage:
     """Return the state of a vehicle without poses that PX4 lands.
 
-    Its position and velocity are those of PX4, and it does not cooperate.
+    Its position and velocity come from PX4, and it does not cooperate.
     """
     still = (0.0, 0.0, 0.0)
     return replace(
@@ -142,7 +142,7 @@ def px4_state_message(
 
 
 def law_status(tick: Tick) -> str:
-    """Return the law's status in a word."""
+    """Return the law's status as a word."""
     return LawStatus(tick.law.status).name.lower()
 
 
@@ -299,7 +299,9 @@ def telemetry(
 
 
 def _not_ready(preflight_reasons: tuple[str, ...], flight: FlightContext) -> tuple[str, ...]:
-    """Return the reasons against a take-off; the first is that the vehicle is out of service."""
+    """Return the reasons against a take-off. If the vehicle is out of service, that is the first
+    reason.
+    """
     if flight.disabled_by:
         return (sentences.disabled(flight), *preflight_reasons)
     return preflight_reasons

@@ -1,12 +1,12 @@
 """Checks whether a signed order is new, in a fleet with keys. Pure.
 
 The signature of an order shows who gave the order, but not when. So an order repeats the stamp of
-the newest telemetry that its sender had received from this vehicle. Nobody can know this stamp in
+the newest telemetry that its sender had received from this vehicle. This stamp cannot be known in
 advance, and it is signed with the order. The stamp is a time of this agent's own clock, so the
 agent can tell whether an order was delayed, kept for a later flight, or sent twice.
 
 A ground that gets no reply sends its order again, with the same id, a newer stamp of its own, and a
-new signature. Nobody else can make such a message, and the agent replies to it as before.
+new signature. Nobody else can make such a message, so the agent replies to it as before.
 """
 
 from __future__ import annotations
@@ -22,8 +22,8 @@ FRESH_S = 5.0  # longest time from the repeated stamp to the order's arrival
 FRESH_EMERGENCY_S = 30.0
 _MAX_SEEN = 10_000  # number of orders that are remembered
 
-# An order that is sent again has a stamp that is newer by at least this. The margin covers the
-# error of the conversion from the sender's clock.
+# A repeated order has a stamp that is newer by at least this. The margin covers the error in
+# converting the sender's clock.
 _AGAIN_S = 0.1
 
 
@@ -42,7 +42,7 @@ class OrderGate:
     def refusal(
         self, order: Order, now_ns: int, *, is_answered: bool = False
     ) -> UntrustedOrder | None:
-        """Return why an order with a correct signature is refused, or None if it is not.
+        """Return why an order with a correct signature is refused, or None if it is accepted.
 
         Args:
             order: the order, with its deadline on this agent's clock.

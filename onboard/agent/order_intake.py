@@ -1,7 +1,7 @@
-"""Takes orders: each order is replied to, and is either begun or refused with a reason.
+"""Takes orders. Each order gets a reply, and is either started or refused with a reason.
 
-A vehicle that begins a move announces its goal in its telemetry. Some time later the goal is
-compared with the goals that the other vehicles have announced meanwhile.
+A vehicle that begins a move announces its goal in its telemetry. A moment later it compares this
+goal with the goals that other vehicles have announced in the meantime.
 """
 
 from __future__ import annotations
@@ -32,8 +32,8 @@ from onboard.supervision.failsafe_supervisor import FailsafeSupervisor
 
 _MOST_REPLIES = 200  # number of replies that are remembered
 
-# time after the begin of a move at which its goal is compared: usually all vehicles of a common
-# order have announced their goals by then
+# time from the start of a move until its goal is compared; by then all vehicles of a common order
+# have usually announced their goals
 _CONFLICT_CHECK_NS = 600_000_000
 # a conflict ends the move only if it lasts for this time, because announcements may be delayed
 _CONFLICT_STAYS_NS = 1_000_000_000
@@ -68,7 +68,7 @@ class OrderIntake:
         gate: OrderGate | None = None,
     ) -> None:
         self.taken: TakenOrder | None = None  # newest accepted order; None before the first
-        # newest accepted order of a person; other orders come from missions
+        # newest accepted order from a person; all other orders come from missions
         self._taken_of_person: TakenOrder | None = None
         # reason -> number of orders refused because of their signature or their sender
         self.refused: Counter[str] = Counter()
@@ -84,9 +84,9 @@ class OrderIntake:
     # -- taking an order ---------------------------------------------------------------------------
 
     def take(self, order: Order, facts: OrderFacts, *, is_stopping: bool) -> OrderReply:
-        """Begin an order or refuse it, and return the reply.
+        """Start an order or refuse it, and return the reply.
 
-        An order that was sent twice gets the same reply and begins once.
+        An order that was sent twice gets the same reply and starts once.
         """
         earlier_reply = self._replies.get(order.order_id)
         is_answered = earlier_reply is not None
@@ -115,7 +115,7 @@ class OrderIntake:
         )
         self._keep(reply)
 
-        # only the sender sees the reply, so an event with the answer goes to the record
+        # only the sender sees the reply, so the record gets an event with the answer
         if order.kind != "load_path":
             sentence = f"{order.order_id[:60]} {order.text} {answer}"
             self._flight.say(facts.view, "debug", "order", sentence)
@@ -150,7 +150,7 @@ class OrderIntake:
             self._replies.pop(oldest)
 
     def _refusal(self, order: Order, facts: OrderFacts, *, is_stopping: bool) -> str | None:
-        """Return the first reason against an order: by its sender, the flight or a failsafe."""
+        """Return the first reason to refuse an order: its sender, the flight or a failsafe."""
         not_operator = self._roles.refusal(order)
         if not_operator is not None:
             self.refused["operator"] += 1
@@ -182,7 +182,7 @@ class OrderIntake:
         taken = self._taken_of_person
         if taken is None or order.reason != BY_MISSION:
             return None
-        if order.kind in BESIDE or order.kind == "kill":  # leaves the taken order in progress
+        if order.kind in BESIDE or order.kind == "kill":  # does not replace the order in progress
             return None
 
         # the order names the newest telemetry that the mission had received from this agent
@@ -222,10 +222,10 @@ class OrderIntake:
     def check_conflict(
         self, view: FlightView, telemetries: Callable[[], Mapping[str, Telemetry]]
     ) -> None:
-        """End a move whose goal stays too near to another vehicle's goal.
+        """End a move if its goal stays too near another vehicle's goal.
 
-        The goals are compared some time after the begin of the move. Right after the begin of a
-        swap, the goal of one vehicle is still the announced goal of the other.
+        The goals are compared some time after the start of the move. When a swap starts, each
+        vehicle's new goal is still the announced goal of the other.
         """
         if not self._conflict_check_ns or view.now_ns < self._conflict_check_ns:
             return

@@ -29,14 +29,14 @@ class BusNodes:
         self._grounds: set[str] = set()
 
     def update(self, node: str, is_alive: bool, now_ns: int) -> None:
-        """Take the appearance or the loss of a node."""
-        # The presence of a ground itself matters. Every other node only shows who has which role.
+        """Note that a node has appeared or was lost."""
+        # For a ground, its presence matters. All other nodes only show who has which role.
         first_word, _, _ = node.partition("-")
         if first_word != GROUND:
             self.roles.see(node, is_alive)
             return
 
-        # if a ground appears twice, its link broke in between, and nobody noticed the loss
+        # if a ground appears twice, its link broke in between without being noticed
         if is_alive and node in self._grounds:
             self.lost_ends.see(node, False, now_ns)
         self.lost_ends.see(node, is_alive, now_ns)
@@ -48,9 +48,9 @@ class BusNodes:
         self.has_ground = bool(self._grounds)
 
     def silence_s(self, last_heard_ns: int, now_ns: int) -> float:
-        """Return the time [s] since a message came over the bus.
+        """Return the time [s] since the last message came over the bus.
 
-        The time is 0 before the first message, if no message is expected, and while a ground is
+        It is 0 before the first message, while no message is expected, and while a ground is
         present.
         """
         if not last_heard_ns or not self._has_peers or self.has_ground:
@@ -59,7 +59,7 @@ class BusNodes:
 
 
 class NeighbourFollower:
-    """Chooses from time to time the neighbours whose states are received at full rate.
+    """Regularly chooses the neighbours that send us their states at full rate.
 
     In a large fleet no neighbour is followed before the first choice.
     """

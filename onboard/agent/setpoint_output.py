@@ -1,7 +1,7 @@
 """The last check of a setpoint before it is sent to PX4.
 
 A setpoint is sent only if it is finite and bounded, and only if position and attitude are known at
-this tick. Otherwise nothing is sent, and PX4 lands after COM_OF_LOSS_T without setpoints.
+this tick. Otherwise nothing is sent. After COM_OF_LOSS_T without setpoints, PX4 lands.
 """
 
 from __future__ import annotations
@@ -24,12 +24,12 @@ from onboard.tuples import Wxyz
 from onboard.types import AttitudeSetpoint
 
 # PX4 sends a packet at least every 30 ms. If none has come for longer than this, PX4 or a thread
-# hangs, and the attitude is not known.
+# hangs, and the attitude is unknown.
 _PX4_FRESH_NS = 80_000_000
-# longest dead reckoning for which setpoints are sent; the failsafe ends dead reckoning earlier
+# setpoints are sent for at most this time of dead reckoning; the failsafe ends it earlier
 _RECKONED_S = RECKONING_AMONG_OTHERS_S + 0.2
 
-_LEANS_COS = 0.99  # a vehicle that tilts by more than 8 degrees leans against the wind
+_LEANS_COS = 0.99  # on the ground, a tilt beyond 8 degrees means leaning against the wind
 
 
 class SetpointOutput:
@@ -38,8 +38,8 @@ class SetpointOutput:
     def __init__(
         self, vehicle: Vehicle, own: OwnState, flight: FlightContext, failsafes: FailsafeSupervisor
     ) -> None:
-        self.quaternion_wxyz: Wxyz = (1.0, 0.0, 0.0, 0.0)  # sent last, in the fleet frame
-        self.sent_thrust_frac = 0.0  # throttle that was sent last; 0 while nothing is sent
+        self.quaternion_wxyz: Wxyz = (1.0, 0.0, 0.0, 0.0)  # last one sent, in the fleet frame
+        self.sent_thrust_frac = 0.0  # last throttle sent; 0 while nothing is sent
         self._own = own
         self._flight = flight
         self._failsafes = failsafes
@@ -78,8 +78,8 @@ class SetpointOutput:
         if not has_position or not has_attitude:
             return []
 
-        # The converted setpoint is checked, exactly as it is sent: a quaternion of zeros ends the
-        # attitude control of PX4 v1.18 until it restarts.
+        # The converted setpoint is checked exactly as it is sent, because a quaternion of zeros
+        # stops the attitude control of PX4 v1.18 until PX4 restarts.
         for_px4 = self._own.to_px4(setpoint)
         if not is_sendable(for_px4, self._max_tilt_deg):
             return []
@@ -90,12 +90,12 @@ class SetpointOutput:
         return [SendAttitude(for_px4)]
 
     def _may_hop(self, view: FlightView) -> bool:
-        """Return whether the vehicle may touch the ground; False if its height is not exact."""
+        """Return whether the vehicle may touch the ground; False if its height is not accurate."""
         is_height_exact = self._has_mocap and not view.is_blind
         return is_height_exact and self._flight.may_touch_the_ground(view)
 
     def _let_px4_land(self, view: FlightView) -> None:
-        """Leave the vehicle to PX4, which has begun to land because setpoints were missing.
+        """Leave the vehicle to PX4, which has started to land because setpoints were missing.
 
         New setpoints would interrupt PX4's landing.
         """
@@ -106,11 +106,12 @@ class SetpointOutput:
 
 
 def _without_hop(setpoint: AttitudeSetpoint, hover_frac: float) -> AttitudeSetpoint:
-    """Return the setpoint with a throttle that does not lift a vehicle which stands on the ground.
+    """Return the setpoint with a throttle that does not lift a vehicle off the ground.
 
-    The ground levels a vehicle that leans against the wind. A throttle that carries it while it
-    leans would then lift it again, and the wind would carry it along the ground. The more it leans,
-    the lower is the limit. A vehicle that hardly leans may brake its touchdown with full throttle.
+    The ground levels a vehicle that leans against the wind. A throttle that carries the leaning
+    vehicle would lift it again once it is level, and the wind would carry it along the ground. So
+    the limit is lower the more the vehicle leans. A vehicle that hardly leans may brake its
+    touchdown with full throttle.
     """
     _, _, cos_tilt = body_up(setpoint.quaternion_wxyz)
     if cos_tilt > _LEANS_COS:

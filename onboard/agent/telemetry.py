@@ -18,15 +18,15 @@ from onboard.bus.topics import Topic
 from onboard.message_counts import MessageCounts, total
 from onboard.neighbours.subscription import is_slow
 
-_TELEMETRY_TICKS = 5  # number of ticks between two telemetries
+_TELEMETRY_TICKS = 5  # number of ticks between two telemetry messages
 _BATCH_TICKS = 10  # number of samples in one message to the record
 
 
 class TickMessages(NamedTuple):
-    """Messages of one tick, in two parts that have different places among its commands."""
+    """Messages of one tick, in two parts that go at different places among its commands."""
 
     # This part goes before the events of the same tick. So a program that receives the end of an
-    # order already has the state to which the order led.
+    # order already has the resulting state.
     telemetry: list[Command]
     others: list[Command]  # this part goes after the setpoint
 
@@ -39,7 +39,7 @@ class TelemetryPublisher:
     ) -> None:
         # newest statistics of the loop
         self.loop = LoopTimed(p50_ms=0.0, p99_ms=0.0, max_ms=0.0, late_ticks=0)
-        # unused messages; the neighbour table and the own state count theirs themselves
+        # unused messages, except those that the neighbour table and the own state count
         self.counts = MessageCounts()
 
         self._identity = identity
@@ -65,7 +65,7 @@ class TelemetryPublisher:
         if len(self._samples) >= _BATCH_TICKS:
             others.append(Publish(Topic.TICK, self._batch()))
 
-        # ten times a second, and at once when the step has changed
+        # ten times a second, and at once after a change of the step
         telemetry: list[Command] = []
         step = self._sources.flight.step
         if self._sequence % _TELEMETRY_TICKS == 0 or step is not self._published_step:

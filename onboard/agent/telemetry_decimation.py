@@ -1,8 +1,8 @@
 """Selects the telemetry for the other agents. Pure.
 
-People get every telemetry, ten times a second. The other agents use only a few of its fields, and
-each message costs them time. So they get a telemetry at once if one of these fields has changed,
-and otherwise twice a second.
+People get every telemetry message, ten times a second. The other agents use only a few of its
+fields, and each message costs them time. So they get a message at once if one of these fields has
+changed, and otherwise twice a second.
 """
 
 from __future__ import annotations
@@ -14,24 +14,24 @@ from onboard.bus.schema import Telemetry
 from onboard.tuples import Xyz
 
 _EVERY_NS = 450_000_000  # twice a second, with some slack
-_GOAL_M = 0.05  # a goal that moved by less has not changed
+_GOAL_M = 0.05  # a goal that moved by less counts as unchanged
 
-# A changed telemetry is repeated this many times, because a message may be lost, and goals are
-# compared already half a second after their orders.
+# Telemetry with a change is repeated this many times, because a message may be lost, and goals are
+# compared only half a second after their orders.
 _REPEATS = 3
 
 
 @dataclass(slots=True)
 class TelemetryDecimation:
-    """Memory of the telemetry that the other agents got last."""
+    """Memory of the last telemetry that the other agents got."""
 
     _stamp_ns: int | None = None  # None: none was sent yet
     _used_fields: tuple[object, ...] = ()  # fields that the other agents use, except the goal
     _goal_enu_m: Xyz = (0.0, 0.0, 0.0)
-    _repeats: int = 0  # number of repetitions that are still to be sent
+    _repeats: int = 0  # number of repeats still to be sent
 
     def is_due(self, telemetry: Telemetry) -> bool:
-        """Return whether this telemetry goes to the other agents."""
+        """Return whether this message goes to the other agents."""
         used_fields = (
             telemetry.state,
             telemetry.order_id,

@@ -21,8 +21,8 @@ _WINDOW = 500  # number of ticks in the statistics: ten seconds at 50 Hz
 class Ticker:
     """Calls ``on_tick`` every ``period_ns``, first at a multiple of the period plus ``offset_ns``.
 
-    ``missed_ticks`` counts the scheduled ticks that were left out because an earlier tick still
-    ran. ``late_ticks`` counts the ticks whose period was longer than ``period_ns`` by more than
+    ``missed_ticks`` counts the scheduled ticks that were skipped because an earlier tick was still
+    running. ``late_ticks`` counts the ticks whose period was longer than ``period_ns`` by more than
     ``late_ns``.
     """
 
@@ -43,12 +43,12 @@ class Ticker:
         self._fd: int | None = None  # file descriptor of the timerfd
         self._handle: asyncio.TimerHandle | None = None  # used if there is no timerfd
         self._first_ns = 0  # scheduled time of the first tick
-        self._last_ns = 0  # begin of the last tick; 0 before the first
+        self._last_ns = 0  # start of the last tick; 0 before the first
         self._periods_ms: deque[float] = deque(maxlen=_WINDOW)
         self._lateness_ms: deque[float] = deque(maxlen=_WINDOW)
 
     def start(self, loop: asyncio.AbstractEventLoop) -> None:
-        """Begin to tick."""
+        """Start ticking."""
         now_ns = time.monotonic_ns()
         next_multiple = now_ns // self._period_ns + 1
         self._first_ns = next_multiple * self._period_ns + self._offset_ns
@@ -125,7 +125,9 @@ class Ticker:
 
 
 def _timerfd(period_ns: int, first_ns: int) -> int | None:
-    """Return a timerfd that expires every period from a time on; None if the system has none."""
+    """Return a timerfd that expires every period from a given time; None if the system has no
+    timerfd.
+    """
     libc = ctypes.CDLL(None, use_errno=True)
     if not hasattr(libc, "timerfd_create"):
         return None

@@ -1,6 +1,6 @@
 """Warms up an agent: a temporary core takes off with made-up data, so that no real tick is slow.
 
-This loads all late imports, and makes Python and numpy allocate the memory that they keep.
+This loads all deferred imports, and makes Python and numpy allocate the memory that they keep.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ def warm_up(fleet: FleetConfig, name: str) -> bool:
     core = AgentCore(replace(fleet, vehicles={name: fleet.vehicles[name]}), name, boot_id=0)
     core.preflight.is_warm = True
     core.handle(agent_inputs.ParamsRead(()), _START_NS)
-    # a user's own law may only fly where an emulator is on the bus
+    # a user's own law may only fly while an emulator is on the bus
     for node in ("ground-1", EMULATOR):
         core.handle(agent_inputs.NodeChanged(node, True), _START_NS)
 
@@ -49,7 +49,7 @@ def warm_up(fleet: FleetConfig, name: str) -> bool:
 
 
 class _MadeUpVehicle:
-    """A PX4 that confirms every request at once; its vehicle climbs as soon as it is armed."""
+    """Confirms every request at once, as PX4 would; the vehicle climbs as soon as it is armed."""
 
     def __init__(self, core: AgentCore) -> None:
         self._core = core
@@ -76,7 +76,8 @@ class _MadeUpVehicle:
         if self._snapshot.is_armed:
             self._height_m += _CLIMB_M_S * _PERIOD_NS * 1e-9
         x, y, ground_m = self._vehicle.start_enu_m
-        # the position changes at each tick: a body that never moves counts as lost by the mocap
+        # the position changes at each tick, because a body that never moves counts as lost by the
+        # mocap
         z = ground_m + self._height_m + 1e-6 * (self._count % 2)
         self._snapshot = replace(
             self._snapshot,

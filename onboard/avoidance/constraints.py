@@ -9,7 +9,7 @@ bounded so that the output decays to its limit no faster than the kappas say, (1
 bounds are :func:`separating_bound` and :func:`h_2`.
 
 Let e and w be position and velocity relative to the other vehicle. The inputs are ``u_1 = 2 e . u``
-and ``u_2 = e x u``, (15). So (17) and (18) are half-planes whose normals are e, and e turned by 90
+and ``u_2 = e x u``, (15). So (17) and (18) are half-planes. Their normals are e, and e turned by 90
 degrees. A row is divided by the distance to keep, so that its bound is in m/s^2.
 """
 
@@ -36,7 +36,7 @@ from onboard.avoidance.params import (
 from onboard.vectors import ZERO_2, Vec2, cross_2, dot_2, length_2
 
 SPEED_GAIN_1_S = 8.0  # rate at which the speed may approach its limit
-VIOLATED_M_S2 = 1e-10  # a row that is missed by more changes the thrust; less is rounding
+VIOLATED_M_S2 = 1e-10  # a row that is violated by more changes the thrust; less is rounding
 
 # Two intended straight paths conflict if they pass each other nearer than _CONFLICT_WIDTH times the
 # distance to keep. The strength of the conflict grows to 1 while the passing distance falls by
@@ -45,7 +45,7 @@ VIOLATED_M_S2 = 1e-10  # a row that is missed by more changes the thrust; less i
 _CONFLICT_WIDTH = 0.9
 _CONFLICT_FADE = 0.2
 _CONFLICT_M_S = 0.3
-_NO_INTENT_M_S = 1e-6  # below this relative intended speed two vehicles intend the same
+_NO_INTENT_M_S = 1e-6  # below this relative intended speed, two vehicles intend the same motion
 
 # A pair turns clockwise only if its relative velocity clearly requires it: the passing distance is
 # at least this share of the distance to keep.
@@ -117,11 +117,11 @@ def neighbour_constraint(
 
 
 def turning_strength(violation_m_s2: float, pair: NeighbourPair, params: LawParams) -> float:
-    """Return how much of a neighbour's rotation row counts, from 0 to 1, by policy.
+    """Return how much of a neighbour's rotation row counts under the policy, from 0 to 1.
 
-    Under the policy "violated" the strength grows with the violation of the distance row. Under
-    "ahead" it also grows before any violation, if the paths that both vehicles intend come too near
-    to each other. DEVIATION D4, D15.
+    Under the policy "violated", the strength grows with the violation of the distance row. Under
+    "ahead", it also grows before any violation, if the intended paths come too near each other.
+    DEVIATION D4, D15.
 
     Args:
         violation_m_s2: by how much the baseline violates the distance row.
@@ -185,7 +185,7 @@ def hard_constraint(own: Own, net_row: HalfPlane, table_index: int) -> Constrain
 
 
 def separating_bound(e: Vec2, w: Vec2, d_m: float, kappa_1_1_s: float, kappa_2_1_s: float) -> float:
-    """Return the bound [m^2/s^2] of ``e . (a_i - a_j)`` that keeps the distance, (7), of a pair.
+    """Return the bound [m^2/s^2] of ``e . (a_i - a_j)`` that keeps a pair's distance, (7).
 
     The bound is half of h_1 of (20), without the other vehicle's acceleration, which the paper
     includes in D_1.
@@ -260,8 +260,8 @@ def distance_row(pair: NeighbourPair, d_m: float, params: LawParams) -> HalfPlan
     Implements: (17), (20). DEVIATION D2: a policy says how much of the bound this vehicle takes.
     Under "full" it takes all of the bound and the other's acceleration, as in the paper. Under
     "half" it takes half. Under "shortfall" it takes half, and ``shortfall_gain`` times the part of
-    the other half that the neighbour's command does not deliver. Beside a neighbour that does not
-    cooperate this vehicle takes all of the bound under each policy.
+    the other half that the neighbour's command does not deliver. If the neighbour does not
+    cooperate, this vehicle takes all of the bound under every policy.
 
     Args:
         pair: this vehicle and the neighbour at t + L.
@@ -312,7 +312,7 @@ def rotation_row(
     Args:
         pair: this vehicle and the neighbour at t + L.
         own_velocity_m_s: this vehicle's absolute horizontal velocity at t + L.
-        is_crowded: whether one of the two has ``crowd_count`` near neighbours.
+        is_crowded: whether either of the two has ``crowd_count`` near neighbours.
     Returns:
         normal [-] and bound [m/s^2].
     Properties: rotation-equivariant; homogeneous.
@@ -334,7 +334,7 @@ def rotation_row(
     elif not pair.is_cooperative:
         bound = h_2(e, w, w, d, v_perp, sign, gains)
     else:
-        # both turn with v_perp, so that the relative velocity is twice that
+        # both turn with v_perp, so the relative velocity is twice v_perp
         bound = 0.5 * h_2(e, w, w, d, 2.0 * v_perp, sign, gains)
 
     return orthoradial(e, sign, bound, d)
@@ -347,8 +347,7 @@ def conflict(e: Vec2, intent_m_s: Vec2, d_m: float) -> float:
 
     Args:
         e: relative position [m].
-        intent_m_s: difference of the velocities that the two intend.
-        d_m: distance to keep.
+        intent_m_s: difference of the two intended velocities. d_m: distance to keep.
     Properties: rotation-equivariant; the same for both vehicles.
     """
     speed_m_s = length_2(intent_m_s)
@@ -362,24 +361,23 @@ def conflict(e: Vec2, intent_m_s: Vec2, d_m: float) -> float:
 
 
 def turn_sign(e: Vec2, deciding_m_s: Vec2, d_m: float, is_crowded: bool, direction: int) -> float:
-    """Return the side of a turn by policy: +1 counter-clockwise, (8), or -1 clockwise, (9).
+    """Return the side of a turn under the policy: +1 counter-clockwise, (8), or -1 clockwise, (9).
 
     * "fixed": always +1.
     * "pair": the side to which the relative velocity already turns the pair; +1 while it does not
       clearly turn the pair. Both vehicles see the same side.
     * "crowd": always +1 for a crowded pair, so that a whole crowd turns the same way; otherwise
       like "pair".
-    * "intent": like "crowd", but by the relative velocity that the two intend. So a pair does not
-      circle forever.
+    * "intent": like "crowd", but the relative intended velocity decides, so that a pair does not
+    circle forever.
 
     DEVIATION D4, D14.
 
     Args:
         e: relative position [m].
-        deciding_m_s: relative velocity that decides: intended or flown, by policy.
-        d_m: distance to keep.
-        is_crowded: whether the pair is part of a crowd.
-        direction: the policy.
+        deciding_m_s: relative velocity that decides; the policy says whether it is intended or
+        flown. d_m: distance to keep. is_crowded: whether the pair is part of a crowd. direction:
+        the policy.
     """
     if direction == DIRECTION_FIXED or (is_crowded and direction >= DIRECTION_CROWD):
         return 1.0

@@ -1,14 +1,14 @@
-"""Edges of the areas that a vehicle stays in or out of, as rows (half-planes) of the law.
+"""Edges of the areas that a vehicle must stay inside or outside, as rows (half-planes) of the law.
 
 With the distance h from the edge, and the unit vector n from its nearest point into the allowed
 space, the row is the same as for a wall of the fence:
 
     n . u >= -(k_1 + k_2) n . v - k_1 k_2 h.
 
-Each near edge of an area has its own row, also in a concave area. While the vehicle turns about a
-corner, its distance grows faster than n . u says; the row ignores this. Inside a circle of radius r
-the vehicle's tangential velocity v_t lets the distance shrink with v_t^2 / r; the row adds this.
-DEVIATION D13 (README.md beside this file).
+Each near edge of an area has its own row, even in a concave area. While the vehicle turns about a
+corner, its distance grows faster than n . u says; the row ignores this. Inside a circle of radius
+r, the vehicle's tangential velocity v_t makes the distance shrink with v_t^2 / r; the row includes
+this term. DEVIATION D13 (README.md beside this file).
 
 If the vehicle is on the forbidden side of an area, only the nearest edge has a row, which leads the
 vehicle back. The nearest edge alone shows on which side the vehicle is. If the nearest point lies
@@ -16,8 +16,8 @@ between the ends of this edge, the side of its line decides. If the nearest poin
 corner decides: a corner that points away from the allowed space is never the nearest point for a
 vehicle on the allowed side.
 
-A goal may lie behind an area to stay out of, or behind a corner that points inwards. The edges
-there have rotation rows, as obstacles have.
+A goal may lie behind a forbidden area, or behind a corner that points inwards. The edges there have
+rotation rows, like obstacles.
 
 Edges that are too far away to bind are left out first, by a quick comparison with the box around
 each edge.
@@ -41,8 +41,8 @@ from onboard.avoidance.pairs import Own, Surface, ascending, separated
 from onboard.avoidance.params import ROTATION_NEVER, Capsule, Gains, LawParams
 from onboard.vectors import Vec2, cross_2, dot_2, length_2
 
-MAX_EDGES = 8  # number of edges that count, the nearest ones
-LEAST_REACH_M = 2.0  # an edge leads a vehicle back from up to this distance outside
+MAX_EDGES = 8  # number of edges that count: the nearest
+LEAST_REACH_M = 2.0  # an edge leads a vehicle back that is up to this distance outside
 PIVOT_M = 0.5  # least distance of the vehicle from the point about which it turns
 _ON_EDGE_M = 1e-6  # a vehicle nearer to an edge than this is on it; avoids a division by zero
 
@@ -196,7 +196,7 @@ def round_edge(capsule: Capsule, offset: Vec2, velocity_m_s: Vec2) -> Edge:
         area=capsule.area,
         e=e,
         distance_m=distance_m,
-        # a circle with a rotation row is one to stay out of
+        # a circle has a rotation row if the vehicle must stay out of it
         is_allowed=is_outside == capsule.is_turned_about,
         keep_m=capsule.keep_m,
         curvature_1_m=0.0 if capsule.is_turned_about else 1.0 / radius_m,

@@ -1,4 +1,4 @@
-"""How much of the distance to keep counts for a pair, by the heights of the two vehicles.
+"""How much of the distance to keep counts for a pair, given the heights of the two vehicles.
 
 Without ``vertical_separation_m`` every vehicle is an endless vertical cylinder. With it, two
 vehicles do not constrain each other while their heights differ by more than this separation, now
@@ -16,11 +16,11 @@ from onboard.avoidance.params import Spacing
 from onboard.avoidance.prediction import known_std, lead_time, message_age
 from onboard.types import Neighbour
 
-# An intended vertical velocity is the remaining climb to the goal divided by this time, at most the
-# top speed of a climb.
+# An intended vertical velocity is the remaining climb to the goal divided by this time, but at most
+# the top climb speed.
 INTENT_S = 2.0
 
-# A climb is expected to go on for at least this time, which is longer than braking.
+# A climb is expected to continue for at least this time, which is longer than braking takes.
 _MOTION_S = 0.4
 
 # For a pair without vertical motion: height, on top of the vertical separation, over which the
@@ -31,11 +31,11 @@ TRANSITION_M = 0.2
 # are about to lose. They fly the rest of that height at the full distance.
 _GROWTH_SHARE = 0.5
 
-# Deceleration with which a vehicle that sinks above others stops: less than it is capable of.
+# Deceleration with which a vehicle that sinks above others stops. It could brake harder.
 _SINK_BRAKE_M_S2 = 1.0
 
 HEIGHT_SIGMAS = 4.5  # standard deviations of the height difference that count as uncertain
-_STALE_S = 0.25  # the heights in a message older than this do not count
+_STALE_S = 0.25  # heights in messages older than this do not count
 
 
 class Climb(NamedTuple):
@@ -89,7 +89,7 @@ def share_of(own: Climb, neighbour: Neighbour, own_lead_s: float, spacing: Spaci
     towards_m = max(0.0, _MOTION_S * closing_m_s, intended_closing_m)
     smallest_gap_m = min(side * gap_now_m, abs(gap_ahead_m))
 
-    # the distance begins to grow at the gap begin_m, and is full when the gap is growth_m smaller
+    # the distance starts to grow at the gap begin_m, and is full when the gap is growth_m smaller
     begin_m = near_m + TRANSITION_M + towards_m
     growth_m = TRANSITION_M + _GROWTH_SHARE * towards_m
     return min(max((begin_m - smallest_gap_m) / growth_m, 0.0), 1.0)
@@ -112,7 +112,7 @@ def is_ahead(own: Climb, neighbour: Neighbour, own_lead_s: float, spacing: Spaci
 
 
 def sink_limit_m_s(own: Climb, neighbour: Neighbour, own_lead_s: float, spacing: Spacing) -> float:
-    """Return the speed [m/s] with which this vehicle may sink above a neighbour.
+    """Return the speed [m/s] at which this vehicle may sink above a neighbour.
 
     At this speed it can still stop at the vertical separation above the neighbour. The speed is
     infinite if this vehicle is not above the neighbour.

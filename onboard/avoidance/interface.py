@@ -1,6 +1,6 @@
 """Converts the pipeline's values to those of the law, and the law's answer back.
 
-Every number that enters the law is made finite here, so that the law itself has no such checks.
+Every number that enters the law is made finite here, so the law itself needs no such checks.
 
 The law calculates for the time t + L, at which a command given now takes effect. It limits the
 thrust by half-planes, its rows: one for each neighbour, obstacle and wall. README.md beside this
@@ -31,7 +31,7 @@ from onboard.vectors import (
     within,
 )
 
-# values in place of the index of a neighbour
+# values used instead of the index of a neighbour
 NOBODY = -1  # no row changes the thrust
 NOT_A_VEHICLE = -2  # an obstacle, or the fence
 
@@ -44,7 +44,7 @@ class Baseline(NamedTuple):
     """Input of the law: thrust and velocity that the vehicle would have if it were alone."""
 
     thrust: Thrust
-    # added to the safe thrust afterwards, against drag and disturbance (line O)
+    # added to the safe thrust afterwards to cancel drag and disturbance (line O)
     compensation_enu_m_s2: Vec3
     intent_enu_m_s: Vec3  # velocity straight to the goal
 
@@ -54,18 +54,18 @@ class Answer(NamedTuple):
 
     thrust_m_s2: Vec2  # safe thrust, the compensation included
     status: int  # a LawStatus
-    slack_m_s2: float  # amount by which all rows had to be relaxed; 0 if they allow some thrust
+    slack_m_s2: float  # amount by which all rows had to be relaxed; 0 if some thrust satisfies them
     crowd_count: float  # number of neighbours near this vehicle, which decides how it turns
     active: int  # index of the neighbour that binds most, NOBODY or NOT_A_VEHICLE
 
 
 def own_at(baseline: Baseline, predicted: Motion, state: State, params: LawParams) -> Own:
-    """Return this vehicle at t + L as the rows need it, with every number finite.
+    """Return this vehicle at t + L in the form that the rows need, with every number finite.
 
     Args:
         baseline: thrust, compensation and intent.
         predicted: own motion from :func:`predict`.
-        state: own estimate, of which the height and the standard deviations are used.
+        state: own estimate; its height and standard deviations are used.
     """
     f = baseline.thrust.thrust_enu_m_s2
     has_motion = (
@@ -115,7 +115,7 @@ def output_of(
         own: this vehicle at this tick.
         baseline, predicted: input of this tick, not yet made finite.
     """
-    # the output is without the compensation: line O of the pipeline adds it again
+    # the output excludes the compensation, because line O of the pipeline adds it again
     u = answer.thrust_m_s2
     s = own.compensation_m_s2
     command = Vec3(u.x - s.x, u.y - s.y, own.thrust_z_m_s2 - GRAVITY_M_S2)
@@ -145,9 +145,8 @@ def unchanged(
     """Return the output of a law that changes nothing, and does not even limit the tilt.
 
     Args:
-        thrust: thrust of the baseline, which is not changed.
-        predicted: own motion at t + L, which is published.
-        intent_enu_m_s: velocity straight to the goal, which is published.
+        thrust: thrust of the baseline, which is returned unchanged. predicted: own motion at t + L,
+        which is published. intent_enu_m_s: velocity straight to the goal, which is published.
     """
     f = thrust.thrust_enu_m_s2
     return LawOutput(

@@ -87,8 +87,8 @@ ROUNDABOUT_S = 5.0
 _HELD_INTENT_2_M2_S2 = 0.04  # square of 0.2 m/s
 _HELD_FRAC = 0.2
 
-# Stiffness of the springs by which rotation rows pull the thrust. Stiffer springs make the command
-# jump if rows contradict each other. With softer springs, vehicles stop face to face.
+# Stiffness of the springs with which rotation rows pull the thrust. Stiffer springs make the
+# command jump if rows contradict each other. With softer springs, vehicles stop face to face.
 _TURN_STIFFNESS = 25.0
 _STIFFNESS_ALWAYS = 1e7  # under the policy "always": the rows are satisfied, as in the paper
 
@@ -99,7 +99,8 @@ _LIMIT_FIRMNESS = 30.0
 # A vehicle that flees from a neighbour that does not cooperate may fly faster by this factor.
 _FLEEING_FACTOR = 2.0
 
-# The speed limit is raised for the noise of the own velocity, by at most this share of the limit.
+# The speed limit is raised by the noise of our own velocity, but at most by this share of the
+# limit.
 _MOST_NOISE_FRAC = 0.25
 
 _STANDING_M_S = 1e-6  # a slower vehicle has no direction of motion
@@ -117,13 +118,13 @@ class LawMemory(NamedTuple):
     """State of the law between two ticks."""
 
     commands: list[PastCommand]  # own past commands, newest first
-    predicted: Motion  # own motion at t + L, as predicted at the last tick; not finite: unknown
+    predicted: Motion  # own predicted motion at t + L, of the last tick; not finite: unknown
     relaxed_share: float  # low-passed share of ticks in which rows had to be relaxed
-    # Time for which the law has held the vehicle back. Negative while the vehicle calls for a
-    # roundabout: minus the time that is left of the call.
+    # Time for which the law has held the vehicle back. While the vehicle calls for a roundabout,
+    # this is minus the remaining time of the call.
     held_s: float
-    climb_share: float  # how fast a climb or descent may go on, from 0 to 1
-    sink_limit_m_s: float  # how fast it may sink without poses; infinite if nothing limits it
+    climb_share: float  # how fast a climb or descent may continue, from 0 to 1
+    sink_limit_m_s: float  # how fast it may sink without poses; infinite if unlimited
 
 
 def initial() -> LawMemory:
@@ -139,9 +140,9 @@ def initial() -> LawMemory:
 
 
 def predict(memory: LawMemory, state: State, params: LawParams, dt_s: float) -> Motion:
-    """Return the own motion at t + L, when a command given now takes effect (line P1).
+    """Return our own motion at t + L, when a command given now takes effect (line P1).
 
-    Under the paper's law, or by policy, nothing is predicted: the result is the present motion.
+    The paper's law and one policy predict nothing; then the result is the present motion.
 
     Args:
         memory: holds the past commands and the last prediction.
@@ -167,9 +168,10 @@ def predict(memory: LawMemory, state: State, params: LawParams, dt_s: float) -> 
 
 
 def speed_share(memory: LawMemory, params: LawParams) -> float:
-    """Return the share of its speed limit with which a vehicle flies in a jam (line G).
+    """Return the share of its speed limit that a vehicle flies in a jam (line G).
 
-    By policy, a vehicle flies slower towards its goal while the law often relaxes rows.
+    If the policy says so, a vehicle flies more slowly towards its goal while the law often relaxes
+    rows.
 
     Args:
         memory: holds the share of relaxed ticks.
@@ -254,7 +256,7 @@ def saturate(
         own: this vehicle at t + L.
         neighbours: neighbours as received.
         obstacles: static obstacles, and edges of the fence's areas.
-        calls_for_roundabout: whether this vehicle has been held back for long.
+        calls_for_roundabout: whether this vehicle has been held back for a long time.
     """
     pairs, crowd_count, is_sound = nearest_pairs(own, neighbours, params)
     if calls_for_roundabout:
@@ -375,7 +377,7 @@ def speed_limit(
 ) -> HalfPlane:
     """Return the row of the speed limit, which is higher for a vehicle that flees.
 
-    The limit is raised by one standard deviation of the own velocity, so that noise does not brake
+    The limit is raised by one standard deviation of our own velocity, so that noise does not brake
     the vehicle.
 
     Args:
@@ -403,7 +405,7 @@ def is_fleeing(own: Own, pairs: list[NeighbourPair], rows: list[HalfPlane]) -> b
         pairs: pairs with the neighbours that count.
         rows: distance rows of these pairs, in the same order.
     """
-    for k in range(len(pairs)):  # a loop: numba compiles no generators
+    for k in range(len(pairs)):  # a loop, because numba compiles no generators
         if not pairs[k].is_cooperative and can_bind(rows[k], own.radius_m_s2):
             return True
     return False
@@ -412,14 +414,14 @@ def is_fleeing(own: Own, pairs: list[NeighbourPair], rows: list[HalfPlane]) -> b
 def next_held_s(held_s: float, own: Own, is_active: bool, dt_s: float) -> float:
     """Return the next ``LawMemory.held_s``. DEVIATION D4.
 
-    Two parked neighbours with too narrow a gap between them would hold a vehicle for ever: each
-    requires a turn that the other forbids. The roundabout leads the vehicle around both neighbours.
+    Two parked neighbours with a narrow gap between them would hold a vehicle back forever, because
+    each requires a turn that the other forbids. The roundabout leads the vehicle around both
+    neighbours.
 
     Args:
         held_s: value at the last tick.
-        own: this vehicle at t + L, of which the velocity and the intent are used.
-        is_active: whether the row of a neighbour changes the baseline.
-        dt_s: length of the tick.
+        own: this vehicle at t + L; its velocity and intent are used. is_active: whether the row of
+        a neighbour changes the baseline. dt_s: length of the tick.
     """
     if held_s < 0.0:
         return min(held_s + dt_s, 0.0)  # the roundabout goes on

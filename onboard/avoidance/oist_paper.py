@@ -1,4 +1,4 @@
-"""The paper's law for one moving obstacle: equations (5) to (22), turning as (8) or (9) says.
+"""The paper's law for one moving obstacle: equations (5) to (22), with the turn of (8) or (9).
 
 README.md beside this file names the paper. The paper orders its vehicles in a ring, and each
 vehicle avoids only its successor.
@@ -31,14 +31,14 @@ class PlanarState(NamedTuple):
 
     position_m: Vec2
     velocity_m_s: Vec2
-    acceleration_m_s2: Vec2  # an input of the law for the obstacle only
+    acceleration_m_s2: Vec2  # the law uses only the obstacle's acceleration
 
 
 class PaperResult(NamedTuple):
     """Result of :func:`saturate_thrust`."""
 
     thrust_m_s2: Vec2  # F_d^sat / m
-    is_changed: bool  # whether one of the two saturations acts
+    is_changed: bool  # whether either of the two saturations acts
     is_usable: bool  # False: M_o of (11) has no inverse, and the thrust is unchanged
 
 
@@ -55,7 +55,7 @@ def saturate_thrust(
         obstacle: motion of the vehicle to avoid.
         params: the paper's tuning.
     Returns:
-        Thrust. Where the vehicles coincide M_o has no inverse, (11), and the thrust is unchanged.
+        Thrust. Where the vehicles coincide, M_o has no inverse, (11), and the thrust is unchanged.
     Properties: rotation- and translation-equivariant; homogeneous; idempotent.
     """
     p = params
@@ -71,7 +71,7 @@ def saturate_thrust(
     d_1 = 2.0 * dot_2(w, w) - 2.0 * dot_2(e, a_o)  # (13)
     d_2 = p.turn_sign * cross_2(w, v)  # (14)
 
-    # the bounds of the input
+    # bounds of the input
     outside = d_o2 - p.d_inf_m * p.d_inf_m
     h_1 = (  # (20)
         -d_1 - (p.kappa_1_1_s + p.kappa_2_1_s) * d_o2_rate - p.kappa_1_1_s * p.kappa_2_1_s * outside
@@ -85,7 +85,7 @@ def saturate_thrust(
     if not (d_o2 > _COINCIDENT_2_M2 and math.isfinite(h_1) and math.isfinite(h_2)):
         return PaperResult(thrust_m_s2, is_changed=False, is_usable=False)
 
-    # the input (15), and by how much Sat, (4), raises it in (19)
+    # the input (15), and the amount by which Sat, (4), raises it in (19)
     u_1 = 2.0 * dot_2(e, thrust_m_s2)
     u_2 = p.turn_sign * cross_2(e, thrust_m_s2)
     raised_1 = max(0.0, h_1 - u_1)
@@ -107,15 +107,15 @@ def saturate_thrust(
 def saturate_pair(
     own: Own, state: State, neighbours: Sequence[Neighbour], params: LawParams
 ) -> Answer:
-    """Return the thrust (22) that avoids the one neighbour that the paper's ring assigns.
+    """Return the thrust (22) that avoids the single neighbour assigned by the paper's ring.
 
     The law uses the estimates without prediction. Its thrust is shortened to what tilt and motors
     can deliver.
 
     Args:
-        own: this vehicle, of which the thrust and its limits are used.
-        state: own estimate, not predicted.
-        neighbours: neighbours as received. If the assigned one is not among them, the thrust is not
+        own: this vehicle; its thrust and thrust limits are used. state: own estimate, not
+        predicted. neighbours: neighbours as received. If the assigned one is not among them, the
+        thrust is not
             changed.
     """
     for neighbour in neighbours:

@@ -1,4 +1,4 @@
-"""A user's own law in the place of Covey's: its inputs, and the check of its answer.
+"""A user's own law, which replaces Covey's: its inputs, and the check of its answer.
 
 docs/own-law.md is the page for authors of such laws. :mod:`own_law_runner` calls a law at each
 tick.
@@ -20,7 +20,7 @@ from onboard.constants import GRAVITY_M_S2
 from onboard.types import LawOutput, LawStatus, Neighbour, State, Thrust
 from onboard.vectors import Vec2, Vec3
 
-LEAST_THRUST_G = 0.5  # least vertical thrust, as a share of the weight: with less a vehicle falls
+LEAST_THRUST_G = 0.5  # least vertical thrust, as a share of the weight: with less, a vehicle falls
 _TILT_SLACK_RAD = math.radians(1.0)  # a tilt beyond the limit by less than this is not refused
 _CHANGED_M_S2 = 1e-9  # a smaller change of the baseline's thrust is rounding
 
@@ -34,7 +34,7 @@ class LawNeighbour(NamedTuple):
     e_m: Vec2  # own position minus the neighbour's
     w_m_s: Vec2  # own velocity minus the neighbour's
     d_m: float  # distance of the centres to keep, with all margins
-    is_cooperative: bool  # False: it avoids nobody
+    is_cooperative: bool  # False: it does not avoid others
     table_index: int  # the same number as in the neighbour's entry of ``LawInputs.received``
 
 
@@ -45,7 +45,7 @@ class LawInputs(NamedTuple):
     predicted: Motion  # own position and velocity at t + L
     # thrust per mass that the vehicle would fly if it were alone, within its limits
     baseline: Thrust
-    compensation_enu_m_s2: Vec3  # is added to the answer against drag and wind
+    compensation_enu_m_s2: Vec3  # added to the answer to cancel drag and wind
     intent_enu_m_s: Vec3  # velocity straight to the goal
 
     neighbours: tuple[LawNeighbour, ...]  # the nearest within range, nearest first
@@ -59,7 +59,7 @@ class LawInputs(NamedTuple):
     dt_s: float  # time since the last tick
 
     def limited(self, x_m_s2: float, y_m_s2: float) -> Thrust:
-        """Return the thrust that can be flown and is nearest to a horizontal thrust.
+        """Return the flyable thrust that is nearest to a horizontal thrust.
 
         The vertical thrust is the baseline's.
 
@@ -155,7 +155,7 @@ def judged(answer: Any, inputs: LawInputs) -> tuple[Any, Vec3, str]:
 def _three_numbers(numbers: Any) -> Vec3:
     """Return the vector of three numbers; raises an exception for anything else."""
     if isinstance(numbers, str | bytes | dict):
-        raise TypeError  # characters or keys could be taken for numbers
+        raise TypeError  # characters or keys could be mistaken for numbers
     return Vec3(*(float(number) for number in numbers))
 
 

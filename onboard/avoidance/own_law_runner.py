@@ -1,4 +1,4 @@
-"""Flies a user's own law in the place of Covey's, and Covey's law when the user's law fails.
+"""Flies a user's own law instead of Covey's law, and Covey's law once the user's law fails.
 
 :meth:`OwnLawRunner.step` takes and returns the same values as :func:`onboard.avoidance.oist.step`,
 so that the pipeline can call either of them. Covey's law is computed at every tick, too. It takes
@@ -26,7 +26,7 @@ from onboard.vectors import Vec3
 SLOW_S = 0.005
 SLOW_TICKS = 3
 STOPPED_S = 0.1
-_MAX_MESSAGE_CHARS = 120  # longest part of an exception's message in a sentence
+_MAX_MESSAGE_CHARS = 120  # longest part of an exception's message that a sentence quotes
 
 
 class OwnLawRunner:
@@ -34,7 +34,7 @@ class OwnLawRunner:
 
     Args:
         law: the law that the fleet file names.
-        clock: returns the time [s] by which the law's duration is measured. None in simulated time,
+        clock: returns the time [s], and measures how long the law takes. None in simulated time,
             where no law counts as slow.
     Raises:
         ConfigError: the law cannot be imported.
@@ -90,7 +90,7 @@ class OwnLawRunner:
             before, baseline, predicted, state, neighbours, obstacles, params, dt_s
         )
 
-        # INFEASIBLE: the inputs cannot be used, so Covey's bounded fallback flies
+        # INFEASIBLE: the inputs are unusable, so Covey's bounded fallback flies
         if output.status != INFEASIBLE:
             inputs = law_inputs(baseline, predicted, state, neighbours, obstacles, params, dt_s)
             self._memory, thrust, self.refusal = self._answer(inputs)
@@ -98,8 +98,8 @@ class OwnLawRunner:
                 return after, output
             after, output = flown_instead(thrust, output, after, before, inputs)
 
-        # the returned share is 0: a jam of Covey's law must not slow down a vehicle that the user's
-        # law flies
+        # return a share of 0, because a jam of Covey's law must not slow down a vehicle that flies
+        # the user's law
         self._relaxed_share = after.relaxed_share
         return after._replace(relaxed_share=0.0), output
 
@@ -120,7 +120,7 @@ class OwnLawRunner:
         return memory, thrust, refusal
 
     def _slowness(self, duration_s: float) -> str:
-        """Return why a law that took this time is refused as slow; empty if it is not slow."""
+        """Return why a law that took this long is refused; empty if it is fast enough."""
         if duration_s > SLOW_S:
             self._slow_ticks += 1
         else:
@@ -140,6 +140,6 @@ def _in_words(error: BaseException) -> str:
     name = type(error).__name__
     try:
         message = " ".join(str(error).split())[:_MAX_MESSAGE_CHARS]
-    except Exception:  # noqa: BLE001 - str() runs code of the law's author
+    except Exception:  # noqa: BLE001 - str() runs the law author's code
         message = ""
     return f"{name}: {message}" if message else name

@@ -17,21 +17,21 @@ from onboard.avoidance.prediction import Received, known_std, receive
 from onboard.types import Neighbour
 from onboard.vectors import Vec2, dot_2, length_2
 
-MAX_OBSTACLES = 6  # number of obstacles that count, the nearest ones
-LARGEST_MARGIN_M = 5.0  # a larger margin counts as this
-LARGEST_RADIUS_M = 5.0  # a larger circle of a person counts as this
-COINCIDENT_M = 1e-6  # two vehicles nearer than this are at one point: rows would divide by zero
+MAX_OBSTACLES = 6  # number of obstacles that count: the nearest
+LARGEST_MARGIN_M = 5.0  # a larger margin is reduced to this
+LARGEST_RADIUS_M = 5.0  # a larger circle of a person is reduced to this
+COINCIDENT_M = 1e-6  # nearer vehicles count as at one point: avoids a division by zero
 _STANDING_M_S = 1e-6  # a slower relative velocity has no direction
 SETTLED_M_S = 0.1  # a vehicle that intends to move no faster than this is not part of a crowd
 
 # A climb or descent waits while the horizontal distance from a neighbour above or below is less
-# than _WAITS_FRAC of the distance to keep. From _GOES_FRAC on, the climb has its full speed.
+# than _WAITS_FRAC of the distance to keep. At _GOES_FRAC and above, the climb has its full speed.
 _WAITS_FRAC = 0.5
 _GOES_FRAC = 0.9
 
-# In a descent without poses distances are less certain. The vehicle counts as above a neighbour if
-# their horizontal distance is less than _ABOVE_FRAC of the distance to keep, and as beside it from
-# _BESIDE_FRAC on. Between these two, the limit of the sinking speed grows by 1 m/s.
+# In a descent without poses, distances are less certain. The vehicle counts as above a neighbour if
+# their horizontal distance is less than _ABOVE_FRAC of the distance to keep, and as beside it at
+# _BESIDE_FRAC or more. Between these two, the limit of the sinking speed grows by 1 m/s.
 _ABOVE_FRAC = 0.7
 _BESIDE_FRAC = 1.0
 _LEAST_DISTANCE_M = 0.01  # rows are divided by the distance to keep
@@ -60,11 +60,11 @@ class NeighbourPair(NamedTuple):
     e: Vec2  # position [m]
     w: Vec2  # velocity [m/s]
     command_m_s2: Vec2  # u_j, the neighbour's commanded acceleration
-    intent_m_s: Vec2  # relative velocity by which the side of a turn is decided
+    intent_m_s: Vec2  # relative velocity that decides the side of a turn
     d_m: float  # distance to keep
     distance_2_m2: float  # square of the distance
     crowd_count: float  # as the neighbour publishes it; 0 if unknown
-    # whether it counts for this vehicle's crowd: nearer than 2 d, and it intends to move
+    # whether it counts towards this vehicle's crowd: it is nearer than 2 d and intends to move
     is_near: bool
     is_cooperative: bool
     table_index: int  # of the neighbour, for the record
@@ -83,7 +83,7 @@ class Surface(NamedTuple):
     """This vehicle and the nearest point of one obstacle."""
 
     e: Vec2  # from that point to the vehicle [m]
-    w: Vec2  # velocity relative to that point, which moves along beside a straight edge [m/s]
+    w: Vec2  # velocity relative to that point [m/s], which moves along a straight edge
     d_m: float  # distance to keep from that point
     gap_m: float  # distance from the outline
 
@@ -111,7 +111,7 @@ def nearest_pairs(own: Own, neighbours: Sequence[Neighbour], params: LawParams) 
         elif dot_2(e, e) <= range_2_m2:
             in_range.append(k)
 
-    # share of the distance to keep that counts; 0 if one vehicle is far enough above the other
+    # share of the distance to keep that counts; 0 if the heights differ enough
     shares = [share_of(own.climb, neighbours[k], lead_s, spacing) for k in in_range]
 
     pairs: list[NeighbourPair] = []
@@ -170,7 +170,7 @@ def _pair(
 
 
 def climb_share(own: Own, neighbours: Sequence[Neighbour], params: LawParams) -> float:
-    """Return the speed share, from 0 to 1, with which a climb or descent goes on. DEVIATION D16.
+    """Return the share of its speed, from 0 to 1, that a climb or descent keeps. DEVIATION D16.
 
     The climb waits until the neighbours above or below are out of the way.
 
@@ -200,8 +200,8 @@ def climb_share(own: Own, neighbours: Sequence[Neighbour], params: LawParams) ->
 def sink_limit(own: Own, neighbours: Sequence[Neighbour], params: LawParams) -> float:
     """Return how fast this vehicle may sink without poses [m/s]; infinite if nothing limits it.
 
-    Beside a neighbour this vehicle may sink freely. Above a neighbour it may sink only so fast that
-    it can still stop above the neighbour.
+    Beside a neighbour this vehicle may sink freely. Above a neighbour, its speed must allow it to
+    stop before it reaches the neighbour.
 
     Args:
         own: this vehicle at t + L.
@@ -229,13 +229,13 @@ def sink_limit(own: Own, neighbours: Sequence[Neighbour], params: LawParams) -> 
 def design_distance(own_margin_2_m2: float, neighbour: Neighbour, spacing: Spacing) -> float:
     """Return the distance d [m] to keep from a neighbour. DEVIATION D5, D12.
 
-    The distance grows if the estimates of the two vehicles are worse than those of a mocap. Around
-    a person it begins at the person's circle (``radius_m``).
+    The distance grows if the two vehicles' estimates are less accurate than with a mocap. Around a
+    person, it is measured from the person's circle (``radius_m``).
 
     Args:
         own_margin_2_m2: :func:`margin_2` of this vehicle.
-        neighbour: the neighbour, of which the published standard deviations are used.
-        spacing: distances and margins.
+        neighbour: the neighbour; its published standard deviations are used. spacing: distances and
+        margins.
     """
     margin_m = spacing.margin_m
 
@@ -293,7 +293,7 @@ def surface_of(
     """Return the nearest point of one obstacle.
 
     Beside the segment the nearest point moves along with the vehicle. So only the velocity towards
-    the nearest point counts.
+    this point counts.
 
     Args:
         capsule: the obstacle, in fleet ENU.

@@ -1,4 +1,4 @@
-"""Numbers of the avoidance law for one vehicle, as they follow from the fleet file.
+"""Numbers of the avoidance law for one vehicle, computed from the fleet file.
 
 :func:`law_params` computes them once for each flight. Policies are names in the configuration and
 whole numbers here, because compiled code compares numbers. ``README.md`` beside this file explains
@@ -28,7 +28,7 @@ _BRAKE_SHARE = 0.6  # share of the largest horizontal acceleration for braking b
 MARGIN_FLOOR_M = 0.05
 MARGIN_SIGMAS = 5.0
 
-# names of the law and the policies in LawConfig, and below them their numbers: the indexes
+# names of the law and the policies in LawConfig; the numbers below are their indexes
 LAW_NAMES: tuple[BuiltInLaw, ...] = ("off", "paper", "covey")
 OFF = 0
 PAPER = 1
@@ -63,8 +63,9 @@ JAM_SLOW = 1
 class Capsule(NamedTuple):
     """A static thing in fleet ENU: an obstacle, or an edge of an area to stay in or out of.
 
-    An obstacle is the set of all points nearer to a segment than a radius. An edge is either a
-    segment with the allowed side on its left, or a circle. The segment of a circle has no length.
+    An obstacle is the set of all points that are nearer to a segment than a radius. An edge is
+    either a segment with the allowed side on its left, or a circle. The segment of a circle has no
+    length.
     """
 
     begin_enu_m: Vec2
@@ -72,14 +73,14 @@ class Capsule(NamedTuple):
     radius_m: float
 
     # the fields below are used for edges only
-    area: int = 0  # number of the edge's area, from 1 on; 0: this is an obstacle
+    area: int = 0  # number of the edge's area, from 1; 0: this is an obstacle
     keep_m: float = 0.0  # distance from the edge that the vehicle's centre keeps
-    # Whether the edge may have a rotation row, because a goal may lie behind the edge: an edge of
-    # an area to stay out of, or beside a corner that points inwards.
+    # Whether the edge may have a rotation row, because a goal may lie behind it. This is so for
+    # edges of forbidden areas and edges at corners that point inwards.
     is_turned_about: bool = False
     is_begin_inwards: bool = False  # whether the first corner points into the allowed space
-    is_end_inwards: bool = False  # whether the second corner does
-    # the edge counts for a vehicle inside this box; the box is infinite for a circle to stay in
+    is_end_inwards: bool = False  # the same for the second corner
+    # the edge counts for vehicles inside this box; the box is infinite for a circle to stay inside
     west_m: float = -math.inf
     east_m: float = math.inf
     south_m: float = -math.inf
@@ -114,7 +115,7 @@ class Spacing(NamedTuple):
     """Distances to keep, and the neighbours that count."""
 
     safety_distance_m: float  # d_inf
-    # a pair whose heights differ by more does not count; infinite: every pair counts
+    # pairs with a larger height difference do not count; infinite: every pair counts
     vertical_separation_m: float
 
     margin_m: float  # design margin while estimates are good
@@ -126,7 +127,7 @@ class Spacing(NamedTuple):
     sigma_velocity_s: float  # per m/s of its standard deviation of velocity
 
     clearance_m: float  # kept from an obstacle's outline by the vehicle's centre
-    max_neighbours: int  # number of neighbours that count, the nearest ones
+    max_neighbours: int  # number of neighbours that count: the nearest
     range_m: float  # only neighbours within this distance count
 
 
@@ -141,8 +142,8 @@ class Gains(NamedTuple):
     shortfall_gain: float  # gamma
     v_perp_m_s: float
     v_perp_crowd_m_s: float  # in place of v_perp_m_s in a crowd
-    crowd_count: int  # near neighbours that make a crowd
-    rotation_fade_m_s2: float  # violation from which a rotation row has its full strength
+    crowd_count: int  # number of near neighbours that make a crowd
+    rotation_fade_m_s2: float  # violation at which a rotation row reaches its full strength
 
 
 class Walls(NamedTuple):
@@ -161,7 +162,7 @@ class LawParams(NamedTuple):
     policies: Policies
     lag_s: float  # L: from a command to its acceleration
     vertical_lag_s: float  # the part of L that comes from the motors
-    lead_time_s: float  # how far ahead of now the rows are evaluated: L, or 0 without prediction
+    lead_time_s: float  # how far in the future the rows are evaluated: L, or 0 without prediction
     spacing: Spacing
     gains: Gains
     max_speed_m_s: float
@@ -173,7 +174,7 @@ class LawParams(NamedTuple):
 
 
 class VehicleLimits(NamedTuple):
-    """Properties of the vehicle and its fence that shape the law."""
+    """Properties of the vehicle and its fence that the law depends on."""
 
     lag_s: float = 0.15
     vertical_lag_s: float = 0.09
@@ -186,7 +187,7 @@ class VehicleLimits(NamedTuple):
     fence_enu_m: tuple[float, float, float, float] = OPEN_FENCE  # x low, x high, y low, y high
 
 
-# stands for any vehicle if only the values of ``[law]`` matter
+# represents any vehicle when only the values of ``[law]`` matter
 QUICK_VEHICLE = VehicleLimits()
 
 
@@ -196,7 +197,7 @@ def law_params(fleet: FleetConfig, vehicle_name: str, law: str | None = None) ->
     Args:
         fleet: checked configuration.
         vehicle_name: a key of ``fleet.vehicles``.
-        law: "covey", "paper" or "off" in place of the fleet file's choice.
+        law: "covey", "paper" or "off", which overrides the fleet file.
     Raises:
         ValueError: there is no law of that name.
     """
@@ -386,7 +387,9 @@ def _paper(config: LawConfig, limits: VehicleLimits) -> PaperParams:
 
 
 def _spacing(config: LawConfig, limits: VehicleLimits) -> Spacing:
-    """Return the distances to keep; the policy ``margin`` decides about the accuracy margin."""
+    """Return the distances to keep; the policy ``margin`` decides whether the accuracy margin
+    applies.
+    """
     margin_floor_m = 0.0
     sigma_position = 0.0
     sigma_velocity_s = 0.0
@@ -411,7 +414,7 @@ def _spacing(config: LawConfig, limits: VehicleLimits) -> Spacing:
 def _gains(config: LawConfig, limits: VehicleLimits) -> Gains:
     """Return the tuning of the rows."""
     # The row of an obstacle lets a vehicle approach with kappa_1 times its distance. Stopping from
-    # that speed must not need more braking than the vehicle has.
+    # that speed must not need more deceleration than the vehicle can deliver.
     brake_m_s2 = _BRAKE_SHARE * GRAVITY_M_S2 * math.tan(limits.max_tilt_rad)
     top_speed_m_s = config.avoid_speed_frac * limits.max_speed_m_s
     static_kappa_1_1_s = min(config.kappa_1_1_s, brake_m_s2 / top_speed_m_s)
@@ -435,8 +438,8 @@ def _sigmas(config: LawConfig) -> tuple[float, float]:
 
     Let a_1 be the sum and a_0 the product of the kappas. The distance row multiplies an error of
     position by a_0, and an error of velocity by a_1. The distance follows through the filter
-    1 / (s^2 + a_1 s + a_0). An error with the correlation time tau passes this filter with the
-    power Phi(tau). The powers of the two vehicles add.
+    1 / (s^2 + a_1 s + a_0). This filter passes an error of correlation time tau with the power
+    Phi(tau). The powers of the two vehicles add.
     """
     a_1 = config.kappa_1_1_s + config.kappa_2_1_s
     a_0 = config.kappa_1_1_s * config.kappa_2_1_s

@@ -1,9 +1,9 @@
-"""Predicts the own motion over the own lag, and a neighbour's over the age of its message.
+"""Predicts our own motion over our lag, and a neighbour's motion over the age of its message.
 
 These are lines P1 and P3 of README.md. A command causes its acceleration after the lag L (dead time
-plus 2 zeta / wn). The motion of the vehicle until t + L is therefore known: it follows from the
-commands of the last L seconds. The law evaluates its rows at t + L. Each vehicle publishes the
-prediction of its own motion, and its neighbours extrapolate it to their own t + L. DEVIATION D3.
+plus 2 zeta / wn). So the commands of the last L seconds already determine the motion of the vehicle
+until t + L. The law evaluates its rows at t + L. Each vehicle publishes the prediction of its own
+motion, and its neighbours extrapolate it to their own t + L. DEVIATION D3.
 """
 
 from __future__ import annotations
@@ -20,22 +20,22 @@ SLOTS = 40  # number of past commands that are kept
 MAX_MESSAGE_AGE_S = 0.30  # extrapolating a silent neighbour for longer than this gains nothing
 # the same limit for a neighbour that cooperates, which publishes its prediction
 MAX_PREDICTION_AGE_S = 0.80
-# Time for which the last command of a neighbour counts. With a longer time, two vehicles that
-# react to each other's old commands swing against each other.
+# Time for which a neighbour's last command counts. With a longer time, two vehicles that react to
+# each other's old commands oscillate.
 MAX_COMMAND_AGE_S = 0.08
-# time for which the estimated acceleration of a neighbour counts that does not cooperate
+# time for which the estimated acceleration counts, for a neighbour that does not cooperate
 MAX_ACCELERATION_AGE_S = 0.25
-LONGEST_LEAD_S = 1.0  # a longer lead time of a neighbour counts as this
+LONGEST_LEAD_S = 1.0  # a neighbour's longer lead time is reduced to this
 # largest error of the configured lag L; twice this error causes violations in every third flight
 LAG_ERROR_S = 0.04
-# positions, velocities and accelerations beyond this are clipped: squares must stay finite
+# positions, velocities and accelerations beyond this are clipped, so that squares stay finite
 LARGEST = 1e5
 # Time constant of the smoothing for each m/s of the velocity's standard deviation. With vision it
-# is 0.07 s. With 0.11 s and more, crowds came nearer to each other.
+# is 0.07 s. With 0.11 s and more, vehicles in crowds came nearer to each other.
 _SMOOTHING_S2_M = 0.6
 _LONGEST_SMOOTHING_S = 0.15
-_SMOOTHED_STDS = 2.0  # largest difference of the smoothed from the newest motion [std]
-LARGEST_STD = 1e3  # a larger standard deviation counts as this
+_SMOOTHED_STDS = 2.0  # largest difference between smoothed and newest motion [std]
+LARGEST_STD = 1e3  # a larger standard deviation is reduced to this
 _LEAST_LEAD_S = 1e-3  # a shorter lead time of a neighbour counts as 0; avoids a division by zero
 
 
@@ -58,20 +58,20 @@ UNKNOWN_MOTION = Motion(_NOWHERE, _NOWHERE)
 
 
 class Received(NamedTuple):
-    """Horizontal motion of a neighbour, extrapolated to the own time t + L."""
+    """Horizontal motion of a neighbour, extrapolated to our own time t + L."""
 
     is_usable: bool  # False: the message holds no finite motion
     position_m: Vec2
     velocity_m_s: Vec2
     command_m_s2: Vec2  # its commanded acceleration; zero if it does not cooperate
-    intent_m_s: Vec2  # velocity that it intends; its present one if it does not cooperate
+    intent_m_s: Vec2  # its intended velocity, or its present one if it does not cooperate
     has_intent: bool  # False: it cooperates, and its message holds no finite intent
 
 
 def no_commands() -> list[PastCommand]:
     """Return a history without commands, which predicts a constant velocity.
 
-    The list is never changed in place.
+    The list is never modified in place.
     """
     return [PastCommand(ZERO_3, 0.0)] * SLOTS
 
@@ -101,12 +101,12 @@ def _finite_or_zero(value: float) -> float:
 def predict_own(
     commands: list[PastCommand], now: Motion, window_s: float, window_z_s: float
 ) -> Motion:
-    """Return the own motion after ``window_s``, under the commands of the last ``window_s`` (P1).
+    """Return our own motion after ``window_s``, under the commands of the last ``window_s`` (P1).
 
     ``P = p + W v + sum u_k l_k (r_k + l_k / 2)`` and ``V = v + sum u_k l_k``. Here l_k is the time
     for which command k was held inside the window W, and r_k is the time from its end to now. The
-    vertical thrust obeys the motors and not the attitude. It has its own, shorter window; the rest
-    of W is flown at constant vertical velocity.
+    vertical thrust follows the motors, not the attitude, so it has its own, shorter window. The
+    rest of W is flown at constant vertical velocity.
 
     Args:
         commands: past commands, newest first.
@@ -147,17 +147,16 @@ def predict_own(
 def smoothed(predicted: Motion, expected: Motion, state: State, dt_s: float) -> Motion:
     """Return the horizontal prediction without the fast part of the estimate's noise.
 
-    The gains of the law would pass this noise on to the command. So the expected motion, which
-    follows from the last prediction and command, is corrected towards the new prediction. The time
-    constant is proportional to the velocity's standard deviation, so that an exact estimate is not
-    smoothed. The result differs from the new prediction by at most _SMOOTHED_STDS standard
-    deviations, so that it follows a jump of the estimate at once.
+    The gains of the law would pass this noise on to the command. So the motion expected from the
+    last prediction and command is corrected towards the new prediction. The time constant is
+    proportional to the velocity's standard deviation, so that an exact estimate is not smoothed.
+    The result differs from the new prediction by at most _SMOOTHED_STDS standard deviations, so it
+    follows a jump of the estimate at once.
 
     Args:
         predicted: prediction from the newest estimate.
         expected: prediction of the last tick, moved on by the last command; not finite: none yet.
-        state: newest estimate, of which the standard deviations are used.
-        dt_s: time since the last tick.
+        state: newest estimate; its standard deviations are used. dt_s: time since the last tick.
     """
     position_std_m = known_std(state.position_std_m)
     velocity_std_m_s = known_std(state.velocity_std_m_s)
@@ -188,23 +187,23 @@ def moved_towards(value: Vec3, expected: Vec3, share: float, longest: float) -> 
 
 
 def receive(neighbour: Neighbour, own_lead_s: float) -> Received:
-    """Return a neighbour's horizontal motion at the own time t + L (line P3). DEVIATION D3, D11.
+    """Return a neighbour's horizontal motion at our own time t + L (line P3). DEVIATION D3, D11.
 
     A neighbour that cooperates publishes its predicted motion at the end of its own lag. From there
-    the motion is extrapolated with the neighbour's command. If the prediction is for a later time
-    than the own t + L, the motion is extrapolated backwards instead, with the mean acceleration
-    from the neighbour's plain velocity to its predicted one.
+    the motion is extrapolated with the neighbour's command. If the prediction is for a time after
+    our own t + L, the motion is extrapolated backwards instead. This uses the mean acceleration
+    between the neighbour's plain velocity and its predicted one.
 
     For any other neighbour, the plain estimate is extrapolated with its acceleration, which is
     clipped to 1 g.
 
-    A command counts for the time by which the own lag is longer than the neighbour's, and for at
-    most MAX_COMMAND_AGE_S of the message's age. An estimated acceleration counts for at most
+    A command counts for the time by which our lag exceeds the neighbour's, and for at most
+    MAX_COMMAND_AGE_S of the message's age. An estimated acceleration counts for at most
     MAX_ACCELERATION_AGE_S. After that time the neighbour is extrapolated at constant velocity.
 
     Args:
         neighbour: the neighbour as received.
-        own_lead_s: how far ahead of now the own rows are evaluated.
+        own_lead_s: how far in the future our own rows are evaluated.
     """
     age_s = message_age(neighbour)
     plain_m_s = horizontal_within(neighbour.velocity_enu_m_s, LARGEST)
@@ -278,10 +277,11 @@ def known_std(std: float) -> float:
 
 
 def message_age(neighbour: Neighbour) -> float:
-    """Return the age of a message [s], limited to a largest age, which replaces an unknown age.
+    """Return the age of a message [s]. A largest age limits it, and replaces an unknown age.
 
     Args:
-        neighbour: the neighbour as received. The largest age is greater if it cooperates.
+        neighbour: the neighbour as received. The largest age is greater for a neighbour that
+        cooperates.
     """
     age_s = neighbour.age_s
     most_s = MAX_PREDICTION_AGE_S if neighbour.is_cooperative else MAX_MESSAGE_AGE_S
@@ -294,7 +294,7 @@ def message_age(neighbour: Neighbour) -> float:
 
 
 def lead_time(lead_s: float, own_lead_s: float) -> float:
-    """Return a neighbour's lead time [s] within bounds, or the own lead time if it is not known.
+    """Return a neighbour's lead time [s] within bounds, or our own lead time if it is not known.
 
     Args:
         lead_s: lead time of the neighbour, as received.

@@ -1,15 +1,15 @@
 """Exact projection of a point of the plane on half-planes and a disc: line Q of README.md.
 
 The paper's (22) is such a projection for two orthogonal half-planes; any number of neighbours gives
-any number of half-planes. In the plane the nearest feasible point is one of few: the point itself,
-its foot on one edge, the corner of two edges, or a point of the circle. All of these candidates are
-tried. Only the rows that matter take part: the most violated row is added, one at a time, until
-none is violated. The optimum for a part of the rows is the optimum for all rows if it satisfies
-all.
+any number of half-planes. In the plane, there are only a few candidates for the nearest feasible
+point: the point itself, its foot on one edge, the corner of two edges, or a point of the circle.
+All of them are tried. Only the rows that matter take part: the most violated row is added, one at a
+time, until none is violated. If the optimum for some of the rows satisfies all rows, it is also the
+optimum for all rows.
 
-The law calls three functions. :func:`pulled` moves the thrust towards rows that need not hold, in a
-few rounds. The projection afterwards is exact for the point at which these rounds end.
-:func:`project` returns the nearest point that satisfies all rows that must hold. If no point does,
+The law calls three functions. In a few rounds, :func:`pulled` moves the thrust towards rows that
+need not hold. The later projection of the resulting point is exact. :func:`project` returns the
+nearest point that satisfies all rows that must hold. If there is no such point,
 :func:`relaxed_in_order` decides which rows are relaxed, and by how much.
 """
 
@@ -47,10 +47,10 @@ _ONE_POINT = 1e-4
 _FIRMNESS = 1000.0
 
 # Only violated rows pull, and the resting point decides which rows are violated. Two or three
-# rounds mostly find that point; of 20,000 random cases with up to 12 rows, none took more than
+# rounds usually find that point. None of 20,000 random cases with up to 12 rows took more than
 # eight.
 _MOST_PULLS = 8
-_MOST_HALVINGS = 8  # number of times that the motion of one round is halved at most
+_MOST_HALVINGS = 8  # the motion of one round is halved at most this often
 
 # The smallest slack leaves only one point, and rounding may exclude it. So the slack is widened by
 # the first of these numbers that leaves a point, times the scale of the bounds.
@@ -81,9 +81,9 @@ def project(u: Vec2, hard: list[HalfPlane], radius: float) -> Projection:
         hard: rows that must hold.
         radius: radius of the disc about the origin, at least 0.
     Returns:
-        The projection; if no point satisfies the rows, the given point with status RELAXED.
+        The projection; if no point satisfies the rows, the given point with the status RELAXED.
     Properties: rotation-equivariant; homogeneous; independent of the order of the rows; a point
-        that satisfies everything is returned without a changed bit.
+    that satisfies everything is returned bit for bit.
     """
     is_inside = dot_2(u, u) <= radius * radius * (1.0 + 1e-12)
     if is_inside and largest_violation(u, hard) <= _TOLERANCE:
@@ -99,8 +99,8 @@ def pulled(u: Vec2, soft: list[HalfPlane], stiffness: float) -> Vec2:
     """Return a point moved towards soft rows, as if each violated row pulled it by a spring.
 
     The result x minimizes ``|x - u|^2 + stiffness * sum of squared violations``. A single row moves
-    the point to its edge by the share ``stiffness / (1 + stiffness)``. Between rows that contradict
-    each other there is a compromise, and x is continuous in all rows.
+    the point to its edge by the share ``stiffness / (1 + stiffness)``. If rows contradict each
+    other, x is a compromise. It is continuous in all rows.
 
     Args:
         u: point to move, finite.
@@ -108,7 +108,7 @@ def pulled(u: Vec2, soft: list[HalfPlane], stiffness: float) -> Vec2:
         stiffness: stiffness of a row's spring, relative to the spring that holds the point at u; at
             least 0.
     Properties: rotation-equivariant; homogeneous; independent of the order of the rows; a point
-        that satisfies all rows is returned without a changed bit.
+    that satisfies all rows is returned bit for bit.
     """
     springs = [unit_row(row) for row in soft]
     x = u
@@ -146,7 +146,7 @@ def energy_of(x: Vec2, u: Vec2, springs: list[HalfPlane], stiffness: float) -> f
 
 
 def at_rest(u: Vec2, springs: list[HalfPlane], stiffness: float) -> Vec2:
-    """Return the resting point of a point that springs pull towards the edges of rows.
+    """Return where a point comes to rest that springs pull towards the edges of rows.
 
     The forces balance: ``x - u = stiffness * sum of (b - n . x) n``, two linear equations for x.
 
@@ -227,8 +227,8 @@ def relaxed(u: Vec2, hard: list[HalfPlane], radius: float, scale: float) -> Proj
         rows = [unit_row(HalfPlane(row.normal, row.bound_m_s2 - widened)) for row in hard]
         best = nearest(u, rows, radius)
 
-        # Usually only one point has the least slack: `point`, which no widening has moved. If
-        # `best` is another point, several points have the least slack, and `best` is the nearest.
+        # Usually only `point` has the least slack, and no widening has moved it. If `best` is a
+        # different point, several points have the least slack, and `best` is the nearest.
         if best.is_feasible:
             apart = abs(best.point.x - point.x) + abs(best.point.y - point.y)
             if apart > _ONE_POINT * scale:
@@ -253,7 +253,7 @@ def nearest(u: Vec2, rows: list[HalfPlane], radius: float) -> Candidate:
             return best
 
         k = most_violated(best.point, rows)
-        if k < 0 or rows[k] in taken:  # a taken row is violated by rounding only
+        if k < 0 or rows[k] in taken:  # a row that is already taken is violated only by rounding
             return best
 
         taken.append(rows[k])

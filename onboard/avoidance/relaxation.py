@@ -6,9 +6,9 @@ by two conditions:
 
     inside the disc, three rows are violated equally (two equations);
     on the circle, two rows are violated equally (one equation, and the circle);
-    on the circle, only one row counts: the point lies in the direction of its normal.
+    on the circle, only one row counts, and the point lies in the direction of its normal.
 
-All of these points are tried, and the origin, which satisfies all rows if no bound is positive.
+All of these points are tried. So is the origin, which satisfies all rows if no bound is positive.
 Only the rows that matter take part: the most violated row is added, one at a time, until no other
 row is violated by more.
 """
@@ -32,7 +32,7 @@ _PARALLEL = 1e-12  # two normals whose difference is shorter than this are the s
 
 
 def least_slack(rows: list[HalfPlane], radius: float) -> tuple[float, Vec2]:
-    """Return the smallest common slack of all rows over the disc, and the point that needs it.
+    """Return the smallest common slack of all rows over the disc, and the point that has it.
 
     The slack is ``min t >= 0`` such that a point u of the disc has ``n . u >= b - t`` for all rows.
 

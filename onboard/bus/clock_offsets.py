@@ -1,21 +1,22 @@
 """Offsets of other hosts' monotonic clocks from ours, measured over the bus. Pure.
 
 Twice a second every node publishes a clock message: its present time, and the times at which it
-received the last clock message of each other node, all by its own clock. If another node sends a
-message at t1 by its clock, and it arrives at t2 by our clock, the other clock is ahead of ours by
-at least t1 - t2, because nothing arrives before it is sent. In the same way, the arrival times of
-our messages that the other node publishes bound this offset from above. Both bounds hold for any
-delays, even if the two directions differ. A bound widens as it ages, because clocks drift apart.
+received the last clock message of every other node. All times are by its own clock. Suppose another
+node sends a message at t1 by its clock, and the message arrives at t2 by our clock. Nothing arrives
+before it is sent, so the other clock is ahead of ours by at least t1 - t2. In the same way, the
+arrival times of our messages, which the other node publishes, bound this offset from above. Both
+bounds hold for any delays, even if the two directions differ. A bound widens as it ages, because
+clocks drift apart.
 
-Each node also publishes its computer's wall clock, which is compared with ours for flights that
-start at a time of day; no stamp is converted by it.
+Each node also publishes its computer's wall clock. It is compared with ours for flights that start
+at a time of day, and is never used to convert stamps.
 
 Nodes that share a clock (one kernel, one boot, one time namespace) have equal host ids.
 
 A message that contradicts the known bounds of its sender may be false. So the known bounds stay in
-use while messages agree with them, and other bounds are collected from the contradicting messages.
-If no message agrees with the known bounds for a while, and several in a row agree with the other
-bounds, the other bounds replace the known bounds: the sender has probably restarted.
+use while messages agree with them, and the contradicting messages form a second set of bounds. If
+no message agrees with the known bounds for a while, and several in a row agree with the second set,
+the second set replaces the known bounds. In this case, the sender has probably restarted.
 """
 
 from __future__ import annotations
@@ -28,13 +29,13 @@ from onboard.bus.schema import ClockMessage, HeardClock
 # Crystals are within 100 ppm. While NTP corrects a host's wall clock, it slews the monotonic clock
 # as well, by up to 500 ppm.
 DRIFT = 1e-3  # largest change of the difference of two clocks, per elapsed time
-_UNKNOWN_DELAY_NS = 20_000_000  # delay of a message that is assumed while nothing is measured
+_UNKNOWN_DELAY_NS = 20_000_000  # assumed delay of a message until a delay is measured
 # a stamp at most this long before its arrival may come from our own clock
 _SAME_CLOCK_NS = 500_000_000
 _FORGET_NS = 60_000_000_000  # a node that is silent for this time may be forgotten
 _MAX_NODES = 64
-# The known bounds may be replaced after this time without a message that agrees with them: three
-# messages are missing by then.
+# After this time without a message that agrees with them, the known bounds may be replaced. By then
+# three messages are missing.
 _SILENT_NS = 1_800_000_000
 _CONFIRMATIONS = 3  # contradicting messages in a row that must agree with each other
 
@@ -44,7 +45,7 @@ class Peer:
     """One other node, and the bounds of its clock minus ours."""
 
     host: int  # host id: equal for nodes that share a clock
-    sent_ns: int  # when it sent its newest message, by its clock
+    sent_ns: int  # when it sent its newest message, by its own clock
     received_ns: int  # when that message arrived, by our clock
     low_ns: int  # lower bound of its clock minus ours
     low_at_ns: int  # when that bound was measured, by our clock
@@ -60,8 +61,8 @@ class Peer:
         Args:
             now_ns: our clock.
         Returns:
-            lower and upper bound [ns] of their clock minus ours; the upper one is None while it is
-            not measured.
+            lower and upper bound [ns] of their clock minus ours; the upper bound is None until it
+            is measured.
         """
         low_ns = self.low_ns - _drift_ns(now_ns - self.low_at_ns)
         if self.high_ns is None:
@@ -71,11 +72,10 @@ class Peer:
         return low_ns, high_ns
 
     def raised_low(self, low_ns: int, now_ns: int) -> Peer:
-        """Return the peer with a new lower bound if that is higher than the known one.
+        """Return the peer with a new lower bound if this bound is higher than the known one.
 
         Args:
-            low_ns: bound that follows from a message that arrives now.
-            now_ns: our clock.
+            low_ns: bound given by a message that arrives now. now_ns: our clock.
         Returns:
             the same peer or a changed copy.
         """
@@ -85,11 +85,11 @@ class Peer:
         return replace(self, low_ns=low_ns, low_at_ns=now_ns)
 
     def lowered_high(self, high_ns: int, at_ns: int) -> Peer:
-        """Return the peer with a new upper bound if that is lower than the known one.
+        """Return the peer with a new upper bound if this bound is lower than the known one.
 
         Args:
-            high_ns: bound that follows from the time at which one of our messages reached it.
-            at_ns: when we sent that message, by our clock.
+            high_ns: bound given by the time at which one of our messages reached it. at_ns: when we
+            sent that message, by our clock.
         Returns:
             the same peer or a changed copy.
         """
@@ -101,7 +101,7 @@ class Peer:
     def is_contradictory(self, now_ns: int) -> bool:
         """Whether no offset fulfils both bounds.
 
-        Then a clock stood still (a suspended host), or a message is false.
+        If so, a clock stood still (a suspended host), or a message is false.
 
         Args:
             now_ns: our clock.
@@ -112,14 +112,14 @@ class Peer:
 
 @dataclass(slots=True)
 class Clocks:
-    """The clocks of all nodes that were heard."""
+    """The clocks of all nodes that we have heard."""
 
     node: str  # our own name on the bus
     host: int  # our own host id
     restarts: int = 0  # how often the bounds of a node were replaced after a contradiction
     _peers: dict[str, Peer] = field(default_factory=dict)
-    # node -> the peer according to messages that contradict the known bounds, and the number of
-    # these messages in a row that agree with each other
+    # node -> the peer according to messages that contradict the known bounds, and how many of these
+    # messages in a row agree with each other
     _contradictions: dict[str, tuple[Peer, int]] = field(default_factory=dict)
     _sequence: int = 0
 
@@ -160,7 +160,7 @@ class Clocks:
         if node not in self._peers and not self._make_room(received_ns):
             return
 
-        # a node that claims to share our clock must have sent at a time that our clock confirms
+        # if a node claims to share our clock, its sending time must be plausible by our clock
         age_ns = received_ns - message.sent_ns
         if message.host == self.host and not 0 <= age_ns < _SAME_CLOCK_NS:
             return
@@ -187,8 +187,8 @@ class Clocks:
     def _contradiction(self, message: ClockMessage, received_ns: int) -> tuple[Peer, int] | None:
         """Return the peer according to a contradicting message, and how many messages agree on it.
 
-        The message either agrees with the contradicting messages before it, or is the first of a
-        new row. The result is None for a message that contradicts itself.
+        The message either agrees with the earlier contradicting messages, or is the first of a new
+        series. Return None for a message that contradicts itself.
         """
         earlier, count = self._contradictions.get(message.node, (None, 0))
         peer = self._merged(earlier, message, received_ns)
@@ -204,11 +204,11 @@ class Clocks:
 
         Return None if the message contradicts the peer.
         """
-        # another boot is another clock
+        # another boot means another clock
         if peer is not None and peer.host != message.host:
             return None
 
-        # a shared clock needs no earlier bounds
+        # for a shared clock, earlier bounds are not needed
         low_ns = message.sent_ns - received_ns
         if peer is None or message.host == self.host:
             peer = Peer(
@@ -257,15 +257,16 @@ class Clocks:
     def own_ns(self, node: str, stamp_ns: int, received_ns: int) -> int:
         """Convert a stamp of another node to our clock.
 
-        While nothing is known of the node, a stamp shortly before its arrival counts as a stamp of
-        our own clock. Any other stamp is replaced by its arrival, less an assumed delay.
+        While nothing is known about the node, a stamp shortly before the message's arrival counts
+        as a stamp of our own clock. Any other stamp is replaced by the arrival time, less an
+        assumed delay.
 
         Args:
             node: name of the node whose clock made the stamp.
             stamp_ns: time by that clock.
             received_ns: arrival of the message, by our clock.
         Returns:
-            the earliest time [ns] by our clock that the stamp can mean, never later than its
+            the earliest time [ns] by our clock that the stamp can mean. It is never later than the
             arrival.
         """
         peer = self._peers.get(node)
@@ -301,8 +302,8 @@ class Clocks:
             node: its name on the bus.
             now_ns: our clock.
         Returns:
-            by how much [s] their clock is ahead of ours, and the largest error [s] of that; None
-            while not measured.
+            by how much [s] their clock is ahead of ours, and the largest error [s] of this value;
+            None until measured.
         """
         peer = self._peers.get(node)
         if peer is None:
@@ -325,8 +326,8 @@ class Clocks:
             now_ns: our clock.
             world_offset_ns: our computer's wall clock minus our monotonic clock.
         Returns:
-            by how much [s] theirs is ahead of ours, and the largest error [s] of that; None while
-            it is not measured, and for a node that does not publish its wall clock.
+            by how much [s] their wall clock is ahead of ours, and the largest error [s] of this
+            value. None until it is measured, and for a node that does not publish its wall clock.
         """
         peer = self._peers.get(node)
         offset = self.offset_s(node, now_ns)
@@ -341,7 +342,7 @@ class Clocks:
         Args:
             now_ns: our clock.
         Returns:
-            node -> half the distance [s] of its bounds; infinite while not measured.
+            node -> half the distance [s] between its bounds; infinite until measured.
         """
         errors = {}
         for name, peer in tuple(self._peers.items()):

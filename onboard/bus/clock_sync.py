@@ -1,7 +1,7 @@
 """Clock synchronisation of one process with the others on the bus.
 
-The process publishes its monotonic clock and its computer's wall clock, and receives the clocks of
-the others, which ``clock_offsets.py`` compares. It converts the stamps of messages to its own
+The process publishes its monotonic clock and its computer's wall clock. It receives the clocks of
+the others, and ``clock_offsets.py`` compares them. It converts the stamps of messages to its own
 clock. Processes that share its clock publish the same host id.
 """
 
@@ -32,7 +32,7 @@ from onboard.bus.schema import (
 from onboard.bus.topics import Topic
 
 BEAT_S = 0.5  # from one clock message to the next
-_WARN_AFTER_NS = 5_000_000_000  # time from the first pose that cannot be used to the warning
+_WARN_AFTER_NS = 5_000_000_000  # time from the first unusable pose to the warning
 
 log = logging.getLogger("covey.clock")
 Stamped = TypeVar("Stamped", bound=StateMessage | Telemetry | MocapPose | Corrections)
@@ -65,7 +65,7 @@ class ClockNode:
         self._bus = bus
         self.clocks = Clocks(bus.node, host_id())
 
-        # source with an unknown clock, whose poses cannot be used -> arrival of its first pose
+        # source with an unknown clock and so unusable poses -> arrival of its first pose
         self._unknown_since_ns: dict[str, int] = {}
         self._warned: set[str] = set()  # sources with an unknown clock that a warning has named
 
@@ -81,7 +81,7 @@ class ClockNode:
             message: the message as received.
             received_ns: its arrival, by our clock.
         Returns:
-            the same object where the clock is shared, else a changed copy.
+            the same object if the clock is shared, otherwise a changed copy.
         """
         return self._on_own_clock(message, node, received_ns)
 
@@ -92,7 +92,7 @@ class ClockNode:
             pose: the pose as received.
             received_ns: its arrival, by our clock.
         Returns:
-            the pose; None while the clock of its source is not measured.
+            the pose; None until the clock of its source is measured.
         """
         if not pose.source:  # the source shares our clock
             return pose
@@ -109,7 +109,7 @@ class ClockNode:
             message: the message as received.
             received_ns: its arrival, by our clock.
         Returns:
-            the same object where the clock is shared, else a changed copy.
+            the same object if the clock is shared, otherwise a changed copy.
         """
         return self._on_own_clock(message, message.source, received_ns)
 
@@ -120,7 +120,7 @@ class ClockNode:
         return replace(message, stamp_ns=stamp_ns)
 
     def _warn_of_unknown_clock(self, source: str, now_ns: int) -> None:
-        """Log a warning, once, if a source has been without a known clock for a while."""
+        """Log a warning once if the clock of a source has been unknown for a while."""
         since_ns = self._unknown_since_ns.setdefault(source, now_ns)
         if source in self._warned or now_ns - since_ns <= _WARN_AFTER_NS:
             return
@@ -139,7 +139,7 @@ class ClockNode:
             order: the order as received.
             received_ns: its arrival, by our clock.
         Returns:
-            the same object where the clock is shared, else a changed copy.
+            the same object if the clock is shared, otherwise a changed copy.
         """
         stamp_ns = self.clocks.own_ns(order.node, order.stamp_ns, received_ns)
         if stamp_ns == order.stamp_ns:
@@ -162,7 +162,9 @@ class ClockNode:
         self._bus.publish(Topic.CLOCK, self._bus.node, message)
 
     async def keep(self) -> None:
-        """Start, and publish the clock twice a second until cancelled, on an event loop."""
+        """Start, then publish the clock twice a second until cancelled. This runs on an event
+        loop.
+        """
         self.start()
         while True:
             self.beat()

@@ -1,6 +1,6 @@
 """Encoding and decoding of messages.
 
-Bytes from outside never raise an error: they decode to a message or to :class:`Malformed`.
+Bytes from outside never raise an error. They decode to a message or to :class:`Malformed`.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ _decoders: dict[type[Message], msgspec.msgpack.Decoder[Message]] = {}
 
 @dataclass(frozen=True, slots=True)
 class Malformed:
-    """Bytes that are no message of the expected type: the receiver counts and ignores them."""
+    """Bytes that are not a message of the expected type. The receiver counts and ignores them."""
 
     reason: str
     size: int  # bytes
@@ -42,7 +42,7 @@ def encode(message: Message) -> bytes:
 
 
 def decode(data: bytes, kind: type[MessageT]) -> MessageT | Malformed:
-    """Decode a message; its numbers need not be finite, see :func:`is_finite`.
+    """Decode a message. Its numbers may not be finite, see :func:`is_finite`.
 
     Args:
         data: bytes as received.

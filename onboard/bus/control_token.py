@@ -1,12 +1,13 @@
-"""Control of a fleet: the liveliness tokens that show who has it, and the rules for them. Pure.
+"""Control of a fleet: the liveliness tokens that show who has control, and their rules. Pure.
 
 Agents and grounds share these rules. A ground that operates the fleet declares the token
 ``operator.TERM.NODE.AUTHOR``. One that requests control declares ``asks.TERM.NODE.AUTHOR``. An
-operator who refuses a request declares ``keeps.TERM.NODE.AUTHOR`` with the node that requested.
+operator who refuses a request declares ``keeps.TERM.NODE.AUTHOR``, where NODE is the node that
+requested control.
 
-A token vanishes with its process, so a ground that has ended cannot stay the operator. Grounds are
-connected to agents only, not to each other. Therefore every agent publishes in its telemetry the
-tokens that it sees.
+A token vanishes with its process, so a ground that has ended cannot remain the operator. Grounds
+are connected to agents only, not to each other. Therefore every agent publishes in its telemetry
+the tokens that it sees.
 """
 
 from __future__ import annotations
@@ -23,18 +24,18 @@ CONTROL_CLAIMS: tuple[ControlClaim, ...] = get_args(ControlClaim)
 EMERGENCY: tuple[OrderKind, ...] = ("land", "hold", "kill")  # orders that end a flight or a path
 OPEN_TO_ALL: tuple[OrderKind, ...] = (*EMERGENCY, "pause")  # orders that anybody may send
 # Orders that every ground of the operating person may send. A script or a mission operates in its
-# own process, while the person watches from another ground. A move that lands, to fly home, is
-# open in the same way.
+# own process, while the person watches from another ground. The same holds for a move that flies
+# home and lands.
 _OF_THE_PERSON: tuple[OrderKind, ...] = ("resume", "skip")
 
-# End of the sentence with which a vehicle refuses a mission's order because it would replace a
-# newer order of a person. Grounds recognise the refusal by this text.
+# A vehicle refuses a mission's order that would replace a newer order of a person. Its sentence
+# ends like this, and grounds recognise the refusal by this text.
 ORDER_STAYS = "that order stays."
 
 GROUND = "ground"  # first word of the nodes that may order
 WATCHER = "watcher"  # first word of the nodes that only watch
 
-LAST_TERM = 999  # after this term the next one is 1
+LAST_TERM = 999  # the term after this one is 1
 _TERM = re.compile(r"[1-9]\d{0,2}")
 _MAX_TOKENS = 64
 _MAX_PART_LENGTH = 60  # characters of a node's or an author's name within a token
@@ -68,7 +69,7 @@ class ControlToken:
             other: token of the other ground.
         Returns:
             True for the next term only. If every later term counted, a false claim with the last
-            term would keep control for ever.
+            term would keep control forever.
         """
         return self.term == next_term(other.term)
 
@@ -82,7 +83,8 @@ class ControlToken:
         Returns:
             True if this token wins.
         """
-        # after the last term comes term 1, so a term up to half of all terms ahead counts as later
+        # term 1 follows the last term, so a term counts as later if it is ahead by up to half of
+        # all terms
         terms_ahead = (self.term - other.term) % LAST_TERM
         if terms_ahead == 0:
             return self.node < other.node
@@ -116,7 +118,7 @@ def parse_control_token(name: str) -> ControlToken | None:
 class ControlTokens:
     """The control tokens that one agent sees, and the operator that follows from them.
 
-    The operator stays the operator while its token lives, unless another ground claims control with
+    The operator keeps this role while its token lives, unless another ground claims control with
     the next term.
     """
 
@@ -125,7 +127,7 @@ class ControlTokens:
         self._tokens: dict[str, ControlToken] = {}  # by their names on the bus
 
     def see(self, name: str, is_alive: bool) -> None:
-        """Take note of a liveliness token; tokens of other nodes change nothing.
+        """Note a liveliness token that appeared or vanished. Only control tokens have an effect.
 
         Args:
             name: name of the token.
@@ -144,18 +146,23 @@ class ControlTokens:
         self._choose_holder()
 
     def _limit_number(self) -> None:
-        """Forget the oldest token if there are too many: false tokens must not block new ones."""
+        """Forget the oldest token if there are too many, so that false tokens cannot block new
+        ones.
+        """
         if len(self._tokens) <= _MAX_TOKENS:
             return
         oldest = next(name for name, token in self._tokens.items() if token != self.holder)
         del self._tokens[oldest]
 
     def _choose_holder(self) -> None:
-        """Choose the operator's token: the present one, unless another takes control by force."""
+        """Choose the operator's token. The present one stays unless another takes control by
+        force.
+        """
         claims = [token for token in self._tokens.values() if token.claim == "operator"]
         claims.sort(key=lambda token: token.node)  # every agent decides in the same order
 
-        # without a holder, begin with the lowest term: each claim by force has the next term
+        # without a holder, begin with the lowest term, because each claim by force has the next
+        # term
         if self.holder not in claims:
             self.holder = min(claims, key=lambda token: token.term, default=None)
 
@@ -176,10 +183,10 @@ class ControlTokens:
         return tuple(sorted(name for name, token in self._tokens.items() if token != self.holder))
 
     def refusal(self, order: Order) -> str | None:
-        """Return why the sender of an order may not give it.
+        """Return why the sender of an order is not allowed to give it.
 
-        Orders that make a flight safer are open to everybody. Orders that follow a pause (to go on,
-        to skip, to go home) are open to every ground of the person who operates.
+        Everybody may send orders that make a flight safer. Every ground of the operating person may
+        send orders that follow a pause (to resume, to skip, to go home).
 
         Args:
             order: the order as received.
@@ -204,7 +211,8 @@ class ControlTokens:
 def _token_part(text: str) -> str:
     """Return a text as one part of a token's name.
 
-    Characters that a key of the bus may not contain become underscores; an empty text does, too.
+    Characters that are not allowed in a key of the bus become underscores. An empty text becomes an
+    underscore, too.
     """
     part = re.sub(r"[^\w-]", "_", text)[:_MAX_PART_LENGTH]
     if not part:

@@ -1,7 +1,7 @@
-"""Publishes the poses of a motion capture: each under its body's name, and all of them together.
+"""Publishes the poses of a motion capture system: each under its body's name, and all together.
 
 A vehicle subscribes to the poses of its own body. It gets the mocap positions of the other vehicles
-from the messages with all bodies, which come less often.
+from the messages with all bodies, which are less frequent.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ class PosePublisher:
         self._bus = bus
         # body -> its newest pose since all bodies were last published together
         self._newest: dict[str, MocapPose] = {}
-        self._due_ns = 0  # stamp from which on all bodies are published together again
+        self._due_ns = 0  # all bodies are published together again from this stamp on
 
     def publish(self, pose: MocapPose) -> None:
         """Publish one pose; never blocks.
@@ -37,7 +37,7 @@ class PosePublisher:
 
         until_due_ns = self._due_ns - pose.stamp_ns
         is_due = until_due_ns < 0
-        has_jumped_back = until_due_ns > _PERIOD_NS  # for instance the stamps of a new source
+        has_jumped_back = until_due_ns > _PERIOD_NS  # for instance because the source is new
         if is_due or has_jumped_back:
             self._due_ns = pose.stamp_ns + _PERIOD_NS
             self._publish_together()

@@ -8,10 +8,10 @@ _MAX_TOKENS = 20_000  # of all names together; further tokens are ignored
 
 
 class Presence:
-    """Counts the nodes behind each name: a name stays present until its last node has left.
+    """Counts the nodes behind each name. A name stays present until its last node has left.
 
     Args:
-        on_alive: called with a name and whether it is present, only when that changes.
+        on_alive: called with a name and whether it is present, but only on a change.
     """
 
     def __init__(self, on_alive: OnAlive) -> None:
@@ -20,7 +20,7 @@ class Presence:
         self._count = 0  # number of instances of all names together
 
     def see(self, token: str, is_alive: bool) -> None:
-        """Take a liveliness token that appeared or vanished.
+        """Note a liveliness token that appeared or vanished.
 
         Args:
             token: ``NAME/INSTANCE``, where INSTANCE differs from node to node.

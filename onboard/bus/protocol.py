@@ -22,10 +22,11 @@ RefusalCode = Literal[
 
 @dataclass(frozen=True, slots=True)
 class UntrustedOrder:
-    """An order whose signature a fleet with keys does not accept: counted, answered, not obeyed.
+    """An order with a signature that a fleet with keys rejects. It is counted and answered, not
+    obeyed.
 
-    In a flood of orders none is answered. So the ground of a genuine order gets no reply; it then
-    sends land and kill directly to PX4.
+    During a flood of orders, none is answered. A ground that sent a genuine order then gets no
+    reply, and sends land and kill directly to PX4.
     """
 
     code: RefusalCode  # for programs and for counts
@@ -42,7 +43,7 @@ class OrderSignatures(Protocol):
     """Signs the orders that a node sends, and verifies those that it receives."""
 
     def seal(self, key_expression: str, order: bytes) -> bytes:
-        """Return the seal of an order: the bytes with its signature, which are sent beside it.
+        """Return the seal of an order: the bytes of its signature, which are sent beside the order.
 
         Args:
             key_expression: key of the bus to which the order is sent.
@@ -52,19 +53,19 @@ class OrderSignatures(Protocol):
         """
 
     def refusal(self, key_expression: str, order: bytes, seal: bytes) -> UntrustedOrder | None:
-        """Verify an order that arrives now.
+        """Verify an order that has just arrived.
 
         Args:
             key_expression: key of the bus at which the order arrived.
             order: bytes of the order.
             seal: bytes that were sent beside it; empty if there were none.
         Returns:
-            the fault of its signature; None if the signature is right.
+            what is wrong with the signature; None if it is valid.
         """
 
 
 class NodeCredentials(Protocol):
-    """Certificate and key of a node on a bus with keys, and the access that it allows to others.
+    """Certificate and key of a node on a bus with keys, and the access that it grants to others.
 
     ``onboard/security/credentials.py`` makes them from files; the program that opens the bus passes
     them in.
@@ -110,12 +111,12 @@ class Bus(Protocol):
     """One node on the fleet's bus.
 
     Callbacks may run on a thread of the bus: they must only hand over to another thread, and must
-    not call the bus. The exception is :meth:`deliver`, which runs callbacks on the caller's thread.
+    not call the bus. Only :meth:`deliver` runs callbacks on the caller's thread.
     """
 
     @property
     def node(self) -> str:
-        """Return this node's name, which the others see while the node is on the bus."""
+        """Return this node's name, which other nodes see while this node is on the bus."""
 
     @property
     def is_simulated(self) -> bool:
@@ -156,17 +157,17 @@ class Bus(Protocol):
     ) -> None:
         """Keep messages until :meth:`deliver` is called.
 
-        This costs half of :meth:`subscribe`: no thread wakes up for each message.
+        This costs half as much as :meth:`subscribe`, because no thread wakes up for each message.
 
         Args:
             topic: row of the table of topics.
             name: one name, or ``*`` for all.
             on_message: called with topic, name and the message, or :class:`Malformed`.
-            most: number of messages that are kept: the newest ones.
+            most: at most this many messages are kept: the newest.
         """
 
     def follow(self, topic: Topic, names: Iterable[str], on_message: OnMessage) -> None:
-        """Collect a topic of exactly these names: subscribe to new ones, drop all others.
+        """Collect a topic of exactly these names. Subscribe to new names, and drop all others.
 
         A publisher does not even send a message that no node follows. Each change of the names is
         sent to every peer, so do not change them in the control loop. Only one thread may call
@@ -180,16 +181,16 @@ class Bus(Protocol):
         """
 
     def deliver(self) -> None:
-        """Call back, on the caller's thread, for everything collected or followed; never blocks."""
+        """Call back for everything collected or followed, on the caller's thread. Never blocks."""
 
     def serve_orders(self, vehicle: str, on_order: OnOrder) -> None:
         """Answer the orders for a vehicle.
 
         Args:
             vehicle: name of the vehicle.
-            on_order: called on a thread of the bus with the order, or with an object that says what
-                is wrong with it, and with a function that sends the reply. That function must be
-                called once, from any other thread.
+            on_order: called on a thread of the bus. Its arguments are the order, or an object that
+            says what is wrong with the order, and a function that sends the reply. That function
+            must be called once, from another thread.
         """
 
     def serve_faults(self, on_fault: OnFault) -> None:
@@ -208,20 +209,20 @@ class Bus(Protocol):
             vehicle: name of the vehicle.
             order: the order.
             timeout_s: time [s] to wait for the reply.
-            on_reply: called with the reply; not called when nobody answers.
-            on_end: called last, in any case.
+            on_reply: called with the reply; not called if no reply comes. on_end: called last, in
+            any case.
         """
 
     def fault(
         self, order: FaultOrder, *, timeout_s: float, on_reply: OnReply, on_end: OnEnd
     ) -> None:
-        """Send a fault order to the emulator; without an emulator no reply comes.
+        """Send a fault order to the emulator. Without an emulator, no reply comes.
 
         Args:
             order: the fault order.
             timeout_s: time [s] to wait for the reply.
-            on_reply: called with the reply; not called when nobody answers.
-            on_end: called last, in any case.
+            on_reply: called with the reply; not called if no reply comes. on_end: called last, in
+            any case.
         """
 
     def claim(self, token: str) -> None:
@@ -234,7 +235,7 @@ class Bus(Protocol):
         """
 
     def release(self, token: str) -> None:
-        """Take back a token of :meth:`claim`.
+        """Withdraw a token of :meth:`claim`.
 
         Args:
             token: name of the token; a token that is not claimed is ignored.

@@ -20,8 +20,8 @@ def router_endpoint(fleets: Sequence[FleetConfig], endpoint: str | None = None) 
 
     Args:
         fleets: fleets of the router; each of their files must name its endpoint.
-        endpoint: endpoint that a person has chosen; None for the only one in the fleet files that
-            is an address of this computer.
+        endpoint: endpoint that a person has chosen. None chooses the only endpoint in the fleet
+        files with an address of this computer.
     Raises:
         ConfigError: there is no such endpoint, or there are several.
     """
@@ -71,10 +71,10 @@ class Router:
         self._session: Any = None  # zenoh's session, while the router runs
 
     def start(self) -> None:
-        """Listen, and pass messages on, on threads of zenoh.
+        """Listen, and forward messages, on zenoh's threads.
 
         Raises:
-            BusError: the endpoint is taken or not of this computer.
+            BusError: the endpoint is in use, or does not belong to this computer.
         """
         self._session = open_zenoh(self._settings)
         self._sockets.start()
@@ -122,7 +122,7 @@ def _is_of_this_computer(host: str) -> bool:
             try:
                 probe.bind(address)
             except OSError as error:
-                # an address that is in use is also an address of this computer
+                # an address in use also belongs to this computer
                 if error.errno != errno.EADDRINUSE:
                     continue
             return True

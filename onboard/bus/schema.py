@@ -3,10 +3,10 @@
 Fields that many messages have, with the same meaning in all of them:
 
 * ``vehicle``: the name in the fleet file of the vehicle that the message is about.
-* ``boot_id``: a number of the sender's process. It changes when the sender starts anew, so that
-  stamps and sequences from before a restart are never compared with those after it.
-* ``sequence``: grows with each message of this kind by this sender. An agent's messages have the
-  number of its tick.
+* ``boot_id``: a number of the sender's process. It changes when the sender restarts, so that stamps
+and sequences from before a restart are never compared with later ones.
+* ``sequence``: grows with each message of this kind by this sender. An agent uses the number of its
+tick.
 * ``stamp_ns``: the sender's monotonic clock, in nanoseconds, when the message was made.
 * ``..._enu_...``: east, north, up of the fleet's frame.
 
@@ -55,11 +55,11 @@ OrderKind = Literal[
 ON_PATHS = ("pause", "resume", "skip")
 # orders that determine whether a vehicle takes part in flights, and which vehicle it stands in for
 SERVICE = ("disable", "enable", "stand_in")
-# orders that begin no flight and end no other order
+# orders that start no flight and end no other order
 BESIDE = (*LOCATE, "load_path", *ON_PATHS, *SERVICE)
-# Values of ``Order.reason``. An order without a reason comes from a person, to vehicles named by
-# the person.
-BY_MISSION = "mission"  # a mission or a script sends it, at its end or in its course
+# Values of ``Order.reason``. An order without a reason comes from a person who has named its
+# vehicles.
+BY_MISSION = "mission"  # a mission or a script sends it, during its run or at its end
 TO_EVERYBODY = "everybody"  # a person sends it to all vehicles, as LAND ALL does
 OrderOutcome = Literal["accepted", "done", "refused", "superseded", "failed", "timed out"]
 Severity = Literal["debug", "info", "warning", "critical"]
@@ -73,7 +73,9 @@ class Message(msgspec.Struct, frozen=True, array_like=True, kw_only=True):
 
 
 class StateMessage(Message, frozen=True, array_like=True, kw_only=True):
-    """State of one vehicle for its neighbours, at up to 50 Hz: its motion now and after its lag."""
+    """State of one vehicle for its neighbours, at up to 50 Hz. It holds the motion now and after
+    the lag.
+    """
 
     vehicle: str
     boot_id: int
@@ -81,8 +83,8 @@ class StateMessage(Message, frozen=True, array_like=True, kw_only=True):
     stamp_ns: int
 
     is_valid: bool  # the sender knows its own position
-    is_airborne: bool  # the others have to avoid it: it is in the air, or may be
-    is_cooperative: bool  # it takes its share of avoiding
+    is_airborne: bool  # the others must avoid it, because it is or may be in the air
+    is_cooperative: bool  # it does its share of the avoiding
 
     # its own estimate, at ``stamp_ns``
     position_enu_m: Xyz
@@ -97,7 +99,7 @@ class StateMessage(Message, frozen=True, array_like=True, kw_only=True):
 
     position_std_m: float  # standard deviation of its estimate's position
     velocity_std_m_s: float  # standard deviation of its estimate's velocity
-    crowd_count: float  # neighbours nearer than twice the design distance
+    crowd_count: float  # number of neighbours nearer than twice the design distance
     intent_enu_m_s: Xyz = (0.0, 0.0, 0.0)  # velocity straight to its goal
 
 
@@ -117,7 +119,7 @@ class Telemetry(Message, frozen=True, array_like=True, kw_only=True):
     reason: str  # why it is in this state; a sentence, or empty
     not_ready: tuple[str, ...]  # sentences that refuse take-off
     is_armed: bool  # as PX4 reports it
-    is_airborne: bool  # the others have to avoid it: it is in the air, or may be
+    is_airborne: bool  # the others must avoid it, because it is or may be in the air
     mode: str  # flight mode of PX4
 
     # where it is and where it goes
@@ -136,7 +138,7 @@ class Telemetry(Message, frozen=True, array_like=True, kw_only=True):
     law: str  # name of the law that it flies
     law_status: str  # of the last tick
     intervention_m_s2: float  # by how much the law changes the thrust
-    nearest_vehicle: str  # empty while it receives no other's state
+    nearest_vehicle: str  # empty while it receives no state of another vehicle
     nearest_distance_m: float  # between the centres
 
     # the newest order
@@ -147,7 +149,7 @@ class Telemetry(Message, frozen=True, array_like=True, kw_only=True):
     # time since the newest of these arrived
     state_age_s: float  # its own position
     autopilot_age_s: float  # packets from PX4
-    neighbour_age_s: float  # states of the neighbour that has been silent for longest
+    neighbour_age_s: float  # newest state of the neighbour that has been silent longest
 
     # control loop: median, 99th percentile and maximum of the last ten seconds
     loop_period_p50_ms: float
@@ -156,7 +158,7 @@ class Telemetry(Message, frozen=True, array_like=True, kw_only=True):
     late_ticks: int  # since the start: ticks whose period was too long
     malformed_messages: int  # since the start: see onboard/message_counts.py
 
-    hover_thrust_frac: float  # throttle that hovers, as learned so far
+    hover_thrust_frac: float  # hover throttle, as learned so far
     config_hash: str  # of the fleet file and the law: equal on all vehicles that fly together
     system_id: int  # MAV_SYS_ID of its PX4
 
@@ -165,10 +167,10 @@ class Telemetry(Message, frozen=True, array_like=True, kw_only=True):
     operator: str = ""  # token of the operator, as this vehicle sees it: control_token.py
     roles: tuple[str, ...] = ()  # the other tokens of control_token.py
     loop_lateness_p99_ms: float = 0.0  # how far behind its schedule a tick began
-    missed_ticks: int = 0  # since the start: ticks that were left out
-    # Neighbour that it avoids most, or for which it waits beside a passage; empty: none.
+    missed_ticks: int = 0  # since the start: skipped ticks
+    # Neighbour that it avoids most, or that it waits for beside a passage; empty: none.
     avoids: str = ""
-    doubles: tuple[str, ...] = ()  # vehicles of which two agents publish at the same time
+    doubles: tuple[str, ...] = ()  # vehicles for which two agents publish at the same time
     mocap_delay_s: float = 0.0  # mean time from a pose's measurement to its arrival
 
     # the path that it follows
@@ -176,10 +178,10 @@ class Telemetry(Message, frozen=True, array_like=True, kw_only=True):
     path_time_s: float = 0.0  # on the path's clock
     path_rate_frac: float = 1.0  # rate of that clock: 1 is real time
     path_lag_m: float = 0.0  # distance from the path's point at that time
-    is_behind: bool = False  # it asks all vehicles to slow the clock
+    is_behind: bool = False  # it requests that all vehicles slow the clock
 
-    # reason -> number of orders since this agent's start that were refused for it, because they
-    # were not trusted or not the operator's
+    # reason -> number of orders refused for this reason since the agent's start, because they were
+    # not trusted or not from the operator
     refused_orders: dict[str, int] = {}
     # since this agent's start: see onboard/message_counts.py
     refused_messages: int = 0
@@ -192,23 +194,23 @@ class Telemetry(Message, frozen=True, array_like=True, kw_only=True):
     max_wind_m_s: float = math.nan  # limit of that mean for this vehicle; NaN: not known
 
     is_flown_by_hand: bool = False  # its PX4 is in a pilot's mode and receives the sticks
-    # the newest order that it has accepted, also after that order's end; `locate` and parts of
+    # the newest order that it has accepted, even after the end of that order; `locate` and parts of
     # paths do not count
     taken_order_id: str = ""
     taken_order_kind: str = ""
     taken_order_from: str = ""  # author and node
 
     # an order has stopped the clock of its path, and so the clocks of all vehicles of the show; or
-    # an order has interrupted its following of another vehicle until `resume`
+    # an order has made it stop following another vehicle until `resume`
     is_path_paused: bool = False
-    # the person who ordered that it takes part in no flight; empty: it takes part
+    # the person who took it out of flights; empty: it takes part
     disabled_by: str = ""
 
-    # only for a vehicle that flies by satellites
+    # only for a vehicle that uses satellite positioning
     fix: str = ""  # kind of its receiver's fix, in words; empty while it is not known
     satellites: int = -1  # number that the receiver uses; -1: not known
     # only where the fleet has corrections
-    corrections_age_s: float = math.nan  # since the newest went to PX4; NaN: none has yet
+    corrections_age_s: float = math.nan  # since the newest were sent to PX4; NaN: none yet
     base_id: int = -1  # station that sent those corrections; -1: not known
     base_distance_m: float = math.nan  # from the vehicle to that station; NaN: not known
 
@@ -224,9 +226,9 @@ class PreflightReport(Message, frozen=True, array_like=True, kw_only=True):
     boot_id: int
     sequence: int
     stamp_ns: int
-    # (name, is_ok, sentence, remedy), in the order in which a person looks for a fault. A check
-    # that is not ok refuses take-off. A check that is ok and has a remedy is advice. A check that
-    # is ok without a remedy needs no action.
+    # (name, is_ok, sentence, remedy), in the order in which a person should look for faults. A
+    # check that is not ok refuses take-off. A check that is ok and has a remedy is advice. A check
+    # that is ok without a remedy needs no action.
     checks: tuple[tuple[str, bool, str, str], ...]
     px4_version: tuple[int, int] | None = None  # as this vehicle's PX4 reports it
 
@@ -267,15 +269,15 @@ class TickSample(Message, frozen=True, array_like=True, kw_only=True):
     law_status: str
     intervention_m_s2: float  # by how much it changes the thrust
     slack_m_s2: float  # by how much its constraints had to be relaxed
-    active_neighbour: str  # neighbour because of which it mostly intervenes; empty: none
+    active_neighbour: str  # neighbour that causes most of the intervention; empty: none
     neighbour_distances_m: dict[str, float]  # vehicle -> distance
     neighbour_ages_s: dict[str, float]  # vehicle -> age of its state
 
-    # attitude and throttle: setpoints that PX4 is sent, and values that it reports
+    # attitude and throttle: setpoints sent to PX4, and values that PX4 reports
     setpoint_quaternion_enu_flu_wxyz: Wxyz
     setpoint_thrust_frac: float
     attitude_quaternion_enu_flu_wxyz: Wxyz
-    hover_thrust_frac: float  # throttle that hovers, as learned so far
+    hover_thrust_frac: float  # hover throttle, as learned so far
     attitude_age_s: float = 0.0  # since PX4's attitude arrived
 
 
@@ -301,7 +303,7 @@ class Event(Message, frozen=True, array_like=True, kw_only=True):
 
 
 class PathOrder(msgspec.Struct, frozen=True, array_like=True, kw_only=True):
-    """The part of an order that is about a path: a part of its bytes, or the start of its flight.
+    """The part of an order about a path: a part of the path's bytes, or the start of the flight.
 
     Kind ``load_path`` sends a part; ``follow_path`` starts the flight.
     """
@@ -316,7 +318,7 @@ class PathOrder(msgspec.Struct, frozen=True, array_like=True, kw_only=True):
     # follow_path only
     show_id: str = ""  # equal for all vehicles that follow their paths by the same clock
     start_ns: int = 0  # time 0 of the path, on the sender's monotonic clock
-    on_lag: Literal["land", "hold"] = "land"  # action of a vehicle that is behind for too long
+    on_lag: Literal["land", "hold"] = "land"  # what a vehicle does that is behind for too long
 
 
 class Order(Message, frozen=True, array_like=True, kw_only=True):
@@ -330,24 +332,24 @@ class Order(Message, frozen=True, array_like=True, kw_only=True):
     author: str  # user name of the person who sends it
     kind: OrderKind
     stamp_ns: int
-    # time after which the order must not begin, on the sender's monotonic clock; 0: no deadline
+    # the order must not begin after this time, on the sender's monotonic clock; 0: no deadline
     deadline_ns: int
     # move only: the vehicle's own goal, to which the ground has added the offset of its slot
     position_enu_m: Xyz | None = None
     height_m: float | None = None  # takeoff only: above the fleet's origin
     duration_s: float = 0.0  # 0: as fast as the limits allow
-    node: str = ""  # the sender on the bus, by which vehicles recognise the operator
+    node: str = ""  # the sender's node on the bus; vehicles recognise the operator by it
     path: PathOrder | None = None  # load_path and follow_path only
     # move only: heading to turn to, counterclockwise from east; None: keep the heading
     yaw_deg: float | None = None
     then_land: bool = False  # move only: land at the goal; the order ends on the ground
     # Boot id and stamp of the newest telemetry that the sender has received from this vehicle. The
-    # stamp is by the vehicle's own clock, so that the vehicle can refuse an order that was signed
-    # more than some seconds ago without trusting any other clock (only in a fleet with keys).
+    # stamp is by the vehicle's own clock. So the vehicle can refuse an order that was signed more
+    # than a few seconds ago, without trusting any other clock (only in a fleet with keys).
     heard_boot_id: int = 0
     heard_ns: int = 0
-    # BY_MISSION, TO_EVERYBODY, or empty for an order of a person to named vehicles. A landing with
-    # a reason is refused while a pilot flies the vehicle by hand.
+    # BY_MISSION, TO_EVERYBODY, or empty for a person's order to named vehicles. A landing with a
+    # reason is refused while a pilot flies the vehicle by hand.
     reason: str = ""
     # stand_in only: the vehicle whose spot, slots and paths this vehicle uses from now on; its own
     # name ends the stand-in
@@ -356,7 +358,7 @@ class Order(Message, frozen=True, array_like=True, kw_only=True):
 
     @property
     def text(self) -> str:
-        """Kind, author and sender; names are cut off, because anybody may have written them."""
+        """Kind, author and sender. Names are truncated, because they may come from anybody."""
         return f"{self.kind} of {self.author[:60]} (from {self.node[:60]})"
 
 
@@ -383,7 +385,7 @@ class OrderReply(Message, frozen=True, array_like=True, kw_only=True):
     order_id: str  # of the order
     vehicle: str
     is_accepted: bool
-    # sentence: why the order is refused; or what an accepted order leads to, if its kind does not
+    # sentence: why the order is refused, or what an accepted order leads to if its kind does not
     # show that; may be empty
     reason: str
 
@@ -418,7 +420,7 @@ class Corrections(Message, frozen=True, array_like=True, kw_only=True):
 
 
 class LogRequest(Message, frozen=True, array_like=True, kw_only=True):
-    """One request for PX4's own logs, which the agent passes on to its PX4."""
+    """One request for PX4's own logs. The agent passes it on to its PX4."""
 
     packet: bytes  # a whole packet of MAVLink
 
@@ -461,7 +463,7 @@ class Light(Message, frozen=True, array_like=True, kw_only=True):
 
 
 class Truth(Message, frozen=True, array_like=True, kw_only=True):
-    """True motion of a vehicle in a simulation, for records and expectations; no agent listens."""
+    """True motion of a vehicle in a simulation, for records and expectations. No agent uses it."""
 
     vehicle: str
     stamp_ns: int
@@ -470,6 +472,6 @@ class Truth(Message, frozen=True, array_like=True, kw_only=True):
     quaternion_enu_flu_wxyz: Wxyz
     is_on_ground: bool
     is_collided: bool  # it has touched another vehicle
-    touchdowns: int = 0  # first contacts with the ground after flights, so far; 0 if not counted
+    touchdowns: int = 0  # number of first ground contacts after flights; 0 if not counted
     touchdown_m_s: float = 0.0  # vertical speed at the newest touchdown
-    had_thrust: bool = True  # its motors had all their thrust at that touchdown
+    had_thrust: bool = True  # its motors had their full thrust at that touchdown

@@ -1,8 +1,8 @@
 """The bus over Zenoh; the only file of the project that imports zenoh.
 
-Callbacks run on zenoh's threads and must only hand their message over to another thread
-(:meth:`asyncio.AbstractEventLoop.call_soon_threadsafe`); calling a session's method from inside a
-callback can deadlock.
+Callbacks run on zenoh's threads. They must only hand their message over to another thread
+(:meth:`asyncio.AbstractEventLoop.call_soon_threadsafe`), because calling a session's method inside
+a callback can deadlock.
 """
 
 from __future__ import annotations
@@ -37,9 +37,9 @@ from onboard.bus.topics import TOPICS, Delivery, Topic, key, topic_and_name
 from onboard.bus.zenoh_settings import Setting, of_client, of_node
 from onboard.native_threads import keep_thread_state
 
-# One thread for all network work: zenoh's other runtimes hand their work over to `net`. With a
-# thread for each runtime, every message would wake up another thread. Zenoh reads the variable
-# ZENOH_RUNTIME when the first session opens.
+# One thread does all network work, because zenoh's other runtimes hand their work over to `net`.
+# With a thread for each runtime, every message would wake up another thread. Zenoh reads the
+# variable ZENOH_RUNTIME when the first session opens.
 _RUNTIMES = (
     "rx: (handover: net)",
     "tx: (handover: net)",
@@ -52,24 +52,24 @@ os.environ.setdefault("ZENOH_RUNTIME", f"({', '.join(_RUNTIMES)})")
 # a subscriber that keeps the newest samples, and the function that is called for each of them
 _Collector = tuple[Any, Callable[[Any], None]]
 
-_MAX_NAMES = 1000  # names of one topic that are remembered by their keys
-_MAX_FOLLOWED = 16  # samples of one followed name that wait for delivery
+_MAX_NAMES = 1000  # number of names of one topic that are cached by key
+_MAX_FOLLOWED = 16  # at most this many samples of a followed name wait for delivery
 _FAULT_NAME = "fault"  # last part of the key for fault orders
 _EVERY_NAME = "*"
 
-# Priority of messages whose sender may block. Zenoh has a queue for each priority, so that such a
-# message to a peer that hangs does not hold up the control loop's messages.
+# Priority of messages whose sender may block. Zenoh has a queue for each priority. So if a peer
+# hangs, such a message to it does not hold up the control loop's messages.
 _BLOCKING_PRIORITY = zenoh.Priority.INTERACTIVE_HIGH
 
 # Topics with the highest priority on a link.
 _URGENT = (Topic.STATE, Topic.MOCAP)
 
-# Topics with the lowest priority: on a radio without free capacity they are dropped first.
+# Topics with the lowest priority. A saturated radio drops them first.
 _LAST = (Topic.CORRECTIONS, Topic.LOG_PIECES)
 
-# Topics whose messages fit into one datagram. Over QUIC a larger message would not arrive in a
-# datagram, so all other topics, such as ticks and preflight reports, are sent in streams. Also in a
-# stream, a publisher with LATEST delivery drops a message if it would have to wait.
+# Topics with messages that fit into one datagram. Over QUIC, a larger message would not arrive in a
+# datagram, so all other topics, such as ticks and preflight reports, are sent in streams. In a
+# stream, too, a publisher with LATEST delivery drops a message if it would have to wait.
 _IN_DATAGRAMS = (Topic.STATE, Topic.FAR, Topic.MOCAP, Topic.ALL_POSES, Topic.TRUTH)
 
 
@@ -82,7 +82,7 @@ class BusSession:
             number.
         listen: endpoints to listen at, for instance ``["tcp/127.0.0.1:7460"]``; empty for the
             ground.
-        connect: endpoints of the others; retried for ever, so that nodes may start in any order.
+        connect: endpoints of the others; retried forever, so that nodes may start in any order.
         credentials: credentials of this node, for ``quic/`` and ``tls/``; None for a bus without
             keys.
         routers: endpoints of the fleet's routers; if there are any, the node connects only to one
@@ -127,7 +127,7 @@ class BusSession:
         self._collectors: tuple[_Collector, ...] = ()  # followed and collected, for :meth:`deliver`
         self._claims: dict[str, Any] = {}  # further liveliness tokens of this node, by their names
 
-        # subscribers and queryables, which zenoh ends when nothing refers to them any more
+        # subscribers and queryables; zenoh ends them once nothing refers to them
         self._declared: list[Any] = []
 
     def start(self) -> None:
@@ -159,8 +159,8 @@ class BusSession:
         self._collected.clear()
         self._collectors = ()
 
-        # Over QUIC, `close` waits for attempts to reach nodes that are not there. So the tokens are
-        # taken back first, and the others learn now that this node leaves.
+        # Over QUIC, `close` waits for attempts to reach absent nodes. So the tokens are withdrawn
+        # first, and the others learn at once that this node leaves.
         for token in (self._token, *self._claims.values()):
             token.undeclare()
         self._claims.clear()
@@ -231,7 +231,7 @@ class BusSession:
     def follow(self, topic: Topic, names: Iterable[str], on_message: OnMessage) -> None:
         """Collect ``topic`` of exactly these names.
 
-        Publishers learn of each change, and do not send what nobody follows.
+        Publishers learn of each change, and do not send what no node follows.
         """
         followed = {(topic, name) for name in names}
 
@@ -245,7 +245,8 @@ class BusSession:
             _, name = pair
             self._followed[pair] = self._collector(topic, name, on_message, _MAX_FOLLOWED)
 
-        # replaced before the dropped ones are undeclared, since another thread may call `deliver`
+        # replace the collectors before undeclaring the dropped ones, because another thread may
+        # call `deliver`
         self._collectors = (*self._collected, *self._followed.values())
 
         for subscriber, _ in dropped:
@@ -260,7 +261,7 @@ class BusSession:
                     receive(sample)
                     sample = subscriber.try_recv()
             except zenoh.ZError:
-                continue  # another thread undeclares it at this moment
+                continue  # another thread is just undeclaring it
 
     def _collector(self, topic: Topic, name: str, on_message: OnMessage, most: int) -> _Collector:
         key_expression = key(self.namespace, topic, name)
@@ -300,12 +301,12 @@ class BusSession:
     def serve_orders(self, vehicle: str, on_order: OnOrder) -> None:
         """Answer orders for ``vehicle``.
 
-        ``on_order(order, reply)`` runs on a bus thread; reply from another one.
+        ``on_order(order, reply)`` runs on a bus thread; call ``reply`` on another thread.
         """
         self._serve(key(self.namespace, Topic.ORDER, vehicle), Order, on_order, self._signatures)
 
     def serve_faults(self, on_fault: OnFault) -> None:
-        """Answer fault orders for the emulator, as :meth:`serve_orders` does orders."""
+        """Answer fault orders for the emulator, like :meth:`serve_orders`."""
         self._serve(key(self.namespace, Topic.SIM, _FAULT_NAME), FaultOrder, on_fault)
 
     def _serve(
@@ -341,7 +342,8 @@ class BusSession:
     ) -> None:
         """Send an order to one vehicle.
 
-        ``on_reply`` is called with its reply, then ``on_end``; without a reply only ``on_end``.
+        ``on_reply`` is called with the reply, then ``on_end``. Without a reply, only ``on_end`` is
+        called.
         """
         their_key = key(self.namespace, Topic.ORDER, vehicle)
         self._query(their_key, order, timeout_s, on_reply, on_end, self._signatures)
@@ -349,7 +351,7 @@ class BusSession:
     def fault(
         self, order: FaultOrder, *, timeout_s: float, on_reply: OnReply, on_end: OnEnd
     ) -> None:
-        """Send a fault order to the emulator, as :meth:`order` does to a vehicle."""
+        """Send a fault order to the emulator, like :meth:`order`."""
         self._query(key(self.namespace, Topic.SIM, _FAULT_NAME), order, timeout_s, on_reply, on_end)
 
     def _query(
@@ -389,7 +391,7 @@ class BusSession:
             self._claims[token] = self._declare_token(token)
 
     def release(self, token: str) -> None:
-        """Take back a token of :meth:`claim`."""
+        """Withdraw a token of :meth:`claim`."""
         claim = self._claims.pop(token, None)
         if claim is not None:
             claim.undeclare()
@@ -453,7 +455,7 @@ def open_zenoh(settings: Iterable[Setting]) -> zenoh.Session:
 
 
 def _listed(endpoints: Sequence[str]) -> str:
-    """Return endpoints for a sentence, as they are written in the fleet file."""
+    """Return endpoints as words for a sentence, as the fleet file writes them."""
     shown = []
     for endpoint in endpoints:
         without_options, _, _ = endpoint.partition("?")
@@ -464,7 +466,7 @@ def _listed(endpoints: Sequence[str]) -> str:
 
 
 def _reason(error: zenoh.ZError) -> str:
-    """Return the reason of an error of zenoh, without its line in zenoh's source."""
+    """Return the reason of a zenoh error, without its line in zenoh's source."""
     text = str(error)
     if "in use" in text:
         return "the address is in use"

@@ -1,8 +1,8 @@
 """Sockets that close at once.
 
 Zenoh sets a linger time of ten seconds on each of its TCP sockets: ``close()`` waits up to this
-time until the remaining bytes have been delivered. Meanwhile it blocks the thread of all network
-work. So one peer that hangs, or whose cable is cut, would cut off all others from the bus.
+time for the remaining bytes to be delivered. Meanwhile it blocks the thread of all network work. So
+a single peer that hangs or loses its cable would cut all others off from the bus.
 
 Zenoh has no option for the linger time, so it is switched off here, on every socket of the process.
 The kernel then delivers the remaining bytes, and no thread waits.
@@ -17,14 +17,14 @@ import threading
 
 _LINGER = struct.Struct("ii")  # C's struct linger: on or off, seconds
 
-# A connection that is closed before a search finds its socket delays all other links until then.
+# If a connection is closed before a search finds its socket, it delays all other links until then.
 # One search costs an agent 0.1 ms.
 _PERIOD_S = 0.1  # from one search for new sockets to the next
 _SOON_S = 0.01  # the same after a search that found new sockets
 
 
 class PromptSockets:
-    """Lets all sockets of the process close at once, also those that are opened later."""
+    """Lets all sockets of the process close at once, including those opened later."""
 
     def __init__(self) -> None:
         self._ended = threading.Event()
@@ -34,7 +34,7 @@ class PromptSockets:
         threading.Thread(target=self._run, name="bus-sockets", daemon=True).start()
 
     def stop(self) -> None:
-        """Change the sockets that there are now, and end the search."""
+        """Change the sockets that exist now, and end the search."""
         self._ended.set()
         let_all_close_at_once()
 
@@ -68,6 +68,6 @@ def let_all_close_at_once() -> int:
         except OSError:
             continue  # not a socket, or closed meanwhile
         finally:
-            borrowed.detach()  # the descriptor belongs to zenoh: it must not be closed here
+            borrowed.detach()  # the descriptor belongs to zenoh and must not be closed here
 
     return changed

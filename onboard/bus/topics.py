@@ -40,7 +40,7 @@ class Delivery(Enum):
     """Transport of a message."""
 
     LATEST = "latest"  # only the newest matters: dropped under congestion
-    RELIABLE = "reliable"  # every message matters: the sender blocks and drops none
+    RELIABLE = "reliable"  # every message matters: the sender blocks, and no message is dropped
     QUERY = "query"  # order and reply
     TOKEN = "token"  # liveliness
 

@@ -18,29 +18,29 @@ RETRY = {"period_init_ms": 200, "period_max_ms": 500, "period_increase_factor": 
 
 # A lease is the silence after which the other end closes a link: LEASE_MS, with two exceptions.
 
-# If there are several routers, the lease of a router is half as long. A node without its router
-# receives nothing, so it must notice soon that it has to change to another router.
+# With several routers, the lease of a router is half as long. A node without its router receives
+# nothing, so it must soon notice the loss and change to another router.
 ROUTER_LEASE_MS = 500
 
-# Over QUIC the lease is a tenth longer, so that a link survives an outage of one second: the last
+# Over QUIC the lease is a tenth longer, so that a link survives an outage of one second. The last
 # keep-alive may have come up to 0.11 s before the outage.
 QUIC_LEASE_MS = 1100
-_KEEP_ALIVES = 10  # sent on a silent link in one lease
+_KEEP_ALIVES = 10  # number sent on a silent link during one lease
 
-# Longest time to open a link: QUIC needs three round trips, TLS four. Over QUIC no host refuses an
-# attempt to reach an absent node, so the attempt takes all of this time. A node that is closed
-# meanwhile waits for the end of the attempt.
+# Longest time to open a link: QUIC needs three round trips, TLS four. Over QUIC, nothing refuses an
+# attempt to reach an absent node, so the attempt takes all of this time. A node that is closed in
+# the meantime waits for the end of the attempt.
 _OPEN_MS = 3000
 
 # Longest time to open a link to one of several routers; then the next router is tried.
 _ROUTER_OPEN_MS = 500
 
-# Longest round trip over which a link can be opened within _OPEN_MS. Three such round trips over
+# Longest round-trip time at which a link can be opened within _OPEN_MS. Three such round trips over
 # QUIC leave 1.2 s, enough to repeat a lost first packet; four over TLS leave 0.6 s.
 LONGEST_ROUND_TRIP_S = 0.6
 
-# Longest round trip over which a link can be opened within _ROUTER_OPEN_MS, with hardly any time to
-# spare.
+# Longest round-trip time at which a link can be opened within _ROUTER_OPEN_MS, with hardly any time
+# to spare.
 LONGEST_ROUND_TRIP_OF_ROUTERS_S = 0.15
 LONGEST_ROUND_TRIP_OF_TLS_ROUTERS_S = 0.12
 
@@ -55,7 +55,7 @@ def of_node(
 
     Args:
         listen: endpoints to listen at.
-        connect: endpoints of the others; retried for ever, so that nodes may start in any order.
+        connect: endpoints of the others; retried forever, so that nodes may start in any order.
         credentials: credentials of the node; None for a bus without keys.
     """
     return [
@@ -73,11 +73,11 @@ def of_client(
     """Return the settings of a node behind routers.
 
     The node connects to the first router that answers, and to the next router when that link is
-    lost. A single router has more time to answer, because there is no other router to try.
+    lost. A single router has more time to answer, because there is no alternative.
 
     Args:
         routers: endpoints, in the order in which they are tried.
-        timeout_s: longest search for a router at the start; later searches have no end.
+        timeout_s: longest search for a router at the start; later searches have no limit.
         credentials: credentials of the node; None for a bus without keys.
     """
     open_ms = _OPEN_MS
@@ -89,7 +89,7 @@ def of_client(
         ("connect/endpoints", [_with_datagrams(endpoint) for endpoint in routers]),
         ("connect/timeout_ms", round(1e3 * timeout_s)),
         *_common(credentials, lease_ms(routers)),
-        ("transport/unicast/open_timeout", open_ms),  # in place of the common value
+        ("transport/unicast/open_timeout", open_ms),  # replaces the common value
     ]
 
 
@@ -130,7 +130,7 @@ def lease_ms(endpoints: Iterable[str]) -> int:
 
 
 def longest_round_trip_s(routers: Sequence[str]) -> float:
-    """Return the longest round trip [s] over which a link can be opened.
+    """Return the longest round-trip time [s] at which a link can be opened.
 
     Args:
         routers: endpoints of the fleet's routers.
@@ -172,7 +172,7 @@ def _common(credentials: NodeCredentials | None, link_lease_ms: int) -> list[Set
         ("transport/unicast/open_timeout", _OPEN_MS),
         # Messages are small, and shared memory would cost threads and memory.
         ("transport/shared_memory/enabled", False),
-        # The queue to a peer that hangs becomes full. The publisher then drops the message at once,
+        # If a peer hangs, its queue becomes full. The publisher then drops the message at once,
         # because it may be the control loop, which must not wait.
         (f"{drop}/wait_before_drop", 0),
         (f"{drop}/max_wait_before_drop_fragments", 0),
@@ -192,7 +192,7 @@ def _with_datagrams(endpoint: str) -> str:
 
 
 def _security(credentials: NodeCredentials | None) -> list[Setting]:
-    """Return the settings with which both ends of each link prove their identity."""
+    """Return the settings that make both ends of each link prove their identity."""
     if credentials is None:
         return []
 
@@ -204,7 +204,7 @@ def _security(credentials: NodeCredentials | None) -> list[Setting]:
     return [
         (f"{tls}/root_ca_certificate", credentials.authority),
         (f"{tls}/enable_mtls", True),
-        # The certificates of a fleet end in the same second, and a fleet in flight must not lose
+        # All certificates of a fleet expire in the same second, and a fleet in flight must not lose
         # all links then. onboard/security/certificate_times.py says when links end instead.
         (f"{tls}/close_link_on_expiration", False),
         (f"{tls}/listen_certificate", credentials.certificate),

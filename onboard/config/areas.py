@@ -1,6 +1,6 @@
-"""Geometry of the areas that vehicles stay in or out of. Pure, in plain floats.
+"""Geometry of the areas that vehicles must stay inside or outside. Pure, in plain floats.
 
-An area is a polygon or a circle, seen from above, and counts between two heights. The corners of a
+Seen from above, an area is a polygon or a circle. It counts between two heights. The corners of a
 polygon are ordered so that vehicles are allowed on the left of each edge: counterclockwise for an
 area to stay in, clockwise for an area to stay out of.
 """
@@ -15,7 +15,7 @@ from onboard.tuples import Xyz
 
 Point = tuple[float, float]  # east, north [m]
 
-BELOW_FLOOR_M = 0.5  # a height measured on the ground may be below the floor of a fence by this
+BELOW_FLOOR_M = 0.5  # a height measured on the ground may be this far below the floor of a fence
 _ON_EDGE_M = 1e-9  # a position nearer to an edge, or to a centre, has no direction from it
 
 
@@ -40,7 +40,7 @@ class Nearest(NamedTuple):
     # unit vector from that point into the allowed space
     normal_x: float
     normal_y: float
-    room_m: float  # distance of the position; negative if the position is not allowed
+    room_m: float  # distance to that point; negative if the position is not allowed
 
 
 def edges_of(corners: Sequence[Point]) -> Iterator[tuple[Point, Point]]:
@@ -109,7 +109,7 @@ def do_cross(one: tuple[Point, Point], two: tuple[Point, Point]) -> bool:
     if max(ay, by) < min(cy, dy) or max(cy, dy) < min(ay, by):
         return False
 
-    # they cross if each segment has the other's ends on different sides, or on itself
+    # they cross if each segment separates the ends of the other, or touches one
     c_of_ab = (bx - ax) * (cy - ay) - (by - ay) * (cx - ax)
     d_of_ab = (bx - ax) * (dy - ay) - (by - ay) * (dx - ax)
     a_of_cd = (dx - cx) * (ay - cy) - (dy - cy) * (ax - cx)
@@ -118,10 +118,10 @@ def do_cross(one: tuple[Point, Point], two: tuple[Point, Point]) -> bool:
 
 
 def self_crossing(corners: Sequence[Point]) -> tuple[int, int] | None:
-    """Return the numbers of the first two edges of a polygon that cross; None for none.
+    """Return the numbers of the first two edges of a polygon that cross; None if no edges cross.
 
     Args:
-        corners: in order, at least three, no two of them in a row the same.
+        corners: in order; at least three, and no two consecutive ones the same.
     """
     edges = list(edges_of(corners))
     for first, one in enumerate(edges):
@@ -129,7 +129,7 @@ def self_crossing(corners: Sequence[Point]) -> tuple[int, int] | None:
             two = edges[second]
             two_follows = second == first + 1
             one_follows = first == 0 and second == len(edges) - 1
-            # edges that share a corner cross only if one of them goes back over the other
+            # edges that share a corner cross only if one folds back over the other
             if two_follows:
                 is_crossing = _folds_back(one, two)
             elif one_follows:
@@ -143,7 +143,7 @@ def self_crossing(corners: Sequence[Point]) -> tuple[int, int] | None:
 
 
 def _folds_back(before: tuple[Point, Point], after: tuple[Point, Point]) -> bool:
-    """Return whether an edge goes back over the edge before it."""
+    """Return whether an edge folds back over the previous edge."""
     (begin_x, begin_y), (shared_x, shared_y) = before
     _, (end_x, end_y) = after
 
@@ -190,7 +190,7 @@ def nearest(area: Area, x: float, y: float) -> Nearest:
     if least_m > _ON_EDGE_M:
         normal_x = sign * (x - nearest_x) / least_m
         normal_y = sign * (y - nearest_y) / least_m
-    else:  # the edge turned to the left, where vehicles are allowed
+    else:  # the edge's direction turned left, to where vehicles are allowed
         length_m = math.hypot(along_x, along_y)
         normal_x = -along_y / length_m
         normal_y = along_x / length_m
@@ -200,7 +200,7 @@ def nearest(area: Area, x: float, y: float) -> Nearest:
 
 
 def _nearest_of_circle(area: Area, x: float, y: float) -> Nearest:
-    """Return the nearest point of a circle; from its centre, the point in the east."""
+    """Return the nearest point of a circle; from its centre, the easternmost point."""
     center_x, center_y = area.center_enu_m
     to_x = x - center_x
     to_y = y - center_y
@@ -283,8 +283,7 @@ def is_crossed(area: Area, begin_enu_m: Xyz, end_enu_m: Xyz) -> bool:
 
     Args:
         area: any area.
-        begin_enu_m: begin of the line.
-        end_enu_m: end of the line.
+        begin_enu_m: start of the line. end_enu_m: end of the line.
     """
     x1, y1, z1 = begin_enu_m
     x2, y2, z2 = end_enu_m

@@ -1,14 +1,14 @@
-"""The error of wrong configuration."""
+"""The error for a wrong configuration."""
 
-_LONGEST_LINE = 3000  # letters; the names of 255 vehicles take two thirds of that
-_KEPT = 300  # letters at each end of a longer line
+_LONGEST_LINE = 3000  # characters; the names of 255 vehicles take two thirds of this
+_KEPT = 300  # characters kept at each end of a longer line
 
 
 class ConfigError(ValueError):
     """Wrong input from a person. Commands end with exit status 2.
 
     The message is a sentence with the file, the key, the bound and what to do. It may quote a value
-    of any length, so the middle of a very long line is left out.
+    of any length, so the middle of a very long line is omitted.
 
     Args:
         sentence: message of one or more lines.

@@ -18,7 +18,7 @@ import msgspec
 from onboard.config.earth import Origin, is_on_earth
 from onboard.config.toml_reading import bound_problems
 
-PASSWORD_VARIABLE = "COVEY_NTRIP_PASSWORD"  # environment variable of the node
+PASSWORD_VARIABLE = "COVEY_NTRIP_PASSWORD"  # environment variable of that node
 BAUDS = (9600, 19200, 38400, 57600, 115200, 230400, 460800, 921600)
 
 BOUNDS: dict[str, tuple[float, float]] = {
@@ -43,32 +43,33 @@ class CorrectionsConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True)
     # serial: /dev/ttyUSB0; ntrip and tcp: HOST:PORT; file: a path beside this file; mock: none
     address: str = ""
     baud: int = 115200  # serial only
-    mountpoint: str = ""  # ntrip only, as the four keys below
+    mountpoint: str = ""  # ntrip only, like the four keys below
     user: str = ""  # your user name at the caster
-    # file with the password in its first line, beside this file, readable by its owner only;
-    # without it the node reads COVEY_NTRIP_PASSWORD of its environment
+    # file beside this one with the password in its first line, readable by its owner only; without
+    # it the node reads the environment variable COVEY_NTRIP_PASSWORD
     password_file: str = ""
-    tls: bool = False  # the caster speaks TLS
+    tls: bool = False  # the caster uses TLS
     # the fleet's origin is sent to the caster, which then makes corrections for that position
     sends_position: bool = False
-    # worst fix of PX4's receiver for a take-off; a worse one in flight triggers a failsafe
+    # worst fix of PX4's receiver that allows a take-off; a worse fix in flight triggers a failsafe
     fix: Literal["any", "rtk_float", "rtk_fixed"] = "any"
     max_age_s: float = 10.0  # if a fix is required, no vehicle takes off with older corrections
     max_base_km: float = 20.0  # no vehicle takes off if the base is farther away
-    # surveyed latitude and longitude of the base: PX4 does not get the corrections of a base at
-    # another position
+    # surveyed latitude and longitude of the base; PX4 gets no corrections from a base at another
+    # position
     base_deg: tuple[float, float] | None = None
     # its height above the ellipsoid of WGS 84, not above the sea; without it no height is compared
     base_height_m: float | None = None
-    # distance by which a base may be off, or may move while a vehicle flies
+    # largest error of a base's position, and largest motion of a base while a vehicle flies
     base_tolerance_m: float = 2.0
-    # a vehicle whose fix has become worse holds if the error of its position, of two axes together,
-    # exceeds this
+    # a vehicle with a worse fix holds if its position error, over both axes together, exceeds this
     hold_accuracy_m: float = 0.5
 
     @property
     def judged(self) -> tuple[object, ...]:
-        """Values that agents use in their decisions: equal on all vehicles of a fleet."""
+        """Values that agents use in their decisions. All vehicles of a fleet have the same
+        values.
+        """
         return (
             self.fix,
             self.max_age_s,
@@ -155,5 +156,5 @@ def _source_problems(corrections: CorrectionsConfig, origin: Origin | None) -> I
 
 
 def beside(fleet_path: str, path: str) -> str:
-    """Return a path that a fleet file names; it is relative to the folder of that file."""
+    """Return a path that a fleet file names. The name is relative to the folder of that file."""
     return os.path.join(os.path.dirname(os.path.abspath(fleet_path)), path)

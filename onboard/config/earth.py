@@ -1,8 +1,7 @@
 """Converts latitude and longitude to metres of the fleet frame, and back.
 
 The projection is azimuthal equidistant on PX4's sphere, as PX4 uses it for its local positions
-(``MapProjection`` of its ``lib/geo``). So the result agrees with the positions that vehicles fly
-by.
+(``MapProjection`` of its ``lib/geo``). So the result agrees with the positions that vehicles use.
 """
 
 from __future__ import annotations
@@ -34,7 +33,7 @@ def east_north_m(origin: Origin, latitude_deg: float, longitude_deg: float) -> t
     Args:
         origin: origin of the fleet.
         latitude_deg: latitude of the place.
-        longitude_deg: longitude of the place, also beyond the date line.
+        longitude_deg: longitude of the place; it may lie beyond the date line.
     """
     origin_latitude = math.radians(origin.latitude_deg)
     latitude = math.radians(latitude_deg)

@@ -43,7 +43,8 @@ def is_loopback(host: str) -> bool:
 
 
 def is_on_network(endpoint: str) -> bool:
-    """Whether other computers reach an endpoint: it is no serial device and no loopback address.
+    """Whether other computers can reach an endpoint: it is neither a serial device nor a loopback
+    address.
 
     Args:
         endpoint: an endpoint of the fleet file.

@@ -1,6 +1,6 @@
 """Finds the example fleets and missions of ``configs/``.
 
-They are installed with the product, and commands accept their names in place of a path.
+They are installed with the product, and commands accept their names instead of a path.
 """
 
 from __future__ import annotations
@@ -50,7 +50,7 @@ def existing_file(path: str | os.PathLike[str], kind: str) -> str:
     Returns:
         A path that exists.
     Raises:
-        ConfigError: There is neither such a file nor such an example.
+        ConfigError: There is no such file or example.
     """
     name = os.fspath(path)
     if os.path.isfile(name):
@@ -69,7 +69,7 @@ def existing_file(path: str | os.PathLike[str], kind: str) -> str:
             if os.path.isfile(example):
                 return example
 
-    if os.path.exists(name):  # a folder: the reader of the file reports that
+    if os.path.exists(name):  # if this is a folder, the file's reader reports that
         return name
     raise ConfigError(
         f"{name}: there is no such {kind}. Give the path of an existing one, or the name of an "

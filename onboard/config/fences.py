@@ -1,6 +1,6 @@
-"""Fences of a fleet file: polygons and circles to stay in or to stay out of.
+"""Fences of a fleet file: polygons and circles that vehicles must stay inside or outside.
 
-They lie in the box ``fleet.geofence_m``, which is the outer limit, and all of them hold at the same
+They lie in the box ``fleet.geofence_m``, which is the outer limit. All of them apply at the same
 time. Points are in metres of the fleet frame, or in latitude and longitude if the file has an
 origin. A fleet's hash contains the points as they are written, because two computers may round a
 projection differently.
@@ -36,7 +36,7 @@ class FenceCircle(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class Fence(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """``[[fences]]``: an area to stay in or to stay out of."""
+    """``[[fences]]``: an area that vehicles must stay inside or outside."""
 
     name: str  # for messages
     keep: Literal["in", "out"]  # in: vehicles stay in it; out: they stay out of it
@@ -49,7 +49,8 @@ class Fence(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     # [low, high], heights in metres; in: vehicles stay between them; out: it counts only between
     # them
     height_m: tuple[float, float] | None = None
-    # distance that goals and flights keep from its edge; the law brakes before they come nearer
+    # distance that goals and flights keep from its edge; the law brakes vehicles before they come
+    # nearer
     buffer_m: float = 0.0
 
 
@@ -128,7 +129,7 @@ def problems(
 
 
 def fence_fault(fence: Fence, origin: Origin | None, key: str) -> str | None:
-    """Return a sentence about the mistake in a fence, or None if it is an area.
+    """Return a sentence about the mistake in a fence, or None if there is none.
 
     Args:
         fence: any fence.

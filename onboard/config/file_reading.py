@@ -1,13 +1,13 @@
 """Opens files that other people or programs wrote, within limits of size, kind and depth.
 
-Shows, paths, pictures, fleet files, missions, parameters, keys and results come from others. A
-small file can be made so that its reader needs gigabytes, takes hours, waits for ever or ends with
-a traceback. Therefore one table says how large each kind of file may be. Only regular files are
-opened: a pipe has no end, and opening a device may have an effect. TOML, JSON and Python may be
-nested only to a limit, and their numbers must fit a float.
+Shows, paths, pictures, fleet files, missions, parameters, keys and results come from others. Even a
+small file can make its reader need gigabytes, take hours, wait forever or end with a traceback.
+Therefore one table says how large each kind of file may be. Only regular files are opened: a pipe
+has no end, and opening a device may have an effect. The nesting of TOML, JSON and Python is
+limited, and their numbers must fit a float.
 
 A file that breaks a limit raises a ConfigError with the name of the file and what to do. This
-module knows bytes and values only; the readers of the files check their meaning.
+module only handles bytes and values. The readers of the files check the meaning.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ class FileKind(NamedTuple):
     remedy: str = "Give the path of an existing one."  # what to do if it cannot be read
 
 
-# 255 vehicles take 100 kB; a million numbers take the reader of TOML 10 s.
+# 255 vehicles take 100 kB. The TOML reader needs 10 s for a million numbers.
 FLEET_FILE = FileKind("fleet file", 1 * _MB)
 MISSION_FILE = FileKind("mission file", 1 * _MB)
 SCRIPT = FileKind("script", 4 * _MB)
@@ -68,9 +68,9 @@ SIMULATION_FILE = FileKind("file", 1 * _MB, "Fly the mission anew.")
 ULOG = FileKind("log of PX4", 1_000 * _MB, "Fetch it with covey log fetch.")
 RECORD = FileKind("record", None, "Give the folder of a recorded flight.")
 
-DEEPEST = 32  # largest depth of nested tables and lists; missions use 23 at most
+DEEPEST = 32  # largest nesting depth of tables and lists; missions use at most 23
 MOST_KEY_PARTS = 24  # largest number of parts of a TOML key with dots; each part makes a table
-_MOST_WHOLE = 2**63  # whole numbers must be smaller, as TOML demands
+_MOST_WHOLE = 2**63  # whole numbers must be smaller, as TOML requires
 _CONTAINERS = (dict, list, tuple, set)
 
 # A JSON text is limited by the memory that its values take. A value of a list takes up to 64 bytes,
@@ -78,7 +78,7 @@ _CONTAINERS = (dict, list, tuple, set)
 MOST_JSON_VALUES = 6_000_000
 _TABLE_VALUES = 4
 
-# kinds of files that are not opened: test of the file's mode, and name for people
+# kinds of files that are never opened: a test of the file's mode, and a name for people
 _NO_REGULAR_FILE = (
     (stat.S_ISDIR, "a folder"),
     (stat.S_ISFIFO, "a pipe"),
@@ -102,7 +102,8 @@ def opened(path: str | os.PathLike[str], kind: FileKind) -> BinaryIO:
         path: path of the file.
         kind: kind of the file, with its largest size.
     Raises:
-        ConfigError: The file does not exist, is no regular file, is too large, or cannot be read.
+        ConfigError: The file does not exist, is not a regular file, is too large, or cannot be
+        read.
     """
     name = os.fspath(path)
     try:
@@ -114,9 +115,9 @@ def opened(path: str | os.PathLike[str], kind: FileKind) -> BinaryIO:
 
     file = os.fdopen(descriptor, "rb")
     try:
-        # checked again, because the path may have become another file meanwhile
+        # checked again, because the path may now lead to another file
         _check_status(name, os.fstat(descriptor), kind)
-        # fails for files of the kernel that look regular but cannot be read at a position
+        # fails for kernel files that look regular but cannot be read at a position
         os.pread(descriptor, 1, 0)
     except OSError as error:
         file.close()
@@ -150,7 +151,7 @@ def read_bytes(path: str | os.PathLike[str], kind: FileKind) -> bytes:
 
 
 def read_text(path: str | os.PathLike[str], kind: FileKind) -> str:
-    """Return the content of a file of UTF-8 text, whose lines end with one newline each.
+    """Return the content of a UTF-8 text file, with every line ending as a newline.
 
     Args:
         path: path of the file.
@@ -175,7 +176,7 @@ def toml_values(text: str, name: str) -> dict[str, Any]:
         text: content of a file.
         name: name of the file, for messages.
     Raises:
-        ConfigError: The text is no TOML, is nested too deeply, or has a number that is not finite.
+        ConfigError: The text is not TOML, is nested too deeply, or has a number that is not finite.
     """
     long_key = _LONG_KEY.search(text)
     if long_key is not None:
@@ -201,8 +202,8 @@ def json_values(data: bytes | str, name: str) -> Any:
         data: the text.
         name: name of its source, for messages.
     Raises:
-        ConfigError: The text is no JSON, is nested too deeply, has too many values, or has a number
-            that is not finite.
+        ConfigError: The text is not JSON, is nested too deeply, has too many values, or has a
+            number that is not finite.
     """
     if json_size(data) > MOST_JSON_VALUES:
         raise ConfigError(f"{name} has more than {MOST_JSON_VALUES} values. Write a smaller one.")
@@ -219,7 +220,7 @@ def json_values(data: bytes | str, name: str) -> Any:
 
 
 def json_size(data: bytes | str) -> int:
-    """Return an upper estimate of the number of values of a JSON text; tables count more."""
+    """Return an upper bound for the number of values in a JSON text; tables count more."""
     if isinstance(data, str):
         return data.count(",") + data.count("[") + _TABLE_VALUES * data.count("{")
     return data.count(b",") + data.count(b"[") + _TABLE_VALUES * data.count(b"{")
@@ -232,10 +233,10 @@ def python_tree(text: str, name: str) -> ast.Module:
         text: content of a file.
         name: name of the file, for messages.
     Raises:
-        ConfigError: The text is no Python, or is nested too deeply.
+        ConfigError: The text is not Python, or is nested too deeply.
     """
     try:
-        # The parser warns of numbers such as `1or`; the text is not ours to correct.
+        # The parser warns about numbers such as `1or`, but the text is not ours to correct.
         with warnings.catch_warnings(action="ignore", category=SyntaxWarning):
             return ast.parse(text, name)
     except (RecursionError, MemoryError):
@@ -245,7 +246,7 @@ def python_tree(text: str, name: str) -> ast.Module:
 
 
 def check_values(value: Any, name: str) -> None:
-    """Refuse values that are nested too deeply, and numbers that no quantity can have.
+    """Refuse values that are nested too deeply, and numbers that are not plausible.
 
     Args:
         value: tables, lists, texts and numbers, as a parser returns them.
@@ -282,7 +283,7 @@ def _numbers(value: Any) -> list[int | float]:
 
 
 def _check_depth(value: Any, name: str) -> None:
-    """Refuse a value with more than DEEPEST tables or lists within each other."""
+    """Refuse a value with more than DEEPEST tables or lists nested in each other."""
     level = [value]  # all tables and lists at one depth
     for _ in range(DEEPEST + 1):
         next_level = []
@@ -319,7 +320,7 @@ def _shown(number: int | float) -> str:
 
 
 def _check_status(name: str, status: os.stat_result, kind: FileKind) -> None:
-    """Refuse a file that is not regular, or too large."""
+    """Refuse a file that is not regular or is too large."""
     for is_of_kind, words in _NO_REGULAR_FILE:
         if is_of_kind(status.st_mode):
             raise ConfigError(

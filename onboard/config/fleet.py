@@ -1,8 +1,8 @@
 """Loads fleet files as frozen, validated values; other packages import this module.
 
-An unknown key is an error that names file, key and remedy. A key of a vehicle has precedence over
-the same key of its type, which has precedence over ``[defaults]``. Only :func:`load_fleet` and the
-search for a user's own law do I/O. Loading a fleet file never runs code that the file names.
+An unknown key is an error that names file, key and remedy. A vehicle's key overrides the same key
+of its type, which overrides ``[defaults]``. Only :func:`load_fleet` and the search for a user's own
+law do I/O. Loading a fleet file never runs code that the file names.
 """
 
 from __future__ import annotations
@@ -58,13 +58,13 @@ def load_fleet(path: str | os.PathLike[str], *, finds_law: bool = True) -> Fleet
 
     Args:
         path: path of the file, or the name of an example: ``paper``.
-        finds_law: whether the user's own law that the file names must exist; False if nothing will
-            fly. The law is not imported: see :meth:`FleetConfig.import_law`.
+        finds_law: whether the user's own law in the file must exist; False if nothing will fly. The
+        law is not imported, see :meth:`FleetConfig.import_law`.
     Returns:
         The values of the file.
     Raises:
-        ConfigError: The file is missing or no TOML, or has an unknown key, a wrong type, a value
-            out of bounds or a duplicated id.
+        ConfigError: The file is missing or is not TOML, or has an unknown key, a wrong type, a
+            value out of bounds or a duplicated id.
     """
     data, text, name = read_toml(path, "fleet file")
     return fleet_from_mapping(data, path=name, text=text, finds_law=finds_law)

@@ -29,16 +29,16 @@ from onboard.config.sitl import SitlProfile
 from onboard.config.toml_reading import ConfigError
 from onboard.tuples import Xyz
 
-PX4_VERSIONS = ("1.16", "1.17", "1.18")  # versions of PX4 with which Covey was measured
+PX4_VERSIONS = ("1.16", "1.17", "1.18")  # versions of PX4 that Covey was measured with
 
 _TICKS_PER_S = 50  # rate of the control loop
 _MOST_QUOTED = 40  # characters of a wrong word that a sentence repeats
-# height on top of the vertical separation for hovering above each other: the law acts 0.20 m early,
-# and vehicles hold their heights to some 0.05 m
+# height on top of the vertical separation for hovering above each other, because the law acts 0.20
+# m early and vehicles hold their heights to about 0.05 m
 _STACKING_MARGIN_M = 0.25
-_ROUNDING_CM = 1e-6  # heights in sentences are rounded up, but not for a rounding error
-# on top of the design distance for hovering side by side: slots nearer than that are reached late
-# or never (measured)
+_ROUNDING_CM = 1e-6  # heights in sentences are rounded up, but not because of a rounding error
+# on top of the design distance for hovering side by side; vehicles reach closer slots late or never
+# (measured)
 _PARKING_MARGIN_M = 0.10
 
 
@@ -85,39 +85,39 @@ class Geofence(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 class FleetSection(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """``[fleet]``: values for all vehicles."""
 
-    name: str  # a part of the keys on the bus: one for each fleet of a network
+    name: str  # part of the keys on the bus; must differ between the fleets of a network
     geofence_m: Geofence  # the box that no vehicle leaves; the three keys below
-    # "mocap", or the point of the Earth where the frame begins: the three keys below
+    # "mocap", or the frame's origin on Earth: the three keys below
     origin: Literal["mocap"] | Origin = "mocap"
-    safety_distance_m: float = 0.80  # horizontal distance of two centres that the law promises
+    safety_distance_m: float = 0.80  # horizontal distance between two centres that the law promises
     # or this difference of their heights; none: no vehicle flies above another
     vertical_separation_m: float | None = None
     body_diameter_m: float = 0.50  # from propeller tip to propeller tip
-    # standard deviation of a vehicle's position from its start_enu_m along one axis: how exactly
-    # people put it down. With it preflight detects a turned or shifted frame.
+    # standard deviation per axis of a vehicle's position from its start_enu_m: how precisely people
+    # place it. With it, preflight detects a turned or shifted frame.
     placing_m: float = 0.05
-    battery_warning_pct: float = 30.0  # the console warns below it
-    battery_land_pct: float = 20.0  # a vehicle lands by itself below it
-    # if an agent has not answered for this time, kill goes directly to PX4, and land is sent again
+    battery_warning_pct: float = 30.0  # below it, the console warns
+    battery_land_pct: float = 20.0  # below it, a vehicle lands by itself
+    # if an agent does not answer within this time, kill goes directly to PX4, and land is sent
+    # again
     direct_command_timeout_s: float = 0.3
-    # a vehicle that receives nothing on the bus holds, and lands after this time
+    # a vehicle that receives nothing on the bus holds, and then lands after this time
     bus_lost_land_s: float = 5.0
-    # vehicles in flight land when no ground that may order has been on the bus for this time
+    # flying vehicles land if no ground that may give orders has been on the bus for this time
     ground_lost_land_s: float = 60.0
-    # largest mean wind in which vehicles fly; by default only the limit of each vehicle counts
+    # largest mean wind in which vehicles fly; by default only each vehicle's own limit counts
     max_wind_m_s: float | None = None
     # folder of the keys, beside this file or below it, of A-Z a-z 0-9 _ . / - without ..;
     # docs/keys.md
     keys: str = "keys"
-    # endpoints of routers, quic/HOST:PORT: nodes then connect to the first that answers;
-    # docs/network.md
+    # endpoints of routers, quic/HOST:PORT; nodes connect to the first that answers: docs/network.md
     routers: tuple[str, ...] = ()
-    # where covey sitl listens on the bus; the port below the lowest agent's by default
+    # where covey sitl listens on the bus; by default the port below the lowest agent's
     simulator: str | None = None
 
     @property
     def height_share(self) -> float:
-        """Metres of separation that one metre of height counts as; 0: heights do not count."""
+        """Metres of separation that one metre of height counts for; 0: heights do not count."""
         if self.vertical_separation_m is None:
             return 0.0
         return self.safety_distance_m / self.vertical_separation_m
@@ -140,35 +140,36 @@ class Vehicle(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     agent: str  # its agent on the bus: quic/HOST:PORT of the companion computer; tcp/ without keys
     # PX4 as the companion sees it: udpin://HOST:PORT, udpout://HOST:PORT or serial://DEVICE:BAUD
     autopilot: str
-    # PX4 as the ground sees it, past the companion: udpout://HOST:PORT, udpin://HOST:PORT or
+    # PX4 as the ground reaches it without the companion: udpout://HOST:PORT, udpin://HOST:PORT or
     # tcp://HOST:PORT
     direct: str | None = None
     mocap_body: str | None = None  # name of its body in the mocap; the vehicle's own by default
-    type: str = ""  # a table [types.NAME] with values for the keys that the vehicle does not have
-    # false: it takes no part in flights; "scan": it takes part if it answers, nobody waits for it
+    type: str = ""  # table [types.NAME] with values for keys that the vehicle does not set
+    # false: it does not take part in flights; "scan": it takes part if it answers, but the fleet
+    # does not wait for it
     enabled: bool | Literal["scan"] = True
     # true: covey sitl simulates its PX4 and poses, beside real vehicles: docs/mixed-reality.md
     emulated: bool = False
     mass_kg: float = 1.0  # with battery
-    # throttle that hovers, 0 to 1; starting value: MPC_THR_HOVER of a tuned PX4, or 0.5
+    # hover throttle, 0 to 1; starting value: MPC_THR_HOVER of a tuned PX4, or 0.5
     hover_thrust_frac: float = 0.5
     attitude_delay_s: float = 0.04  # dead time of its attitude; starting value 0.04
     attitude_wn_rad_s: float = 11.0  # natural frequency of its attitude; starting value 9, cautious
     attitude_zeta: float = 0.6  # damping of its attitude; starting value 0.7
     drag_1_s: float = 0.0  # deceleration for each m/s through the air; starting value 0.3
-    # time from a full battery to an empty one; with it covey check checks a mission's length
+    # hover time on a full battery; with it, covey check checks a mission's length
     hover_time_s: float | None = None
     max_tilt_deg: float = 25.0  # of all manoeuvres
     max_speed_m_s: float = 1.0  # of all moves
     max_acceleration_m_s2: float = 1.5  # of all moves
     # largest mean wind in which it flies; by default from tilt, thrust and drag: docs/wind.md
     max_wind_m_s: float | None = None
-    # true: it flies by the mocap's poses, and does not take off without them; false: it flies by
-    # PX4's own position
+    # true: it uses the mocap's poses, and does not take off without them; false: it uses PX4's own
+    # position
     mocap_required: bool = True
     # source of PX4's own position, without a mocap
     px4_position: Literal["gps", "vision"] = "gps"
-    # version of its PX4, with which its attitude was identified; the emulator behaves like it
+    # version of its PX4, for which its attitude response was identified; the emulator imitates it
     px4_version: Literal["1.16", "1.17", "1.18"] = "1.17"
     # its MAVLink is signed with the key keys/NAME.mavlink.key (PX4 v1.18 and later):
     # docs/mavlink-signing.md
@@ -219,7 +220,7 @@ class FleetConfig(msgspec.Struct, frozen=True):
     radio: RadioConfig | None = None
     # RTK corrections; only the values that agents use in their decisions are in the hash
     corrections: CorrectionsConfig | None = None
-    own_law: OwnLaw | None = None  # the user's own law that law.name names; None for Covey's laws
+    own_law: OwnLaw | None = None  # the user's own law named by law.name; None for Covey's laws
 
     @property
     def namespace(self) -> str:
@@ -254,19 +255,19 @@ class FleetConfig(msgspec.Struct, frozen=True):
     def import_law(self) -> None:
         """Import the user's own law, if there is one; this runs its code.
 
-        It is called before a vehicle flies by the law, so that a mistake is reported in words.
+        It is called before a vehicle flies with the law, so that a mistake is reported in words.
 
         Raises:
-            ConfigError: The law cannot be imported, or is no law.
+            ConfigError: The law cannot be imported, or is not a law.
         """
         if self.own_law is not None:
             self.own_law.load()
 
     @property
     def config_hash(self) -> str:
-        """Hash of all values that have to be equal on all vehicles.
+        """Hash of all values that must be equal on all vehicles.
 
-        The preflight check refuses a take-off if another vehicle has another hash.
+        The preflight check refuses a take-off if another vehicle has a different hash.
         """
         # the folders of keys and laws, and the nearest router, may differ between computers
         fleet = msgspec.structs.replace(self.fleet, keys="keys", routers=())
@@ -275,7 +276,7 @@ class FleetConfig(msgspec.Struct, frozen=True):
         if self.own_law is not None:
             source = self.own_law.source_hash
 
-        # of the radio only the lateness counts: it changes when a neighbour counts as silent
+        # only the radio's lateness counts, because it determines when a neighbour counts as silent
         late_s = self.expected_radio.lateness_s
 
         parts = [
@@ -299,7 +300,7 @@ class FleetConfig(msgspec.Struct, frozen=True):
         return hashlib.sha256(values).hexdigest()[:12]
 
     def takes_corrections(self, vehicle: Vehicle) -> bool:
-        """Whether the fleet has corrections, and the vehicle flies by satellites."""
+        """Whether the fleet has corrections, and the vehicle uses satellite positioning."""
         by_satellites = not vehicle.mocap_required and vehicle.px4_position == "gps"
         return self.corrections is not None and by_satellites
 
@@ -319,7 +320,7 @@ class FleetConfig(msgspec.Struct, frozen=True):
 
     @property
     def has_keys(self) -> bool:
-        """Whether the nodes of the bus authenticate with keys, as the agents' endpoints show."""
+        """Whether the nodes of the bus authenticate with keys. The agents' endpoints show this."""
         return any(
             vehicle.agent.startswith(("quic/", "tls/")) for vehicle in self.vehicles.values()
         )
@@ -338,7 +339,7 @@ class FleetConfig(msgspec.Struct, frozen=True):
 
     @property
     def numbers(self) -> dict[str, int]:
-        """Number of each vehicle in the file, from 0, which :meth:`select` takes like its name."""
+        """Number of each vehicle in the file, from 0. :meth:`select` accepts it like the name."""
         return {name: number for number, name in enumerate(self.vehicles)}
 
     @property
@@ -387,9 +388,9 @@ class FleetConfig(msgspec.Struct, frozen=True):
                 vehicles.
             exclude: vehicles to leave out, in the same form.
         Returns:
-            The names without doubles, in the given order.
+            The names without duplicates, in the given order.
         Raises:
-            ConfigError: There is no vehicle of a name or an index.
+            ConfigError: There is no vehicle with a given name or index.
         """
         text = ""
         if isinstance(vehicles, str):
@@ -407,7 +408,7 @@ class FleetConfig(msgspec.Struct, frozen=True):
         return tuple(name for name in selected if name not in excluded)
 
     def _names(self, text: str) -> tuple[str, ...]:
-        """Return the names of a selection such as ``mav0,3-5``, without doubles."""
+        """Return the names of a selection such as ``mav0,3-5``, without duplicates."""
         names: list[str] = []
         for piece in text.split(","):
             part = piece.strip()
@@ -442,7 +443,7 @@ class FleetConfig(msgspec.Struct, frozen=True):
 
 
 def above_words(distance_m: float, height_share: float) -> str:
-    """Return in words which difference in height replaces a horizontal distance.
+    """Return in words the difference in height that replaces a horizontal distance.
 
     Args:
         distance_m: the horizontal distance.
@@ -457,7 +458,7 @@ def above_words(distance_m: float, height_share: float) -> str:
 
 
 def parking_height_share(config: FleetConfig, accuracy_m: float = 0.0) -> float:
-    """Return the metres of :func:`parking_distance_m` that one metre of height counts as.
+    """Return how many metres of :func:`parking_distance_m` one metre of height counts for.
 
     Args:
         config: the fleet.
@@ -474,7 +475,7 @@ def parking_distance_m(config: FleetConfig) -> float:
     """Return the smallest spacing at which two vehicles can hover under the configured law.
 
     For the paper's law it is sqrt(d_inf^2 + d_inf v_perp / kappa_3), because equation (8) does not
-    allow a nearer hover. For Covey's law it is the design distance plus 0.10 m. Without a law it is
+    allow a closer hover. For Covey's law it is the design distance plus 0.10 m. Without a law it is
     the diameter of a body.
 
     Args:

@@ -1,6 +1,6 @@
-"""The space that a fleet may fly in: the box, and the areas to stay in or out of. Pure.
+"""The space that a fleet may fly in: the box, and the allowed and forbidden areas. Pure.
 
-All of them hold at the same time. A vehicle breaches the space when it crosses an edge. Goals and
+All of them apply at the same time. A vehicle breaches the space when it crosses an edge. Goals and
 flights also keep each area's buffer from its edge.
 """
 
@@ -28,7 +28,7 @@ class Outline(NamedTuple):
     name: str
     keeps_in: bool
     corners_enu_m: tuple[Point, ...]  # corners; for a circle, points on it
-    low_m: float  # both heights are limited to those of the box
+    low_m: float  # both heights are clipped to the box
     high_m: float
 
 
@@ -65,8 +65,8 @@ class FlightSpace(NamedTuple):
     def nearest_inside(self, position_enu_m: Xyz, inside_m: float) -> Xyz:
         """Return a point near a position that keeps a distance from every wall and every buffer.
 
-        If only one edge is in the way, it is the nearest such point. If areas and buffers leave no
-        space, it is the last point that was tried.
+        If only one edge is in the way, the result is the nearest such point. If areas and buffers
+        leave no space, it is the last point that was tried.
 
         Args:
             position_enu_m: any point.
@@ -87,7 +87,7 @@ class FlightSpace(NamedTuple):
         return point
 
     def outlines(self) -> tuple[Outline, ...]:
-        """Return the areas for a picture, cut to the heights of the box."""
+        """Return the areas for a picture, clipped to the heights of the box."""
         floor_m, top_m = self.box.z
         outlines = []
         for area in self.areas:
@@ -222,7 +222,7 @@ def _too_near(area: Area, room_m: float) -> str:
 
 
 def _moved_inside(area: Area, position_enu_m: Xyz, inside_m: float) -> Xyz:
-    """Return a position after it is moved to a distance inside one area and its buffer."""
+    """Return a position, moved until it is at a distance inside one area and its buffer."""
     x, y, z = position_enu_m
     highest_m = area.high_m - inside_m
     has_height = highest_m > area.low_m  # False: the ceiling is too low to keep this distance

@@ -1,8 +1,8 @@
-"""Checks the folders that a fleet file names: that of its keys, and that of a user's own law.
+"""Checks the folders that a fleet file names: the folder of its keys, and that of a user's own law.
 
 A fleet file may come from another person, and ``covey agent deploy`` creates the folder of keys on
 the companions, in a remote shell. Therefore a folder must be relative to the fleet file, must not
-be above it, and must contain only characters without a meaning in a shell.
+be above it, and its path must contain only characters without a special meaning in a shell.
 
 Covey itself writes copies of fleet files into other folders, for instance for a simulated flight or
 an imported show. A copy names the folder of its original by an absolute path. Such a path is
@@ -40,7 +40,7 @@ def _problems(key: str, folder: str, *, may_be_absolute: bool, example: str) -> 
         key: key of the fleet file.
         folder: value of the key.
         may_be_absolute: whether an absolute path is accepted.
-        example: a right value, for the sentence.
+        example: a correct value, for the sentence.
     """
     if os.path.isabs(folder) and may_be_absolute and ".." not in folder.split("/"):
         return

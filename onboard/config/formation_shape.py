@@ -1,4 +1,4 @@
-"""Values of formations that have a shape instead of a slot for each vehicle.
+"""Values of formations that are defined by a shape instead of a slot for each vehicle.
 
 The ground station computes the slots from them.
 """
@@ -29,19 +29,19 @@ BOUNDS: dict[str, tuple[float, float]] = {
 class FormationShape(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """``[formations.NAME]`` with a ``shape``.
 
-    North is ahead; the position is its middle and its lowest slot.
+    North is ahead. The position gives the middle and the lowest height of the slots.
     """
 
-    # line: abreast, column: one behind the other, v and wedge: the tip ahead (wedge is filled),
-    # sphere: seen from above no two stand above each other, text: from a font, image: its dark
-    # part, csv: columns x,y[,z]
+    # line: abreast, column: one behind the other, v and wedge: with the tip ahead (wedge is
+    # filled), sphere: no slot is above another, text: from a font, image: its dark part, csv:
+    # columns x,y[,z]
     shape: ShapeName
     vehicles: str | tuple[str, ...] = "all"  # vehicles that have a slot
-    # horizontal distance of the two nearest slots; by default 1.15 times the distance that the law
-    # needs, and a csv as it is
+    # horizontal distance between the two nearest slots; by default 1.15 times the distance that the
+    # law needs; a csv is not scaled by default
     spacing_m: float | None = None
     rotation_deg: float = 0.0  # counterclockwise, seen from above
-    columns: int | None = None  # of a grid; by default as many as rows
+    columns: int | None = None  # of a grid; by default as many columns as rows
     sides: int = 4  # of a polygon
     opening_deg: float = 90.0  # between the arms of a v or a wedge
     text: str = ""  # of a text
@@ -49,8 +49,7 @@ class FormationShape(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw
     file: str | None = None  # of an image or csv, relative to this file
     layers: int = 1  # number of heights, in which the slots take turns at their usual distance
     layer_height_m: float = 0.5  # from one height to the next
-    # true: the layers stand above each other, at least fleet.vertical_separation_m + 0.25 m from
-    # one to the next
+    # true: the layers are above each other, at least fleet.vertical_separation_m + 0.25 m apart
     stacked: bool = False
 
 

@@ -1,16 +1,16 @@
 """The height of a fleet's ground, and the least height of goals above it. Pure.
 
-The floor of the geofence is not the ground. For vehicles that fly by PX4's height it is a metre
-below the ground, so that an error of the height does not breach the fence.
+The floor of the geofence is not the ground. For vehicles that use PX4's height, the floor is a
+metre below the ground, so that an error of the height does not breach the fence.
 """
 
 from __future__ import annotations
 
 from onboard.config.fleet_config import FleetConfig, Vehicle
 
-# Least height of goals and paths above the ground. PX4's own height has an error with a standard
-# deviation of 0.28 m with satellites: at less than half a metre, a vehicle may stand on the ground
-# although its height says that it flies.
+# Least height of goals and paths above the ground. With satellites, PX4's own height has a standard
+# deviation of 0.28 m. So below half a metre, a vehicle may stand on the ground although its height
+# says that it flies.
 _LEAST_BY_POSES_M = 0.2
 _LEAST_BY_PX4_M = 0.5
 

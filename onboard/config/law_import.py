@@ -1,9 +1,9 @@
 """Finds a user's own law by the name in a fleet file, hashes its source, and imports it.
 
 Finding a law does not run its code: its file is only read and hashed. So a fleet file of unknown
-origin can be loaded and checked. The law is imported when a vehicle flies by it, or when a person
-requests that. Its code then has the rights of that process. docs/own-law.md describes the interface
-of a law.
+origin can be loaded and checked. The law is imported when a vehicle flies with it, or when a person
+requests it. Its code then has the rights of the importing process. docs/own-law.md describes the
+interface of a law.
 """
 
 from __future__ import annotations
@@ -47,11 +47,11 @@ class OwnLaw(msgspec.Struct, frozen=True):
 class LawImport(msgspec.Struct, frozen=True):
     """Imports a law when it is called, which runs the code of its module."""
 
-    where: str  # begin of messages: fleet file and name of the law
+    where: str  # start of messages: fleet file and name of the law
     module_name: str
     function_name: str
     file: str | None  # file of a module beside the fleet file; None for an installed module
-    folders: tuple[str, ...]  # further folders in which the law's own imports are searched
+    folders: tuple[str, ...]  # further folders searched for the law's own imports
 
     def __call__(self) -> LawFunction:
         """Return the law's function.
@@ -75,8 +75,8 @@ class LawImport(msgspec.Struct, frozen=True):
         return law
 
     def _module(self) -> ModuleType:
-        # modules that the law imports may be beside it; these folders come last in sys.path, so
-        # that they hide no installed module
+        # the law may import modules beside it; these folders come last in sys.path, so that they
+        # hide no installed module
         for folder in self.folders:
             if folder not in sys.path:
                 sys.path.append(folder)
@@ -152,10 +152,11 @@ def _not_found(
 
 
 def _installed_source(module_name: str, folders: Sequence[str]) -> str | None:
-    """Return the file of an installed module: empty if it has none, None if there is no module.
+    """Return the file of an installed module. Empty: the module has no file. None: there is no
+    module.
 
     Unlike ``importlib.util.find_spec``, this does not import the packages around the module. As in
-    an import, an installed package has precedence over a package of that name in the folders.
+    an import, an installed package takes precedence over a package of the same name in the folders.
     """
     importlib.invalidate_caches()
     package, *inner = module_name.split(".")
@@ -183,7 +184,7 @@ def _spec_of(full_name: str, path: Sequence[str] | None) -> ModuleSpec | None:
         try:
             spec = finder.find_spec(full_name, path)
         except KeyError:
-            # the package around the module is a folder without __init__.py, not imported yet
+            # the module's package is a folder without __init__.py that is not imported yet
             parent_folders: Sequence[str] = ()
             if path is not None:
                 parent_folders = path
@@ -231,7 +232,9 @@ def _target(name: str, where: str) -> str:
 
 
 def _import_file(name: str, file: str) -> ModuleType:
-    """Import a file as a module of its own, since two fleets may have files of the same name."""
+    """Import a file under a module name of its own, since two fleets may have files of the same
+    name.
+    """
     source_hash = _source_hash(file)
     key = (os.path.realpath(file), source_hash)
     if key in _modules:
@@ -261,7 +264,7 @@ def _import_module(name: str) -> ModuleType:
 def _check_signature(function: Callable[..., Any], where: str) -> None:
     try:
         signature = inspect.signature(function)
-    except (TypeError, ValueError):  # compiled code may have no known signature
+    except (TypeError, ValueError):  # compiled code may have no readable signature
         return
     try:
         signature.bind(None, None)

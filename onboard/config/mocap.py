@@ -11,7 +11,7 @@ import msgspec
 from onboard.config.toml_reading import bound_problems
 
 SystemType = Literal["optitrack", "vicon", "qualisys", "vrpn", "motionanalysis", "mock"]
-BODY_NAME = r"[A-Za-z0-9_.:-]{1,60}"  # a body is a part of a key on the bus
+BODY_NAME = r"[A-Za-z0-9_.:-]{1,60}"  # a body's name is part of a key on the bus
 BOUNDS: dict[str, tuple[float, float]] = {
     "yaw_deg": (-360.0, 360.0),
     "offset_m": (-1e4, 1e4),
@@ -19,24 +19,25 @@ BOUNDS: dict[str, tuple[float, float]] = {
     "max_rate_hz": (20.0, 1000.0),
 }
 
-# keys that say how a system is read; they have no meaning if poses come from the bus
+# keys that say how a system is read; they are meaningless if poses come from the bus
 _OF_A_SYSTEM = ("type", "hostname", "options", "direct", "up", "yaw_deg", "offset_m")
 
 
 class MocapConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """``[mocap]``: docs/mocap.md explains each key."""
 
-    # "bus": another program publishes mocap/<body> in the fleet's frame;
-    # "motioncapture": the package of that name reads a system
+    # "bus": another program publishes mocap/<body> in the fleet's frame; "motioncapture": the
+    # package motioncapture reads a system
     source: Literal["bus", "motioncapture"] = "bus"
     type: SystemType | None = None  # system that the package reads
     hostname: str | None = None  # of that system
     # further options of the package for that system
     options: dict[str, str | int | float | bool] = {}
-    # every agent reads the system itself; otherwise one relay (covey mocap) does and publishes
+    # true: every agent reads the system itself; false: one relay (covey mocap) reads it and
+    # publishes the poses
     direct: bool = False
     up: Literal["z", "y"] = "z"  # axis of the mocap's frame that points up
-    # the mocap's frame is then turned about up by this angle, counterclockwise
+    # then the mocap's frame is turned about the up axis by this angle, counterclockwise
     yaw_deg: float = 0.0
     # the mocap's origin in the fleet's frame, ENU
     offset_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
@@ -68,7 +69,7 @@ def problems(mocap: MocapConfig, bodies: Mapping[str, str | None]) -> Iterator[s
 
 
 def _system_problems(mocap: MocapConfig) -> Iterator[str]:
-    """Yield a sentence for each missing key of a system, and for each key without a meaning."""
+    """Yield a sentence for each missing key of a system, and for each meaningless key."""
     if mocap.source == "bus":
         default = MocapConfig()
         for key in _OF_A_SYSTEM:

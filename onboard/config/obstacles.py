@@ -1,4 +1,4 @@
-"""``[[obstacles]]`` of a fleet file: static circles and polygons, without a limit of height."""
+"""``[[obstacles]]`` of a fleet file: static circles and polygons of unlimited height."""
 
 from __future__ import annotations
 
@@ -112,7 +112,7 @@ def problems(
 
 
 def _shape_fault(obstacle: Obstacle, key: str) -> str | None:
-    """Return a sentence about an obstacle without a usable shape; None for a usable one."""
+    """Return a sentence about an obstacle without a usable shape; None if its shape is usable."""
     corners = obstacle.polygon_enu_m
     if (obstacle.circle is None) == (corners is None):
         return (

@@ -1,4 +1,4 @@
-"""The separation of two vehicles, as law, checks, alarms, verdict and console use it. Pure.
+"""The separation of two vehicles, for the law, checks, alarms, verdict and console. Pure.
 
 Two vehicles are apart if their horizontal distance is at least ``safety_distance_m``, or if their
 heights differ by at least ``vertical_separation_m``. The separation combines both in one number: it

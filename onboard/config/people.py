@@ -1,4 +1,4 @@
-"""``[people]`` of a fleet file: persons with markers, whom the vehicles avoid at every height."""
+"""``[people]`` of a fleet file: persons with markers. The vehicles avoid them at every height."""
 
 from __future__ import annotations
 
@@ -20,9 +20,10 @@ class Person(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """``[people.NAME]``: a person with a body in the motion capture."""
 
     mocap_body: str | None = None  # name of the body in the mocap; the person's own by default
-    # circle around the body within which arms and legs are; the safety distance is kept to it
+    # radius of the circle around the body that contains arms and legs; vehicles keep the safety
+    # distance from it
     radius_m: float = 0.4
-    # where covey sitl lets this person walk, to and fro: [[east, north], ...]; by default nowhere
+    # where this person walks back and forth in covey sitl: [[east, north], ...]; by default nowhere
     walk_enu_m: tuple[tuple[float, float], ...] = ()
     walk_m_s: float = 1.0  # speed of that walk
 

@@ -1,4 +1,4 @@
-"""``[types.X.sitl]``: values of a vehicle that only the emulator uses, with their bounds."""
+"""``[types.X.sitl]``: values of a vehicle that only the emulator uses, and their bounds."""
 
 from __future__ import annotations
 
@@ -6,12 +6,12 @@ import msgspec
 
 
 class SitlProfile(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """Values that the control does not know; the defaults are PX4's SIH quadrotor.
+    """Values that the control does not know. The defaults are those of PX4's SIH quadrotor.
 
     sitl/README.md explains them.
     """
 
-    static_gain: float = 1.0  # of the attitude: tilt that is reached over the commanded tilt
+    static_gain: float = 1.0  # of the attitude: reached tilt divided by commanded tilt
     tilt_bias_deg: float = 0.0  # largest constant error of the tilt, drawn anew for each flight
     yaw_wn_rad_s: float = 3.0  # natural frequency of the heading
     thrust_delay_s: float = 0.012  # dead time of the thrust

@@ -1,8 +1,8 @@
 """Checks whether a spare vehicle can stand in for another one. Pure.
 
-The spare takes the place of the other vehicle: its take-off spot, its slots and its paths. So it
-has to stand on that spot, and to have the same source of positions. It also has to be at least as
-fast, as strong and as enduring, because missions were checked with the other vehicle's limits.
+The spare takes over the other vehicle's take-off spot, slots and paths. So it must stand on that
+spot, and have the same source of positions. It must also have at least the same speed, thrust and
+endurance, because missions were checked with the other vehicle's limits.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from onboard.config.wind_limit import wind_limit_m_s
 
 # largest horizontal distance from the middle of the spot
 BY_MOCAP_M = 0.5  # the same as in the preflight check
-BY_SATELLITES_M = 1.5  # a position by satellites itself has an error of a metre
+BY_SATELLITES_M = 1.5  # a satellite position itself has an error of a metre
 
 
 def stand_in_refusal(
@@ -77,7 +77,7 @@ def _difference(fleet: FleetConfig, spare: Vehicle, other: Vehicle) -> str:
             f"vehicles.{spare.name}.start_enu_m"
         )
 
-    # key, the spare's value, the other vehicle's value, which is the least, and the unit
+    # key, the spare's value, the other vehicle's value (the minimum), and the unit
     limits: list[tuple[str, float, float, str]] = [
         ("max_speed_m_s", spare.max_speed_m_s, other.max_speed_m_s, "m/s"),
         ("max_acceleration_m_s2", spare.max_acceleration_m_s2, other.max_acceleration_m_s2, "m/s²"),

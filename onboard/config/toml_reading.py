@@ -31,7 +31,7 @@ def read_toml(path: str | os.PathLike[str], kind: str) -> tuple[dict[str, Any], 
     Returns:
         The tables of the file, its text and its path.
     Raises:
-        ConfigError: The file is missing, not readable, too large, or no TOML.
+        ConfigError: The file is missing, not readable, too large, or not TOML.
     """
     name = existing_file(path, kind)
     text = read_text(name, FLEET_FILE._replace(words=kind))
@@ -39,7 +39,7 @@ def read_toml(path: str | os.PathLike[str], kind: str) -> tuple[dict[str, Any], 
 
 
 def package_table(package: str, name: str) -> dict[str, Any]:
-    """Return the tables of a TOML file that is a part of this software.
+    """Return the tables of a TOML file that is part of this software.
 
     Args:
         package: package that contains the file.
@@ -82,7 +82,7 @@ def convert(value: Any, kind: Any, path: str, key: str) -> Any:
         return msgspec.convert(value, kind)
     except msgspec.ValidationError as error:
         raise ConfigError(_sentence(str(error), kind, path, key)) from None
-    except UnicodeEncodeError:  # JSON can write half of a character, as \ud800
+    except UnicodeEncodeError:  # JSON can contain half of a character, such as \ud800
         raise ConfigError(f"{path}: '{key}' has half of a character. Correct the value.") from None
 
 
@@ -120,7 +120,7 @@ def table(value: Any, path: str, key: str) -> dict[str, Any]:
     """Return a value that must be a table.
 
     Raises:
-        ConfigError: The value is no table.
+        ConfigError: The value is not a table.
     """
     if not isinstance(value, dict):
         raise ConfigError(f"{path}: '{key}' must be a table, not {type(value).__name__}.")
@@ -131,7 +131,7 @@ def tables(value: Any, path: str, key: str) -> dict[str, dict[str, Any]]:
     """Return a value that must be a table of tables.
 
     Raises:
-        ConfigError: The value, or one of its values, is no table.
+        ConfigError: The value, or one of its values, is not a table.
     """
     return {
         name: table(inner, path, f"{key}.{name}") for name, inner in table(value, path, key).items()

@@ -1,7 +1,7 @@
-"""Checks a whole fleet file: bounds, names, endpoints, duplicated values and spacing.
+"""Checks a whole fleet file: bounds, names, endpoints, duplicate values and spacing.
 
 The first mistake raises a ConfigError. Each check yields sentences without the name of the file. A
-check may rely on the checks before it, which is why only the first sentence counts.
+check may rely on earlier checks, so only the first sentence counts.
 """
 
 from __future__ import annotations
@@ -66,11 +66,11 @@ _DIRECT_ENDPOINT = re.compile(r"(udpin|udpout|tcp)://.+:\d+")
 _ALL_NETWORKS = re.compile(r"[a-z]+/(0\.0\.0\.0|\[::\]):")
 _KEYED = ("quic/", "tls/")  # schemes of endpoints whose links use keys
 
-# names that no vehicle of a fleet with keys may have: the certificates of other nodes have these
-# names, and the certificate authority
+# names that no vehicle of a fleet with keys may have, because the certificates of other nodes and
+# of the certificate authority use them
 _NODE_NAMES = ("ground", "viewer", "mocap", "corrections", "sitl", "router", "ca")
 
-# first words of node names, by which agents recognise the kind of a node
+# first words of node names; agents recognise the kind of a node by them
 _NODE_WORDS = ("ground", "watcher", "recorder", "sitl")
 
 _WITHOUT_SIGNING = ("1.16", "1.17")  # versions of PX4 that do not sign MAVLink
@@ -253,7 +253,7 @@ def law_bounds(key: str) -> tuple[float, float]:
         least and largest value.
     """
     least = 1e-3
-    if "margin" in key or "gain" in key:  # margins and the gain of the shortfall may be 0
+    if "margin" in key or "gain" in key:  # margins and the shortfall gain may be 0
         least = 0.0
     return least, 100.0
 
@@ -333,7 +333,7 @@ def _name_problems(config: FleetConfig) -> Iterator[str]:
 
 
 def _double_problems(config: FleetConfig) -> Iterator[str]:
-    """Yield a sentence for each value that two vehicles share although it has to be unique."""
+    """Yield a sentence for each value that two vehicles share although it must be unique."""
     owners: dict[tuple[str, Any, str], str] = {}  # key, value and computer -> vehicle
     for name, vehicle in config.vehicles.items():
         for key in ("system_id", "agent", "autopilot", "direct", "mocap_body"):
@@ -341,7 +341,7 @@ def _double_problems(config: FleetConfig) -> Iterator[str]:
             if value is None:
                 continue
 
-            # ports and serial devices have to be unique on one companion computer only
+            # ports and serial devices must be unique only within one companion computer
             host = ""
             where = ""
             if key == "autopilot" and not value.startswith("udpout://"):

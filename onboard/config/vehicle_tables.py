@@ -9,7 +9,7 @@ from onboard.config.fleet_config import PX4_VERSIONS, Vehicle
 from onboard.config.sitl import SitlProfile
 from onboard.config.toml_reading import ConfigError, convert
 
-# keys that are allowed in a vehicle's own table only, and not in its type's or in the defaults
+# keys that are allowed only in a vehicle's own table, not in its type's table or the defaults
 _VEHICLE_ONLY = {
     "system_id",
     "start_enu_m",
@@ -20,7 +20,7 @@ _VEHICLE_ONLY = {
     "emulated",
 }
 _REQUIRED = ("system_id", "start_enu_m", "agent", "autopilot")
-_DERIVED = {"name", "index"}  # fields of a vehicle that are no keys of the file
+_DERIVED = {"name", "index"}  # fields of a vehicle that are not keys of the file
 _MERGED = ("px4_params", "sitl")  # tables that are merged key by key
 
 

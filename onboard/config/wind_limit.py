@@ -1,8 +1,8 @@
 """The strongest wind in which a vehicle may fly, from its tilt, its thrust and its drag.
 
-Wind pushes a vehicle with an acceleration of drag times wind velocity. The vehicle tilts against
-the wind, and has less tilt for its trajectory and for avoidance. At most two thirds of the
-horizontal acceleration may be used against the wind; this also bounds the disturbance observer.
+Wind accelerates a vehicle by drag times wind velocity. The vehicle tilts against the wind, which
+leaves less tilt for its trajectory and for avoidance. At most two thirds of the horizontal
+acceleration may be used against the wind; this also bounds the disturbance observer.
 """
 
 from __future__ import annotations
@@ -15,13 +15,13 @@ from onboard.constants import GRAVITY_M_S2, MAX_PLANNED_THRUST_FRAC
 # share of the horizontal acceleration for the wind; the rest stays for the trajectory and the law
 _WIND_SHARE = 2.0 / 3.0
 
-# least bound of the disturbance observer, for a vehicle with little tilt: the observer also learns
-# static errors of the attitude
+# least bound of the disturbance observer, for a vehicle with little tilt, because the observer also
+# learns static attitude errors
 _LEAST_PUSH_M_S2 = 1.5
 
 # standard deviation of usual gusts per axis, as a share of the mean wind
 GUST_SHARE = 0.15
-_GUST_SIGMAS = 5.0 / 3.0  # nineteen of twenty gusts are weaker
+_GUST_SIGMAS = 5.0 / 3.0  # 19 of 20 gusts are weaker
 
 # wind with its gusts, as a multiple of the mean wind
 GUSTY = 1.0 + _GUST_SIGMAS * GUST_SHARE
@@ -31,7 +31,7 @@ def tilt_acceleration_m_s2(vehicle: Vehicle) -> float:
     """Return the horizontal acceleration at the largest tilt, with the height kept [m/s^2].
 
     Args:
-        vehicle: the vehicle; its largest tilt and its hover throttle count.
+        vehicle: the vehicle; its largest tilt and its hover throttle are used.
     """
     by_tilt = GRAVITY_M_S2 * math.tan(math.radians(vehicle.max_tilt_deg))
     full_lift = max(1.0, MAX_PLANNED_THRUST_FRAC / vehicle.hover_thrust_frac)
@@ -43,7 +43,7 @@ def largest_push_m_s2(vehicle: Vehicle) -> float:
     """Return the largest disturbance that the vehicle learns and compensates, per axis [m/s^2].
 
     Args:
-        vehicle: the vehicle; its largest tilt and its hover throttle count.
+        vehicle: the vehicle; its largest tilt and its hover throttle are used.
     """
     return max(_LEAST_PUSH_M_S2, _WIND_SHARE * tilt_acceleration_m_s2(vehicle))
 
@@ -59,7 +59,7 @@ def wind_limit_m_s(fleet: FleetConfig, vehicle: Vehicle) -> float:
         fleet: the fleet; its ``max_wind_m_s`` holds for all its vehicles.
         vehicle: one of its vehicles.
     """
-    # without a drag the wind cannot be measured, so a limit in m/s is useless
+    # without a known drag the wind cannot be measured, so a limit in m/s is useless
     if vehicle.drag_1_s <= 0.0:
         return math.nan
 

@@ -2,7 +2,7 @@
 
 The quaternion follows exactly from the thrust's direction and the yaw. DEVIATION D1: the paper's
 (2) gives the angles of R = Rx(roll) Ry(pitch), but PX4 composes Euler angles as ZYX. Used as ZYX
-angles, (2) errs by 0.4 m/s^2 at 30 deg of combined tilt (a test shows it).
+angles, (2) errs by 0.4 m/s^2 at 30 deg of combined tilt, as a test shows.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ class AllocationParams(NamedTuple):
     """Limits of the setpoints that are sent."""
 
     max_tilt_rad: float  # largest angle between thrust and the vertical
-    # configured hover throttle, for a level setpoint where the estimated one cannot be used
+    # configured hover throttle, for a level setpoint if the estimated one cannot be used
     fallback_hover_thrust_frac: float
     # smallest throttle: the propellers keep turning, so that the attitude stays controlled
     min_thrust_frac: float = 0.08
@@ -29,7 +29,9 @@ class AllocationParams(NamedTuple):
 
 
 def is_usable(thrust: Thrust, yaw_rad: float, hover_thrust_frac: float) -> bool:
-    """Whether ``allocate`` can use its inputs: all finite, the hover throttle positive."""
+    """Whether ``allocate`` can use its inputs: all are finite, and the hover throttle is
+    positive.
+    """
     return (
         is_finite(thrust.thrust_enu_m_s2)
         and math.isfinite(yaw_rad)
@@ -42,14 +44,14 @@ def limit(thrust: Thrust, hover_thrust_frac: float, params: AllocationParams) ->
     """Return the thrust within the limits; the vertical component has priority.
 
     The vertical component is kept as far as the throttle reaches. Then the horizontal component is
-    shortened, without turning it, to what the tilt limit and the remaining throttle allow:
-    F_h <= min(F_z tan(max_tilt), sqrt(F_max^2 - F_z^2)).
+    shortened, but not turned, to what the tilt limit and the remaining throttle allow: F_h <=
+    min(F_z tan(max_tilt), sqrt(F_max^2 - F_z^2)).
 
     Args:
         thrust: F/m [m/s^2], ENU, finite.
         hover_thrust_frac: throttle that carries the weight [-]; throttle is linear in thrust.
         params: limits.
-    Properties: idempotent; yaw-rotation-equivariant; keeps height before tracking.
+    Properties: idempotent; yaw-rotation-equivariant; keeping the height has priority over tracking.
     """
     x, y, z = thrust.thrust_enu_m_s2
     full_m_s2 = GRAVITY_M_S2 / hover_thrust_frac  # thrust at full throttle

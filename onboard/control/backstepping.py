@@ -14,8 +14,9 @@ s is the gradient of the convex Huber function H(e). Then:
 
 The term k1 s'(v_s - v) is the derivative of the first step's reference, and c s(e) is the cross
 term that cancels -c s.z. Without either of them W' is indefinite. Inside the clamp this is a linear
-loop with the polynomial s^2 + (k1 + k2) s + (k1 k2 + c). For a far setpoint the clamp bounds the
-velocity to k1 r. Without it the vehicle would tilt fully, first towards the setpoint and then away.
+loop with the polynomial s^2 + (k1 + k2) s + (k1 k2 + c). For a distant setpoint, the clamp bounds
+the velocity to k1 r. Without it, the vehicle would tilt fully, first towards the setpoint and then
+away.
 
 There is no integral action here, because a free integrator winds up while the avoidance law holds
 the vehicle back. The disturbance observer (estimation/disturbance_observer.py) compensates static
@@ -50,7 +51,7 @@ def step(
     setpoint: TrajectorySetpoint,
     params: BacksteppingParams,
 ) -> Thrust:
-    """Return the thrust that tracks the setpoint; see the module's derivation.
+    """Return the thrust that tracks the setpoint. The module docstring derives it.
 
     Args:
         position_enu_m: position predicted to the time at which the thrust acts [m], ENU.
@@ -71,8 +72,9 @@ def step(
     d = subtract(setpoint.velocity_enu_m_s, velocity_enu_m_s)  # e'
     feed = setpoint.acceleration_enu_m_s2
 
-    # Horizontal and vertical errors are clamped separately: a far setpoint in the plane must not
-    # weaken the hold of the height. Horizontally s(e) = ratio e and s'(e) d = ratio (d - radial e).
+    # Horizontal and vertical errors are clamped separately, so that a horizontally distant setpoint
+    # does not weaken the height control. Horizontally s(e) = ratio e and s'(e) d = ratio (d -
+    # radial e).
     radius = params.max_position_error_m
     far_2 = e.x * e.x + e.y * e.y
     if far_2 > radius * radius:

@@ -9,7 +9,7 @@ class ControlMode(IntEnum):
     """Mode of the pipeline's stages in one part of a flight."""
 
     GROUND = 0  # level without thrust; the memory of every stage is reset at each tick
-    LIFTOFF = 1  # climbs off the ground: gentle horizontally; observers are frozen
+    LIFTOFF = 1  # climbs off the ground, gently in the horizontal; observers are frozen
     FLYING = 2
     LANDING = 3  # like FLYING, but the hover thrust is not learned near the ground
     # descends by dead reckoning: nothing is learned, and the mean disturbance of the last seconds

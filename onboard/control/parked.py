@@ -1,8 +1,9 @@
-"""Parked vehicles as things to fly around, for a vehicle that they keep from its goal. Pure.
+"""Treats parked vehicles as things to fly around, for a vehicle that they keep from its goal. Pure.
 
 The avoidance law leads a vehicle around each single neighbour. Several parked vehicles with gaps
-that are too narrow are a wall for it: if the goal lies straight behind them, the vehicle stops in
-front of them. Once it has stood for a while, its route leads around them as around pillars.
+that are too narrow act as a wall. If the goal lies straight behind them, the vehicle stops in front
+of them. Once it has stood there for a while, its route treats them as pillars and leads around
+them.
 """
 
 from __future__ import annotations
@@ -17,14 +18,14 @@ from onboard.types import Neighbour, State
 from onboard.vectors import Vec2, horizontal, length_2
 
 STANDING_S = 8.0  # a vehicle that has stood for this time makes no progress
-STANDING_M_S = 0.3  # a slower vehicle stands
+STANDING_M_S = 0.3  # a slower vehicle counts as standing
 AWAY_M = 0.4  # a vehicle that stands nearer to its goal than this is not held back
 
 _PARKED_M_S = 0.2  # a neighbour is parked if its speed and its intended speed are below this
 # a parked vehicle holds this one back if the gap beyond the distance to keep is smaller than this
 _TOUCHING_M = 0.5
 _NEAR_M = 5.0  # only parked vehicles within this distance count
-_MOST_PILLARS = 8  # number of parked vehicles that count, the nearest ones
+_MOST_PILLARS = 8  # number of parked vehicles that count: the nearest
 
 # A map that is computed in flight may take only some milliseconds. So it has at most this number of
 # tests (see route_map.MOST_TESTS).
@@ -36,7 +37,7 @@ def is_standing_away(state: State, goal: Vec2) -> bool:
 
     Args:
         state: own estimate.
-        goal: the goal, horizontally.
+        goal: the goal; only its horizontal position counts.
     """
     speed_m_s = length_2(horizontal(state.velocity_enu_m_s))
     here = horizontal(state.position_enu_m)
@@ -78,7 +79,7 @@ def pillars(state: State, neighbours: Sequence[Neighbour], spacing: Spacing) -> 
 
 
 def most_pillars(corner_count: int, thing_count: int) -> int:
-    """Return how many pillars a map of static things may also have, to be computed in flight.
+    """Return how many pillars a map of static things may also have if it is computed in flight.
 
     Args:
         corner_count: corners around the static things.

@@ -1,9 +1,9 @@
-"""Which vehicles pass above others in a move, and how high: ``law.passing_heights = 2``.
+"""Decides which vehicles pass above others in a move, and how high: ``law.passing_heights = 2``.
 
-Every second vehicle of the fleet file rises between the ends of a level leg, so that only half of
-the vehicles meet on each level. All vehicles know this rule from the fleet file, so it needs no
-messages. A vehicle stays on its level in a fleet with obstacles or fences, whose heights are not
-considered here, and under a law that ignores heights. The profile of the rise is in
+Every second vehicle of the fleet file rises between the ends of a level leg, so only half of the
+vehicles meet on each level. All vehicles know this rule from the fleet file, so it needs no
+messages. A vehicle stays on its level in a fleet with obstacles or fences, because their heights
+are not considered here, and under a law that ignores heights. The profile of the rise is in
 :mod:`onboard.control.trajectory`.
 """
 
@@ -55,6 +55,6 @@ def top_m(fleet: FleetConfig, vehicle_name: str, height_m: float) -> float:
         height_m: height of the level, fleet ENU.
     """
     risen_m = height_m + rise_m(fleet, vehicle_name)
-    if risen_m > highest_m(fleet):  # such a rise is not flown
+    if risen_m > highest_m(fleet):  # then the vehicle does not rise
         return height_m
     return risen_m

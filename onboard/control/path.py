@@ -19,8 +19,8 @@ from onboard.arrays import Array
 from onboard.config.config_error import ConfigError
 from onboard.vectors import ZERO_3, Vec3
 
-# number of numbers of a piece: its duration, then eight coefficients each of x, y, z and yaw, the
-# constant coefficient first
+# how many numbers a piece has: its duration, then eight coefficients each of x, y, z and yaw, with
+# the constant coefficient first
 NUMBER_COUNT = 33
 _DURATION = 0  # index of the duration
 MOST_BYTES = 262_144  # largest path: nearly two thousand pieces
@@ -38,7 +38,7 @@ class Path(NamedTuple):
 
     @property
     def duration_s(self) -> float:
-        """Time from the first piece's begin to the last one's end."""
+        """Time from the start of the first piece to the end of the last."""
         return self.ends_s[-1]
 
 
@@ -76,7 +76,7 @@ def from_bytes(data: bytes) -> Path:
     """Return the path of these bytes.
 
     Raises:
-        ConfigError: The bytes are no path; the message says why.
+        ConfigError: The bytes are not a path; the message says why.
     """
     if not data or len(data) % _ROW.size:
         raise ConfigError(f"{len(data)} bytes are no path.")
@@ -100,12 +100,14 @@ def from_bytes(data: bytes) -> Path:
 
 
 def path_id(data: bytes) -> str:
-    """Return the id of a path: equal only for equal bytes."""
+    """Return the id of a path. Only equal bytes have equal ids."""
     return hashlib.sha256(data).hexdigest()[:16]
 
 
 def point_at(path: Path, time_s: float) -> PathPoint:
-    """Return the motion at a time of the path; before its begin and after its end it is at rest."""
+    """Return the motion at a time of the path. Before its start and after its end, it is at
+    rest.
+    """
     if time_s >= path.duration_s:
         last = path.pieces[-1]
         return _rest(last, last[_DURATION])
@@ -149,7 +151,7 @@ def horner(piece: Sequence[float], axis: int, t: float) -> tuple[float, float, f
     Args:
         piece: the numbers of one piece, or an array of each number for many times.
         axis: 0 to 3 for x, y, z, yaw.
-        t: time since the begin of the piece [s], or an array.
+        t: time since the start of the piece [s], or an array.
     """
     # the coefficients follow the duration
     c0, c1, c2, c3, c4, c5, c6, c7 = piece[1 + 8 * axis : 9 + 8 * axis]
@@ -179,7 +181,7 @@ def sampled(path: Path, times_s: Array) -> Array:
     by_axis = [horner(numbers, axis, since_s) for axis in range(4)]  # type: ignore[arg-type]
     motion = np.array(by_axis).transpose(1, 2, 0)  # from (axis, derivative, time)
 
-    # before its begin and after its end the path is at rest
+    # before its start and after its end, the path is at rest
     is_outside = (times_s < 0.0) | (times_s > path.duration_s)
     motion[1:, is_outside] = 0.0
     return motion

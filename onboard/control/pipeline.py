@@ -1,20 +1,17 @@
-"""The control pipeline of one vehicle: calls all stages in their order, once per tick.
+"""The control pipeline of one vehicle: calls all stages in order, once per tick.
 
-Every intermediate value is in the returned Tick. L is the lead time: a command that is given at t
-acts at t + L. Lines with a letter (line G, line O) are those of the algorithm in
+Every intermediate value is in the returned Tick. L is the lead time: a command given at t takes
+effect at t + L. Lines with a letter (line G, line O) refer to the algorithm in
 onboard/avoidance/README.md, which also lists the deviations from the paper (D7).
 
-    predict the own state to t + L
-    -> trajectory setpoint for t + L
-    -> backstepping at t + L: the baseline thrust
-    -> avoidance law: Covey's, or a user's own
-    -> add drag, subtract disturbance
-    -> allocation: attitude and throttle
+    predict our own state to t + L -> trajectory setpoint for t + L -> backstepping at t + L: the
+    baseline thrust -> avoidance law: Covey's, or a user's own -> add drag, subtract disturbance ->
+    allocation: attitude and throttle
 
 While the law holds a vehicle back, its setpoint would run away and the baseline would wind up.
 Three measures prevent that. First, while the law is active, the trajectory's clock slows with the
-lag behind the setpoint. Second, a position error beyond the clamp counts like one at the clamp.
-Third, in a jam the vehicle follows its setpoint more slowly.
+lag behind the setpoint. Second, a position error beyond the clamp counts as if it were at the
+clamp. Third, in a jam the vehicle follows its setpoint more slowly.
 """
 
 from __future__ import annotations
@@ -57,7 +54,7 @@ from onboard.vectors import (
 
 _INTENT_1_S = 1.0  # intended horizontal velocity per metre of distance to the goal
 _ACTIVE_M_S2 = 0.05  # the law is active if it changes the thrust by more than this
-_ACTIVE_FACTOR = 2.0  # the clock slows fully if the law is active in half of the recent past
+_ACTIVE_FACTOR = 2.0  # the clock slows fully if the law was active in half of the recent past
 _LEAST_CLAMP_M = 0.15  # smallest clamp of the position error, for the fastest setpoint
 
 # At lift-off, tilt turns the vehicle over while the landing gear still touches the ground.
@@ -97,7 +94,7 @@ class BeforeLaw(NamedTuple):
     trajectory: trajectory.TrajectoryMemory
     setpoint: TrajectorySetpoint
     baseline: interface.Baseline
-    motion: Motion  # own motion at t + L; NaN if the estimate cannot be used
+    motion: Motion  # our own motion at t + L; NaN if the estimate cannot be used
     is_usable: bool  # whether the estimate can be used
 
 
@@ -148,7 +145,7 @@ def step(
     Returns:
         Memory and Tick. ``is_finite`` of the Tick is False if the input could not be used; the
         attitude setpoint is then level.
-    Properties: equivariant under translation and turning about the vertical.
+    Properties: equivariant under translation and rotation about the vertical.
     """
     if mode == ControlMode.GROUND:
         return _on_ground(state, params)
@@ -201,7 +198,7 @@ def before_law(
     )
 
     # Line O: the compensation of drag and observed disturbance is added after the law. So the law's
-    # thrust is that of a vehicle without drag and wind.
+    # thrust is for a vehicle without drag and wind.
     disturbance = observer.disturbance_enu_m_s2
     if mode == ControlMode.BLIND:
         disturbance = observer.mean_enu_m_s2
@@ -350,7 +347,7 @@ def _tracking(
 
 
 def _at_rest(state: State, memory: PipelineMemory) -> State:
-    """Return a state at rest on the setpoint, in place of an estimate that cannot be used."""
+    """Return a state at rest on the setpoint, to replace an estimate that cannot be used."""
     return State(
         position_enu_m=trajectory.setpoint_position(memory.trajectory),
         velocity_enu_m_s=ZERO_3,
@@ -370,9 +367,9 @@ def clock_rate(
     The rate is less than 1 while the law is active and the vehicle lags behind its setpoint. It is
     0 while neighbours are in the way of a climb or a descent.
 
-    Only the lag along the direction to the goal counts: a vehicle that was pushed aside or ahead
-    does not slow its clock. DEVIATION D7. The vehicles on a path have one common clock, which is
-    not slowed here.
+    Only the lag along the direction to the goal counts, so being pushed aside or ahead does not
+    slow the clock. DEVIATION D7. The vehicles on a path have one common clock, which is not slowed
+    here.
 
     Args:
         memory: memory of the last tick.
@@ -408,13 +405,13 @@ def intent(position_enu_m: Vec3, goal: Goal, max_speed_m_s: float, rise_m: float
 
     The velocity is limited to the top speed. Its vertical part times ``INTENT_S`` is the remaining
     climb to the goal, so that the neighbours know where a climb ends. In a leg that rises
-    (:mod:`onboard.control.passing`), the climb is to the height that the leg reaches soon.
+    (:mod:`onboard.control.passing`), it is the climb to the height that the leg reaches soon.
 
     Args:
         position_enu_m: position predicted to t + L [m], ENU.
         goal: goal of the order that is flown.
         max_speed_m_s: top speed of the vehicle.
-        rise_m: height above the level leg that is reached soon.
+        rise_m: height above the level leg that the vehicle reaches soon.
     """
     p = position_enu_m
     goal_m = goal.position_enu_m
@@ -438,7 +435,9 @@ def _activity(
 
 
 def _turned(yaw_rad: float, goal: Goal, params: PipelineParams, dt_s: float) -> float:
-    """Return the heading to hold after this tick, turned the shorter way to the goal's."""
+    """Return the heading to hold after this tick, turned the shorter way towards the goal's
+    heading.
+    """
     if not math.isfinite(goal.yaw_rad):
         return yaw_rad
 
@@ -500,7 +499,7 @@ def _compensation(
 def _on_ground(state: State, params: PipelineParams) -> tuple[PipelineMemory, Tick]:
     """Return a level setpoint without thrust, and reset memories.
 
-    After the reset, nothing that was estimated on the ground is used in the flight.
+    So the flight uses nothing that was estimated on the ground.
     """
     position = finite_or(state.position_enu_m, ZERO_3)
     memory = initial(params, position)

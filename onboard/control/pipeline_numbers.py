@@ -25,7 +25,7 @@ _PURSUIT_FACTOR = 1.25  # largest speed of a return to the setpoint, relative to
 
 
 class PipelineParams(NamedTuple):
-    """Parameters of every stage for one vehicle, and of the pipeline's own limits."""
+    """Parameters of every stage for one vehicle, and the pipeline's own limits."""
 
     trajectory: trajectory.TrajectoryParams
     backstepping: backstepping.BacksteppingParams
@@ -42,12 +42,12 @@ class PipelineParams(NamedTuple):
     max_lift_compensation_m_s2: float  # vertical
 
     # While the law is active, the trajectory's clock slows with the lag behind the setpoint.
-    clock_slack_m: float = 0.3  # lag at which it begins to slow
+    clock_slack_m: float = 0.3  # lag at which it starts to slow
     clock_stop_m: float = 1.5  # lag at which it stands still
     activity_time_s: float = 0.5  # the "recent past" in which the law was active
     clock_time_s: float = 0.2  # time constant of the clock's rate
 
-    # heading to hold, counterclockwise from east, until a goal has another one: the paper's psi_d
+    # heading to hold until a goal gives another one, counterclockwise from east: the paper's psi_d
     yaw_rad: float = 0.0
     max_yaw_rate_rad_s: float = 1.0
 
@@ -60,7 +60,7 @@ def pipeline_params(
     Args:
         fleet: the fleet file.
         vehicle_name: one of its vehicles.
-        law: "covey", "paper" or "off", in place of the fleet file's choice.
+        law: "covey", "paper" or "off", which overrides the fleet file.
     Raises:
         ValueError: There is no law of that name.
     """

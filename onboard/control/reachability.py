@@ -1,4 +1,4 @@
-"""Says whether a vehicle finds a route to a goal around the static things of its fleet. Pure."""
+"""Says whether there is a route to a goal around the static things of a fleet. Pure."""
 
 from __future__ import annotations
 
@@ -6,8 +6,8 @@ from onboard.control.router import Surroundings, in_the_way, map_of
 from onboard.tuples import Xyz
 from onboard.vectors import Vec2
 
-# A goal may be closer to an obstacle than the clearance by this. The law then stops the vehicle
-# this far from its goal, which counts as an arrival.
+# A goal may be closer to an obstacle than the clearance, by up to this much. The law then stops the
+# vehicle this far from its goal, which counts as an arrival.
 _TOO_NEAR_M = 0.1
 
 
@@ -16,8 +16,8 @@ def no_way(around: Surroundings, vehicle_name: str, begin_enu_m: Xyz, goal_enu_m
 
     Args:
         around: static things around the vehicle.
-        vehicle_name: the vehicle that shall fly there.
-        begin_enu_m, goal_enu_m: its position, and the goal [m], ENU.
+        vehicle_name: the vehicle that should fly there. begin_enu_m, goal_enu_m: its position, and
+        the goal [m], ENU.
     """
     if not around.still:
         return ""
@@ -36,7 +36,7 @@ def no_way(around: Surroundings, vehicle_name: str, begin_enu_m: Xyz, goal_enu_m
             f"{vehicle_name} keeps {clearance_m:.2f} m clear"
         )
 
-    # an incomplete map finds not every route
+    # an incomplete map does not find every route
     if route_map.route(begin, goal) or not route_map.is_complete:
         return ""
 

@@ -1,11 +1,11 @@
 """Finds the shortest routes around static things, by a visibility graph.
 
-A straight line to a goal may lead through an obstacle, or past it more closely than the law allows.
-The law slides along an obstacle towards the goal, so it stops if the goal lies straight behind a
-wall. The shortest route around is a chain of straight pieces whose corners lie beside the ends of
-obstacles (Lozano-Perez and Wesley, An algorithm for planning collision-free paths among polyhedral
-obstacles, 1979). All corners, and the shortest routes between them, are computed once. For a
-position and a goal only the pieces to and from the corners are computed.
+A straight line to a goal may lead through an obstacle, or pass it more closely than the law allows.
+The law makes a vehicle slide along an obstacle towards the goal, so the vehicle stops if the goal
+lies straight behind a wall. The shortest route around is a chain of straight pieces whose corners
+lie beside the ends of obstacles (Lozano-Perez and Wesley, An algorithm for planning collision-free
+paths among polyhedral obstacles, 1979). All corners, and the shortest routes between them, are
+computed once. For a position and a goal only the pieces to and from the corners are computed.
 
 A static thing is an obstacle or an edge of an area. Everything here is horizontal: the caller
 passes only the things whose heights matter for the flight.
@@ -23,30 +23,30 @@ from onboard.arrays import Array, BoolArray, IntArray
 from onboard.avoidance.params import Capsule, Walls
 from onboard.vectors import Vec2
 
-# A corner is farther than necessary from its thing, so that the law does not push a vehicle away
-# from the corner. A piece may be nearer than necessary: the law keeps the distance there.
+# A corner is farther from its thing than necessary, so that the law does not push a vehicle away
+# from the corner. A piece may be too near a thing, because the law keeps the distance there.
 _CORNER_SPARE_M = 0.05
 _PIECE_SPARE_M = 0.05
 
-_BAR_M = 0.001  # distance that a piece keeps from a bar across a passage that is too narrow
+_BAR_M = 0.001  # distance that a piece keeps from a bar that closes a too narrow passage
 _BEYOND_WALL_M = 1.0  # length of a bar beyond a wall of the box
 
-_NARROW_M = 0.3  # a passage wider than necessary by less than this has a corner in its middle
+_NARROW_M = 0.3  # a passage that is less than this wider than necessary has a corner in its middle
 CORNERS_PER_END = 8  # a regular octagon around each end of an obstacle
 
 # A route on another side of a thing is taken only if it is shorter by this. Otherwise a vehicle
 # with a noisy estimate would alternate between two routes of the same length.
 _SHORTER_M = 0.5
 
-_FIRST_TRIES = 8  # number of corners that are tried together first, those with the shortest routes
+_FIRST_TRIES = 8  # this many corners are tried together first: those with the shortest routes
 
-# Largest number of tests whether a piece between two corners keeps its distance from a thing: the
-# number of corners, squared, times the number of things. With more tests the map would take too
-# long to compute (a second on a small computer). It then has no corners, and every route is
-# straight.
+# Each test checks whether a piece between two corners keeps its distance from a thing, so the
+# number of tests is the squared number of corners times the number of things. With more tests than
+# this, the map would take too long to compute (a second on a small computer). It then has no
+# corners, and every route is straight.
 MOST_TESTS = 1_000_000
 
-# Rounding may make a distance too small by this: first at a point, then along a piece.
+# Rounding may make a distance too small by this: first at a point, second along a piece.
 _POINT_ROUNDING_M = 1e-6
 _PIECE_ROUNDING_M = 1e-9
 
@@ -57,7 +57,7 @@ class _Things(NamedTuple):
     begin_m: Array  # (O, 2)
     end_m: Array  # (O, 2)
     keep_m: Array  # (O,) least distance of a vehicle's centre from the segment
-    area: IntArray  # (O,) number of the area whose edge it is; 0: an obstacle
+    area: IntArray  # (O,) number of the area that it is an edge of; 0: an obstacle
 
 
 class _Ends(NamedTuple):
@@ -130,10 +130,9 @@ class RouteMap:
 
         Args:
             begin_m, goal_m: positions in fleet ENU. Either may be nearer to an obstacle than
-                allowed; the route then leads away from it. The begin may be beyond the edge of an
-                area; this area is then ignored until the first corner.
-            present_m: the corner to which the vehicle flies now. Routes on the same side of a thing
-                are preferred.
+            allowed; the route then leads away from the obstacle. The start may be beyond the edge
+            of an area; this area is then ignored until the first corner. present_m: the corner that
+                the vehicle now flies to. Routes on the same side of a thing are preferred.
         Returns:
             Only the goal if the straight line is free. Empty if there is no route.
         """
@@ -142,7 +141,7 @@ class RouteMap:
         if self._are_free(begin, np.array(goal_m), is_relevant):
             return [goal_m]
 
-        # corners by the length of the route through them, the shortest first
+        # corners in the order of the lengths of their routes, the shortest first
         corners = self._routes.corners_m
         from_corners = self._routes_to(goal_m)
         total_m = _lengths(corners - begin) + from_corners.length_m
@@ -167,7 +166,7 @@ class RouteMap:
     def _first_in_sight(
         self, begin: Array, indices: IntArray, is_relevant: BoolArray
     ) -> int | None:
-        """Return the index of the first of some corners to which the straight line is free."""
+        """Return the index of the first corner that a free straight line leads to."""
         is_free = self._are_free(begin, self._routes.corners_m[indices], is_relevant)
         if not is_free.any():
             return None
@@ -202,18 +201,19 @@ class RouteMap:
     def _relevant_things(self, point_m: Array) -> BoolArray:
         """Return whether each thing (O,) matters for a piece from a point.
 
-        The edges of an area that the point is beyond do not: every route back crosses one.
+        If the point is beyond the edges of an area, these edges do not matter, because every route
+        back crosses one.
         """
         is_beyond = _is_beyond_areas(point_m, self._things)
         return np.asarray(~is_beyond[self._things.area])
 
     def lengths_past(self, begin_m: Vec2, other_m: Vec2, keep_m: float) -> list[float]:
-        """Return the length [m] of the shortest route to each corner that stays away from a point.
+        """Return, for each corner, the length [m] of the shortest route that stays away from a
+        point.
 
         Args:
-            begin_m: begin of the routes; it may be nearer to the point than ``keep_m``.
-            other_m: the point.
-            keep_m: distance to keep from the point.
+            begin_m: start of the routes; it may be nearer to the point than ``keep_m``. other_m:
+            the point. keep_m: distance to keep from the point.
         Returns:
             The lengths, in the order of the corners; infinite where there is no route.
         """
@@ -238,7 +238,7 @@ class RouteMap:
         return [float(length) for length in lengths_m]
 
     def room_m(self, point_m: Vec2) -> float:
-        """Return how much farther a point is from all obstacles than it must be [m].
+        """Return how much farther a point is from all obstacles than necessary [m].
 
         It is negative for a point that is too near, and infinite without obstacles.
         """
@@ -296,7 +296,7 @@ def _is_beyond_areas(point_m: Array, things: _Things) -> BoolArray:
     end = things.end_m - point_m
     doubled_m2 = _cross(begin, end)  # area between the point and each edge
 
-    # an upward edge that the ray crosses has the point on its left, a downward one on its right
+    # if the ray crosses an upward edge, the point is on its left; for a downward edge, on its right
     is_upward = end[:, 1] > begin[:, 1]
     is_above_or_below = (begin[:, 1] > 0.0) == (end[:, 1] > 0.0)  # the edge, of the ray's line
     is_crossed = ~is_above_or_below & (is_upward == (doubled_m2 > 0.0))
@@ -310,7 +310,7 @@ def _is_beyond_areas(point_m: Array, things: _Things) -> BoolArray:
 
 
 def _is_round_field(capsule: Capsule) -> bool:
-    """Return whether an edge is the circle of an area to stay in.
+    """Return whether an edge is the circle of an area to stay inside.
 
     A straight line between two points inside a circle stays inside.
     """
@@ -341,7 +341,7 @@ def _ends_of(still: Sequence[Capsule], things: _Things) -> _Ends:
         is_segment = capsule.begin_enu_m != capsule.end_enu_m
         if capsule.area == 0 or not is_segment or capsule.is_begin_inwards:
             ends[capsule.begin_enu_m, keep_m] = None
-        if capsule.area == 0 and is_segment:  # the end of an area's edge is the next one's begin
+        if capsule.area == 0 and is_segment:  # the end of an area's edge is the start of the next
             ends[capsule.end_enu_m, keep_m] = None
     return _Ends(
         points_m=np.array([end for end, _ in ends]).reshape(-1, 2),
@@ -350,7 +350,7 @@ def _ends_of(still: Sequence[Capsule], things: _Things) -> _Ends:
 
 
 def _with_bars(things: _Things, ends: _Ends, walls: Walls) -> _Things:
-    """Return the things, and a bar across each passage that is a little too narrow.
+    """Return the things, plus a bar across each passage that is slightly too narrow.
 
     A piece may be nearer to a thing than the distance to keep by _PIECE_SPARE_M. So without the bar
     a route could lead through a passage that is too narrow by up to twice that, where the law stops
@@ -363,7 +363,7 @@ def _with_bars(things: _Things, ends: _Ends, walls: Walls) -> _Things:
     begins = np.broadcast_to(ends.points_m[:, None], across.shape)
     bars = [np.stack([begins[is_closed], (begins + across)[is_closed]], axis=1)]
 
-    # a bar also between an end and a wall of the box; a vehicle may be a little beyond the wall
+    # also put bars between an end and a wall of the box; a vehicle may be slightly beyond the wall
     for axis, wall_m, sign in _sides(walls):
         room_m = sign * (wall_m - ends.points_m[:, axis])
         is_closed = (room_m > 0.0) & (room_m < ends.keep_m - _POINT_ROUNDING_M)
@@ -400,7 +400,8 @@ def _corners(ends: _Ends, things: _Things, walls: Walls) -> Array:
     around = _octagon_corners(ends)
     middles = np.concatenate([_passage_middles(ends, things), _wall_passage_middles(ends, walls)])
 
-    # A corner needs half of its spare to other things. The middle of a passage needs no spare.
+    # A corner needs half of its spare distance from other things. The middle of a passage needs no
+    # spare distance.
     around = around[_is_clear(around, things, 0.5 * _CORNER_SPARE_M)]
     middles = middles[_is_clear(middles, things, -_POINT_ROUNDING_M)]
     corners = np.concatenate([around, middles])
@@ -443,7 +444,7 @@ def _passage_middles(ends: _Ends, things: _Things) -> Array:
 def _wall_passage_middles(ends: _Ends, walls: Walls) -> Array:
     """Return the middle (.., 2) of each narrow passage between an end and a wall of the box.
 
-    The vehicle's centre may be at the wall, so only the end has a distance that must be kept.
+    The vehicle's centre may be at the wall, so only the distance from the end must be kept.
     """
     middles = []
     for axis, wall_m, sign in _sides(walls):
@@ -456,7 +457,7 @@ def _wall_passage_middles(ends: _Ends, walls: Walls) -> Array:
 
 
 def _passages(ends: _Ends, things: _Things) -> tuple[Array, Array]:
-    """Return the passage from each end to each thing, and by how much it is wider than necessary.
+    """Return the passage from each end to each thing, and how much wider than necessary it is.
 
     Returns:
         Vectors (E, O, 2) from the ends to the nearest points of the things, and widths (E, O).
@@ -467,7 +468,9 @@ def _passages(ends: _Ends, things: _Things) -> tuple[Array, Array]:
 
 
 def _is_clear(points_m: Array, things: _Things, spare_m: float) -> BoolArray:
-    """Return whether each point (P, 2) is farther from all things than necessary by a spare."""
+    """Return whether each point (P, 2) is farther from all things than necessary, by a spare
+    distance.
+    """
     distance_m = _point_distances(points_m[:, None], things.begin_m, things.end_m)
     return np.asarray((distance_m >= things.keep_m + spare_m).all(-1))
 
@@ -508,7 +511,7 @@ def _cross(a: Array, b: Array) -> Array:
 
 def _nearest_shares(points_m: Array, begins_m: Array, ends_m: Array) -> Array:
     """Return the points of segments that are nearest to given points, as shares from 0 to 1."""
-    # by components: a sum over an axis of length two takes three times as long
+    # by components, because a sum over an axis of length two takes three times as long
     along_x = ends_m[..., 0] - begins_m[..., 0]
     along_y = ends_m[..., 1] - begins_m[..., 1]
     x = points_m[..., 0] - begins_m[..., 0]

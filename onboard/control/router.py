@@ -1,4 +1,4 @@
-"""Leads one vehicle around static things: gives its trajectory the next corner as its goal.
+"""Leads one vehicle around static things, by giving its trajectory the next corner as a goal.
 
 A point is in sight if the straight line to it is free. If the goal is in sight, it stays the
 trajectory's goal. If not, the vehicle flies to the first corner of the shortest route
@@ -27,34 +27,34 @@ from onboard.vectors import Vec2, Vec3, horizontal, is_finite
 PERIOD_S = 0.2  # time from one search to the next
 
 # If there is room, the trajectory aims at a point this far behind the corner, because it would stop
-# at the corner itself. The next corner is in sight before the vehicle reaches that point.
+# at a corner that it aims at. The next corner is in sight before the vehicle reaches that point.
 _BEYOND_M = (1.0, 0.5, 0.25)  # the first distance that is free
 
 _SAME_POINT_M = 1e-6  # a point nearer than this has no direction and no route
-_MOST_WAIT_S = 15.0  # a vehicle that gave way goes on after this time at the latest
-NOBODY = -1  # the index of no vehicle
+_MOST_WAIT_S = 15.0  # a vehicle that gave way continues after this time at the latest
+NOBODY = -1  # stands for no vehicle
 _NO_SEQUENCE = -(1 << 53)  # no goal has this sequence
 
 
 class RouteMemory(NamedTuple):
     """Where a vehicle is on its route, between two ticks."""
 
-    sequence: int = _NO_SEQUENCE  # sequence of the goal that is flown to
+    sequence: int = _NO_SEQUENCE  # sequence of the present goal
     left_s: float = 0.0  # time until the next search
 
-    corner: Vec2 | None = None  # corner that is flown to; None: straight to the goal
+    corner: Vec2 | None = None  # corner that the vehicle flies to; None: straight to the goal
     aim: Vec2 | None = None  # end of the trajectory: the corner, or a point behind it
-    leg_count: int = 0  # number of corners that were flown to, each on its own leg
+    leg_count: int = 0  # number of corners flown to so far, each on its own leg
     is_around: bool = False  # whether the route to this goal has led around something
     pace_s_m: float = 0.0  # ordered duration per length of the route; 0: no duration was ordered
-    leg_s: float = 0.0  # share of the present leg in the ordered duration
+    leg_s: float = 0.0  # part of the ordered duration for the present leg
 
-    met_s: float = 0.0  # time for which it has stood face to face with another vehicle
+    met_s: float = 0.0  # how long it has stood face to face with another vehicle
     refuge: Vec2 | None = None  # point at which it waits until the other vehicle has passed
     waited_s: float = 0.0  # time since it left for the refuge
     waits_for: int = NOBODY  # table index of the other vehicle
 
-    stood_s: float = 0.0  # time for which it has stood away from its goal
+    stood_s: float = 0.0  # how long it has stood away from its goal
     past_parked: RouteMap | None = None  # map with the parked vehicles that hold it back
 
 
@@ -68,7 +68,8 @@ class Surroundings(NamedTuple):
 
 
 def surroundings(still: Sequence[Capsule], law: LawParams) -> Surroundings:
-    """Return the surroundings of a vehicle, with all maps: computing one in flight takes too long.
+    """Return the surroundings of a vehicle with all maps, because computing a map in flight takes
+    too long.
 
     Args:
         still: static things of the fleet.
@@ -102,7 +103,7 @@ def is_idle(memory: RouteMemory) -> bool:
 
 
 def is_due(memory: RouteMemory, goal: Goal, dt_s: float) -> bool:
-    """Return whether the next step looks for a route."""
+    """Return whether the next step searches for a route."""
     return goal.sequence != memory.sequence or memory.left_s <= dt_s
 
 
@@ -195,7 +196,9 @@ def _held_by_parked(
     still: tuple[Capsule, ...],
     around: Surroundings,
 ) -> RouteMemory:
-    """Return the memory with a map of parked vehicles, if these have held the vehicle for long."""
+    """Return the memory with a map of parked vehicles, if they have held the vehicle for a long
+    time.
+    """
     is_waiting = memory.refuge is not None
     if is_waiting or not parked.is_standing_away(state, goal):
         return memory._replace(stood_s=max(memory.stood_s - PERIOD_S, 0.0))
@@ -220,7 +223,7 @@ def _yielded(
     route_map: RouteMap,
     spacing: Spacing,
 ) -> RouteMemory:
-    """Return the memory with a refuge to wait at, if the vehicle has to give way."""
+    """Return the memory with a refuge to wait at, if the vehicle must give way."""
     here, ahead, *_ = route
     ahead_m = math.dist(here, ahead)
     if ahead_m < _SAME_POINT_M:
@@ -281,7 +284,7 @@ def _following(
 
 
 def _pace_s_m(state: State, goal: Goal, around: Surroundings) -> float:
-    """Return the ordered time for each metre of the route; 0: the order gives no time."""
+    """Return the ordered time per metre of the route; 0: the order gives no time."""
     if goal.duration_s <= 0.0:
         return 0.0
     length_m = route_length_m(around, state.position_enu_m, goal.position_enu_m)
@@ -293,7 +296,8 @@ def _pace_s_m(state: State, goal: Goal, around: Surroundings) -> float:
 def _goal_of_leg(memory: RouteMemory, goal: Goal) -> Goal:
     """Return the goal of the present leg, with its share of an ordered duration.
 
-    Legs to corners have negative sequences, because those of the vehicle's goals are not negative.
+    Legs to corners have negative sequences, because the sequences of the vehicle's own goals are
+    never negative.
     """
     leg_s = memory.leg_s
     if memory.aim is not None:
@@ -305,7 +309,7 @@ def _goal_of_leg(memory: RouteMemory, goal: Goal) -> Goal:
 
 
 def route_length_m(around: Surroundings, begin_enu_m: Xyz, goal_enu_m: Xyz) -> float:
-    """Return the length [m] of the route to a goal; of the straight line, if there is no route.
+    """Return the length [m] of the route to a goal, or of the straight line if there is no route.
 
     Args:
         around: static things of the fleet.
@@ -341,14 +345,14 @@ def in_the_way(
 
 
 def _by_height(still: tuple[Capsule, ...]) -> set[tuple[Capsule, ...]]:
-    """Return the sets of things that are in the way of flights at or between any heights."""
+    """Return the possible sets of things in the way, for flights at or between any heights."""
     limits: set[float] = set()
     for capsule in still:
         limits.update((capsule.low_m, capsule.high_m))
     heights = sorted(limit for limit in limits if math.isfinite(limit))
 
-    # The limits divide the heights into bands. One height of each band: below all limits, between
-    # two neighbouring limits, and above all limits.
+    # The limits divide the heights into bands. Take one height from each band: below all limits,
+    # between two neighbouring limits, and above all limits.
     middles = [0.5 * (low + high) for low, high in pairwise(heights)]
     band_heights = [0.0]
     if heights:

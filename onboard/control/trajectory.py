@@ -4,23 +4,22 @@ A leg is the flight to one goal. Its first form is one quintic per axis, from th
 to rest at the goal. It continues the setpoint's position, velocity and acceleration. A quintic that
 starts with an acceleration may exceed the bounds at any duration. So there is a second form: it
 brakes to rest on the shortest polynomial that keeps the bounds, and then flies a quintic from rest.
-Of the forms that keep the bounds, the one with the shorter duration is flown. A quintic from rest
-over the distance D in the time T has the peak speed 15/8 D/T and the peak acceleration
-10/sqrt(3) D/T^2.
+The vehicle flies the shorter of the forms that keep the bounds. A quintic from rest over the
+distance D in the time T has the peak speed 15/8 D/T and the peak acceleration 10/sqrt(3) D/T^2.
 
 A climb or descent ends at once if a smooth brake would pass the height of the new goal. The
-baseline brakes harder than the bounds of a leg, and a vehicle that is ordered to land in a climb
-must not climb on.
+baseline brakes harder than the bounds of a leg, and a climbing vehicle that is ordered to land must
+not climb further.
 
-A vehicle that passes above others rises between the ends of a level leg and comes down again before
-its end. The rise is added to the leg's heights. It keeps the bounds on its own: its vertical speed
-and acceleration are at most the leg's.
+A vehicle that passes above others rises within a level leg and comes down again before its end. The
+rise is added to the leg's heights. It keeps the bounds on its own: its vertical speed and
+acceleration are at most the leg's.
 
-The setpoint of time t refers to t + lead_s, the time at which a command given at t acts. A new leg
+The setpoint of time t refers to t + lead_s, when a command given at t takes effect. A new leg
 begins at the present setpoint. Its duration is shortened by lead_s, so that it ends on time.
 
-A goal on a path already holds the path's motion at the time of the setpoint. It becomes the
-setpoint unchanged, and the next leg continues that motion.
+A goal on a path already holds the path's motion at the time of the setpoint. This motion becomes
+the setpoint unchanged, and the next leg continues it.
 """
 
 from __future__ import annotations
@@ -33,16 +32,16 @@ from onboard.vectors import ZERO_3, Vec3, add, add_scaled, is_finite, length, sc
 
 _NO_SEQUENCE = -(1 << 53)  # no goal has this sequence
 
-# peak speed and peak acceleration of a quintic from rest to rest, times D/T and D/T^2
+# factors of D/T and D/T^2 that give the peak speed and acceleration of a quintic from rest to rest
 _SPEED_FACTOR = 15.0 / 8.0
 _ACCELERATION_FACTOR = 10.0 / math.sqrt(3.0)
 
-# Durations that are tried, as factors of a first guess. They form a geometric series, from 0.35 to
-# 8 for a brake and from 0.5 to 4 for a quintic straight to the goal.
+# Durations to try, as factors of a first guess. They form a geometric series, from 0.35 to 8 for a
+# brake and from 0.5 to 4 for a quintic straight to the goal.
 _BRAKE_FACTORS: tuple[float, ...] = tuple(0.35 * (8.0 / 0.35) ** (k / 31.0) for k in range(32))
 _DIRECT_FACTORS: tuple[float, ...] = tuple(0.5 * 8.0 ** (k / 31.0) for k in range(32))
-_SAMPLES = 40  # intervals of a quintic at whose ends the bounds are tested
-_FITS = 1.0 + 1e-9  # a value divided by its bound may be this large, because of rounding
+_SAMPLES = 40  # the bounds are tested at the ends of this many intervals of a quintic
+_FITS = 1.0 + 1e-9  # because of rounding, a value divided by its bound may be this large
 
 # No leg is shorter than this share of the time to full speed, so that a vehicle does not tilt for a
 # goal that is only a few millimetres away.
@@ -51,7 +50,7 @@ _LEAST_SHARE = 0.8
 _LEVEL_M = 0.3  # a leg is level if the heights of its ends differ by at most this
 _RISE_END_SHARE = 0.95  # share of a leg's time at which a rise has ended
 _LEAST_ABOVE_S = 1.0  # a leg does not rise if it would stay above for less than this time
-_RISE_AHEAD_S = 1.0  # a vehicle tells others the rise that it has reached after this time
+_RISE_AHEAD_S = 1.0  # a vehicle announces the rise that it will have reached after this time
 
 
 class TrajectoryParams(NamedTuple):
@@ -59,7 +58,7 @@ class TrajectoryParams(NamedTuple):
 
     max_speed_m_s: float = 1.0
     max_acceleration_m_s2: float = 1.5
-    lead_s: float = 0.0  # time from a tick to the time that the tick's setpoint refers to
+    lead_s: float = 0.0  # time by which a tick's setpoint is ahead of the tick
     rise_m: float = 0.0  # height by which this vehicle rises in level legs; 0: it stays level
     highest_m: float = math.inf  # a leg that would rise above this height stays level
 
@@ -75,8 +74,8 @@ class TrajectoryMemory(NamedTuple):
     first_duration_s: float  # from the start's motion to rest at via
     second_duration_s: float  # from via to the goal; 0 if via is the goal
     elapsed_s: float
-    # rate of the clock at the last tick: it scales the setpoint's velocity, from which a new leg
-    # starts
+    # rate of the clock at the last tick; it scales the setpoint's velocity, which a new leg starts
+    # with
     clock_rate: float
     sequence: int  # sequence of the goal
     rise_m: float  # height by which the leg rises between its ends
@@ -141,17 +140,16 @@ def step(
 
     Args:
         memory: memory of the last tick.
-        goal: present goal. A goal that is not finite is ignored, and the old leg goes on.
-        params: bounds.
-        dt_s: length of the tick.
-        clock_rate: rate of the trajectory's clock, in [0, 1]. It slows while the law holds the
+        goal: present goal. A goal that is not finite is ignored, and the old leg continues. params:
+        bounds. dt_s: length of the tick. clock_rate: rate of the trajectory's clock, in [0, 1]. It
+        slows while the law holds the
             vehicle back (anti-windup). Velocity scales with it, and acceleration with its square.
             It must change smoothly.
     Returns:
         Memory, and the setpoint.
     Properties: at a clock rate of 1 continuous in position, velocity and acceleration, except for
         the height where a climb or descent ends at once; from rest the bounds hold exactly;
-        equivariant under turning about the vertical and translation; homogeneous in length and
+        equivariant under translation and rotation about the vertical; homogeneous in length and
         time; ends at rest on the goal.
     """
     if goal.is_on_path:
@@ -183,7 +181,7 @@ def step(
 
 
 def _on_path(goal: Goal) -> tuple[TrajectoryMemory, TrajectorySetpoint]:
-    """Return the path's motion, as a leg that has just begun with it."""
+    """Return the path's motion, as a leg that has just started with it."""
     memory = TrajectoryMemory(
         start_position_enu_m=goal.position_enu_m,
         start_velocity_enu_m_s=goal.velocity_enu_m_s,
@@ -226,12 +224,12 @@ def setpoint_position(memory: TrajectoryMemory) -> Vec3:
 
 
 def rise_soon_m(memory: TrajectoryMemory) -> float:
-    """Return the height above the level leg [m] that is reached soon, at a clock rate of 1."""
+    """Return the height above the level leg [m] that is reached soon at a clock rate of 1."""
     return _risen_m(memory, memory.elapsed_s + _RISE_AHEAD_S)
 
 
 def _risen_m(memory: TrajectoryMemory, elapsed_s: float) -> float:
-    """Return the height above the level leg, a time after its begin."""
+    """Return the height above the level leg at a time after its start."""
     if memory.rise_m == 0.0:
         return 0.0
     rise, tau = _rise(memory, elapsed_s)
@@ -239,7 +237,7 @@ def _risen_m(memory: TrajectoryMemory, elapsed_s: float) -> float:
 
 
 def _rise(memory: TrajectoryMemory, elapsed_s: float) -> tuple[_Quintic, float]:
-    """Return the motion above the level leg, a time after its begin, and the share of it flown.
+    """Return the motion above the level leg at a time after its start, and the share of it flown.
 
     The motion is a quintic up. When the vehicle comes down again, it is another quintic down.
     """
@@ -275,7 +273,7 @@ def _present(memory: TrajectoryMemory) -> tuple[_Quintic, float]:
         )
     else:
         elapsed_s -= memory.first_duration_s
-        # a leg without duration goes nowhere: any duration but 0 gives the same setpoint
+        # a leg without duration goes nowhere, so any duration but 0 gives the same setpoint
         second_s = 1.0
         if memory.second_duration_s > 0.0:
             second_s = memory.second_duration_s
@@ -297,11 +295,10 @@ def duration_s(memory: TrajectoryMemory) -> float:
 def shortest_duration_s(distance_m: float, params: TrajectoryParams) -> float:
     """Return the shortest duration [s] of a leg from rest to rest that keeps the bounds.
 
-    A tiny leg takes longer than the bounds require, see _LEAST_SHARE.
+    A tiny leg takes longer than the bounds require (see _LEAST_SHARE).
 
     Args:
-        distance_m: distance from begin to end.
-        params: bounds.
+        distance_m: distance from start to end. params: bounds.
     """
     speed_m_s = params.max_speed_m_s
     acceleration_m_s2 = params.max_acceleration_m_s2

@@ -1,6 +1,6 @@
 """The duration of a climb after take-off and of a landing: slow near the ground, faster above.
 
-A leg's quintic ends slowly: with 1 m/s at most, the last metre of 30 m takes 10 s.
+A leg's quintic ends slowly. At 1 m/s at most, the last metre of 30 m takes 10 s.
 """
 
 from __future__ import annotations

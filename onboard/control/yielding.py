@@ -1,14 +1,14 @@
 """Decides which of two vehicles gives way if they meet and cannot pass, and where it waits. Pure.
 
-If two vehicles meet in a passage that is wide enough for only one, both stand still: neither can
-turn about the other, and neither flies away from its goal. One of them has to fly back to a refuge,
-a point beside the other vehicle's route. Both vehicles know the same two positions and two intents,
-so both decide the same: the vehicle further west goes back. If it does not, because it finds no
-refuge or flies by another law, the other vehicle goes back after a while. For each vehicle, the
-other one is its opponent.
+If two vehicles meet in a passage that is wide enough for only one, both stop, because neither can
+turn about the other, and neither flies away from its goal. One of them must fly back to a refuge, a
+point beside the other vehicle's route. Both vehicles know the same two positions and two intents,
+so both reach the same decision: the vehicle further west goes back. If it finds no refuge or uses
+another law, it does not go back, and the other vehicle does so after a while. Each vehicle calls
+the other its opponent.
 
-Only static things and parked vehicles make such passages. In the open the law's rotation rows are
-enough.
+Only static things and parked vehicles make such passages. In open space, the law's rotation rows
+are enough.
 """
 
 from __future__ import annotations
@@ -27,18 +27,18 @@ from onboard.vectors import Vec2, dot_2, horizontal, length_2
 MEETING_S = 4.0  # two vehicles have met when they have stood face to face for this time
 REFUSED_S = 12.0  # after this time the vehicle further east goes back
 
-_SLOW_M_S = 0.2  # a slower vehicle stands
+_SLOW_M_S = 0.2  # a slower vehicle counts as standing
 _NEAR_M = 0.4  # vehicles are face to face if the gap beyond the distance to keep is at most this
 _FACING = 0.3  # least cosine of the angle between an intent and the direction to the other vehicle
 _AHEAD_M = 6.0  # length of the opponent's route that is kept free
-_BESIDE_M = 0.15  # a refuge is farther from that route than necessary by this
+_BESIDE_M = 0.15  # a refuge is this much farther from that route than necessary
 _ASIDE_M = (0.0, 0.5, 1.0)  # distances from a corner at which a refuge is tried
 
-_REJOIN_M = 2.5  # length of the own route that must be free before the vehicle goes on
-_REJOIN_SPARE_M = 0.3  # other vehicles must be farther from that length than necessary by this
+_REJOIN_M = 2.5  # length of its own route that must be free before the vehicle continues
+_REJOIN_SPARE_M = 0.3  # other vehicles must be this much farther from that length than necessary
 
 # West, turned by 20 degrees. In a passage across this direction, neither vehicle would be further
-# west; few passages have this direction.
+# west. Few passages run that way.
 _WEST = Vec2(-math.cos(math.radians(20.0)), -math.sin(math.radians(20.0)))
 
 
@@ -58,9 +58,8 @@ def opponent_of(
 
     Args:
         state: own estimate.
-        direction: unit vector of the own route.
-        neighbours: the known neighbours.
-        spacing: distances to keep.
+        direction: unit vector of our own route. neighbours: the known neighbours. spacing:
+        distances to keep.
     """
     if length_2(horizontal(state.velocity_enu_m_s)) > _SLOW_M_S:
         return None
@@ -94,9 +93,8 @@ def is_to_yield(here: Vec2, opponent: Opponent, met_s: float) -> bool:
     The vehicle further west goes back after MEETING_S, the other vehicle after REFUSED_S.
 
     Args:
-        here: own position.
-        opponent: the vehicle that stands face to face with this one.
-        met_s: time for which they have stood face to face.
+        here: our own position. opponent: the vehicle that stands face to face with this one. met_s:
+        how long they have stood face to face.
     """
     from_opponent = Vec2(here.x - opponent.position_m.x, here.y - opponent.position_m.y)
     is_west = dot_2(from_opponent, _WEST) > 0.0
@@ -106,12 +104,11 @@ def is_to_yield(here: Vec2, opponent: Opponent, met_s: float) -> bool:
 
 
 def nearest_refuge(here: Vec2, opponent: Opponent, route_map: RouteMap) -> Vec2 | None:
-    """Return the nearest refuge beside the opponent's route that can be reached, if there is one.
+    """Return the nearest reachable refuge beside the opponent's route, if there is one.
 
     Args:
-        here: own position.
-        opponent: the vehicle that stands face to face with this one, and blocks its routes.
-        route_map: map of the static things.
+        here: our own position. opponent: the vehicle that stands face to face with this one, and
+        blocks its routes. route_map: map of the static things.
     """
     corners = route_map.corners
     lengths_m = route_map.lengths_past(here, opponent.position_m, opponent.distance_m)

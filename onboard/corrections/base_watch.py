@@ -1,10 +1,11 @@
 """Check of the position that the base of the corrections reports. Pure.
 
 A receiver calculates its vehicle's position from the position that the base reports for itself. If
-the base reports a position that is wrong by ten metres, all vehicles fly in wrong positions by ten
-metres. So a base is not trusted if it reports another position than the surveyed position. A base
-that moves, or is replaced by another base, while this vehicle flies is not trusted either. On the
-ground a new position is accepted, but no vehicle takes off until it has been steady for a while.
+the base's reported position is wrong by ten metres, the positions of all vehicles are wrong by ten
+metres. So a base is not trusted if it reports a position other than the surveyed one. A base that
+moves, or is replaced by another base, while this vehicle flies is not trusted either. On the
+ground, a new position is accepted, but no vehicle takes off until that position has been steady for
+a while.
 """
 
 from __future__ import annotations
@@ -31,7 +32,7 @@ class BaseWatch:
         self.base_deg: tuple[float, float] = (math.nan, math.nan)  # its latitude and longitude
         self.judgement = FINE  # result for the newest reported position
         self._corrections = corrections
-        self._moved_ns: int | None = None  # time at which the trusted position changed last
+        self._moved_ns: int | None = None  # when the trusted position last changed
 
     def hear(self, position: BasePosition, now_ns: int, *, is_on_ground: bool) -> bool:
         """Check a position; return whether it is trusted.
@@ -55,7 +56,7 @@ class BaseWatch:
         return True
 
     def unsteady_s(self, now_ns: int) -> float | None:
-        """Return how long ago the base moved, while that is too recent for a take-off."""
+        """Return how long ago the base moved, if that is too recent for a take-off."""
         if self._moved_ns is None:
             return None
         moved_s = (now_ns - self._moved_ns) * 1e-9
@@ -64,14 +65,14 @@ class BaseWatch:
         return max(0.0, moved_s)
 
     def _is_another(self, position: BasePosition) -> bool:
-        """Whether a position differs from the trusted position, or is of another station."""
+        """Whether a position differs from the trusted position, or is from another station."""
         assert self.base is not None
         moved_m = math.dist(position.ecef_m, self.base.ecef_m)
         is_moved = moved_m > self._corrections.base_tolerance_m
         return is_moved or position.station != self.base.station
 
     def _judge(self, position: BasePosition, *, is_on_ground: bool) -> BaseJudgement:
-        """Return whether a position is trusted, or its fault."""
+        """Return whether a position is trusted, and if not, why."""
         if not position.is_on_earth:
             return BaseJudgement(BaseFault.NOWHERE)
 

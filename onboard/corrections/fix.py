@@ -1,4 +1,4 @@
-"""The fix of a satellite receiver: in words, and compared with the demand of a fleet. Pure."""
+"""The fix of a satellite receiver: in words, and compared with what a fleet requires. Pure."""
 
 from __future__ import annotations
 
@@ -47,17 +47,17 @@ def words_of(fix_type: int) -> str:
 
 
 def is_enough(fix_type: int, demanded: DemandedFix) -> bool:
-    """Whether a fix is as good as a fleet demands, or better.
+    """Whether a fix is at least as good as a fleet requires.
 
     Args:
         fix_type: MAVLink's GPS_FIX_TYPE.
-        demanded: least fix, by the fleet file.
+        demanded: worst fix that the fleet file allows.
     """
     return fix_type in _ENOUGH[demanded]
 
 
 def is_below(snapshot: Snapshot, corrections: CorrectionsConfig | None, now_ns: int) -> bool:
-    """Whether PX4's receiver has a worse fix than the fleet demands, or does not report any.
+    """Whether PX4's receiver has a worse fix than the fleet requires, or reports none.
 
     Args:
         snapshot: newest snapshot of PX4.

@@ -3,12 +3,11 @@
 A fragment has up to 180 bytes and one byte of flags: the lowest bit says that the frame is cut into
 several fragments, two bits are the fragment's number, and five bits count the frames.
 
-A program that assembles a cut frame recognises its last fragment in two ways: it is the fourth
-fragment, or it is not full. So a shorter frame whose last fragment is full gets one more fragment,
-which is empty.
+A program that reassembles a cut frame recognises the last fragment because it is the fourth or is
+not full. So a shorter frame with a full last fragment gets one more fragment, which is empty.
 
-PX4 does not assemble frames: it passes every fragment on to its receiver, which checks the frame's
-checksum.
+PX4 does not reassemble frames. It passes every fragment on to its receiver, which checks the
+frame's checksum.
 
 The format: https://mavlink.io/en/messages/common.html#GPS_RTCM_DATA
 """
@@ -39,7 +38,7 @@ def fragments_of(frame: bytes, sequence: int) -> tuple[Fragment, ...]:
 
     Args:
         frame: whole frame, at most :data:`MOST_BYTES` long.
-        sequence: 0 to 31; it must differ from that of the frame before.
+        sequence: 0 to 31; it must differ from that of the previous frame.
     Returns:
         its fragments, in the order in which they are sent.
     """

@@ -1,12 +1,12 @@
 """The corrections of one vehicle: from the bus, checked, in fragments to its PX4. Pure.
 
-PX4 does not get a message that is no frame, is old, comes from a second source, or belongs to a
-base that is not trusted. Without corrections PX4's receiver falls back to a worse fix, which the
-failsafes notice. PX4 gets nothing from a base until the base has reported its position.
+PX4 does not get a message that is not a frame, is old, comes from a second source, or belongs to an
+untrusted base. Without corrections PX4's receiver falls back to a worse fix, which the failsafes
+notice. PX4 gets nothing from a base until the base has reported its position.
 
-At each tick at most one fragment is sent, after the setpoint: 9 kB a second. A frame is sent whole
-before the next frame begins. The number of waiting frames is bounded; the oldest are dropped,
-because a receiver has no use for corrections that are a second late.
+At each tick, at most one fragment is sent, after the setpoint. This gives up to 9 kB/s. A frame is
+sent completely before the next frame starts. The number of waiting frames is bounded; the oldest
+are dropped, because a receiver has no use for corrections that are a second late.
 """
 
 from __future__ import annotations
@@ -27,12 +27,12 @@ from onboard.corrections.fragments import MOST_BYTES, SEQUENCES, Fragment, fragm
 from onboard.corrections.status import CorrectionsStatus
 from onboard.message_counts import MessageCounts
 
-MOST_WAITING = 24  # frames; the observations of one moment, by four satellite systems, take six
+MOST_WAITING = 24  # frames; the observations of four satellite systems at one moment take six
 _STALE_NS = round(1e9 * TOPICS[Topic.CORRECTIONS].stale_after_s)
-_FUTURE_NS = 100_000_000  # a stamp may be later than its arrival by this
-_SOURCE_GONE_NS = 5_000_000_000  # silence of the source after which another source is accepted
+_FUTURE_NS = 100_000_000  # a stamp may be later than its message's arrival by this
+_SOURCE_GONE_NS = 5_000_000_000  # after this silence of the source, another source is accepted
 _SEVERAL_NS = 5_000_000_000  # a second source is reported for this time after its newest message
-_TOO_LONG_NS = 60_000_000_000  # time for which a frame that is too long is reported
+_TOO_LONG_NS = 60_000_000_000  # a frame that is too long is reported for this time
 
 
 class _Waiting(Struct, frozen=True):
@@ -43,7 +43,7 @@ class _Waiting(Struct, frozen=True):
 
 
 class CorrectionsIntake:
-    """Corrections of one vehicle; call :meth:`hear` for each message and :meth:`due` once a tick.
+    """Corrections of one vehicle. Call :meth:`hear` for each message and :meth:`due` once a tick.
 
     Args:
         corrections: table of corrections of the fleet file.
@@ -60,13 +60,13 @@ class CorrectionsIntake:
         self._too_long_ns = 0  # arrival of that frame
 
         self._waiting: deque[_Waiting] = deque()
-        self._sending: _Waiting | None = None  # the frame of which some fragments have been sent
-        self._fragments: deque[Fragment] = deque()  # fragments of that frame that remain
+        self._sending: _Waiting | None = None  # the frame that is partly sent
+        self._fragments: deque[Fragment] = deque()  # remaining fragments of that frame
         self._sequence = 0
         self._observed_ns: int | None = None  # stamp of the newest observations sent to PX4
 
     def hear(self, message: Corrections, received_ns: int, *, is_on_ground: bool) -> None:
-        """Check a message of the bus, and let its frame wait for PX4.
+        """Check a message of the bus, and queue its frame for PX4.
 
         Args:
             message: the message, its stamp on our clock.
@@ -84,7 +84,7 @@ class CorrectionsIntake:
             self.counts.late += 1
             return
         if not rtcm.is_for_receivers(rtcm.number_of(frame)):
-            return  # not counted: a message of a maker for its own receivers is no fault
+            return  # not counted, because a maker's message for its own receivers is not a fault
         if len(frame) > MOST_BYTES:
             self._too_long_bytes = len(frame)
             self._too_long_ns = received_ns
@@ -116,7 +116,7 @@ class CorrectionsIntake:
         return True
 
     def _is_of_the_base(self, frame: bytes, received_ns: int, *, is_on_ground: bool) -> bool:
-        """Whether a frame is from a base that is trusted."""
+        """Whether a frame is from a trusted base."""
         position = rtcm.base_of(frame)
         if position is not None:
             return self._watch.hear(position, received_ns, is_on_ground=is_on_ground)
@@ -142,14 +142,14 @@ class CorrectionsIntake:
         return fragment
 
     def _note_sent(self, sent: _Waiting) -> None:
-        """Keep the stamp of a frame that has been sent whole, if it contains observations."""
+        """Keep the stamp of a completely sent frame, if it contains observations."""
         if not rtcm.is_observation(rtcm.number_of(sent.frame)):
             return
         if self._observed_ns is None or sent.stamp_ns > self._observed_ns:
             self._observed_ns = sent.stamp_ns
 
     def _begin(self, now_ns: int) -> None:
-        """Cut the next frame that is not too old by now into fragments."""
+        """Cut the next frame that is not yet too old into fragments."""
         while self._waiting:
             waiting = self._waiting.popleft()
             if now_ns - waiting.stamp_ns > _STALE_NS:
@@ -196,7 +196,7 @@ class CorrectionsIntake:
 
 
 def _vehicle_deg(snapshot: Snapshot) -> tuple[float, float] | None:
-    """Return a vehicle's latitude and longitude by its PX4; None while PX4 does not know them."""
+    """Return a vehicle's latitude and longitude from its PX4; None while PX4 does not know them."""
     if snapshot.global_origin is None or snapshot.local_position_ns == 0:
         return None
     latitude_deg, longitude_deg, altitude_m = snapshot.global_origin

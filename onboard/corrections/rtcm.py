@@ -1,8 +1,8 @@
 """Reads the parts of RTCM 3 frames that a program needs to pass them on. Pure.
 
 A frame is a preamble (0xD3), six bits that are zero, ten bits of length, the message and a checksum
-of three bytes (CRC-24Q). A message begins with its number, 12 bits. In messages about a base the
-number of its station follows, 12 bits; messages with orbits of satellites have no station.
+of three bytes (CRC-24Q). A message begins with its number, 12 bits. In messages about a base, the
+number of its station follows, 12 bits. Messages with satellite orbits have no station.
 
 This module reads a message's number, its station, the position of the base (in 1005 and 1006), and
 whether more observations of the same moment follow. Only the receiver reads the observations.
@@ -23,8 +23,8 @@ MOST_FRAME_BYTES = HEADER_BYTES + MOST_MESSAGE_BYTES + CHECKSUM_BYTES
 
 _RESERVED_BITS = 0xFC  # the bits of the second byte that are zero
 
-# Numbers of the messages of the standard. Numbers from 4001 on belong to makers of receivers, and
-# only receivers of the same maker understand them; an example is the heading of a moving base.
+# Numbers of the messages of the standard. Numbers from 4001 belong to receiver makers, and only
+# receivers of the same maker understand them. An example is the heading of a moving base.
 _STANDARD_NUMBERS = range(1001, 1231)
 _OBSERVATIONS = (range(1001, 1005), range(1009, 1013), range(1071, 1138))
 _WITH_STATION = (range(1001, 1014), range(1033, 1034), range(1071, 1138), range(1230, 1231))
@@ -40,7 +40,7 @@ _AXIS_UNIT_M = 1e-4
 _BASE_BYTES = 19  # length of message 1005
 
 # The bit after the time of observations says whether more observations of the same moment follow.
-# The time is shorter in these messages of GLONASS.
+# The time field is shorter in these GLONASS messages.
 _GLONASS = (range(1009, 1013),)
 _MORE_BIT = 54
 _MORE_BIT_GLONASS = 51
@@ -50,7 +50,7 @@ _OBSERVATION_BYTES = 8  # least length of a message with such a bit
 _SEMI_MAJOR_M = 6_378_137.0
 _FLATTENING = 1.0 / 298.257223563
 _ECCENTRICITY_2 = _FLATTENING * (2.0 - _FLATTENING)
-# Distances from the Earth's centre between which all positions on Earth are.
+# All positions on Earth are between these distances from the Earth's centre.
 _LEAST_RADIUS_M = 6.2e6
 _MOST_RADIUS_M = 6.5e6
 
@@ -88,7 +88,7 @@ def _normal_m(latitude: float) -> float:
 
 
 def frame_bytes(header: bytes | bytearray) -> int:
-    """Return a frame's length by its first three bytes; 0 if these cannot begin a frame.
+    """Return a frame's length from its first three bytes; 0 if they cannot start a frame.
 
     Args:
         header: three bytes or more.
@@ -97,13 +97,13 @@ def frame_bytes(header: bytes | bytearray) -> int:
     if preamble != PREAMBLE or high_byte & _RESERVED_BITS:
         return 0
     message_bytes = (high_byte << 8) | low_byte
-    if message_bytes < 2:  # shorter than the number of a message
+    if message_bytes < 2:  # shorter than a message number
         return 0
     return HEADER_BYTES + message_bytes + CHECKSUM_BYTES
 
 
 def is_frame(data: bytes) -> bool:
-    """Whether bytes are one whole frame, by their header and length; the checksum is not checked.
+    """Whether bytes are one whole frame, judged by header and length. The checksum is not checked.
 
     Args:
         data: any bytes.
@@ -121,7 +121,7 @@ def number_of(frame: bytes) -> int:
 
 
 def is_for_receivers(number: int) -> bool:
-    """Whether a message belongs to the standard, so that every receiver understands it.
+    """Whether a message belongs to the standard, which every receiver understands.
 
     Args:
         number: number of the message.
@@ -130,7 +130,7 @@ def is_for_receivers(number: int) -> bool:
 
 
 def is_observation(number: int) -> bool:
-    """Whether a message contains a base's observations, which it measures at one moment.
+    """Whether a message contains a base's observations of one moment.
 
     Args:
         number: number of the message.
@@ -167,7 +167,7 @@ def base_of(frame: bytes) -> BasePosition | None:
 
 
 def ends_epoch(frame: bytes) -> bool:
-    """Whether a message has the last observations of their moment.
+    """Whether a message has the last observations of its moment.
 
     Args:
         frame: whole frame.
@@ -187,7 +187,7 @@ def _is_in(number: int, spans: tuple[range, ...]) -> bool:
 
 
 def _bits(frame: bytes, first: int, width: int) -> int:
-    """Return ``width`` bits of a frame's message, from bit ``first``, as a number without sign."""
+    """Return ``width`` bits of a frame's message, from bit ``first``, as an unsigned number."""
     message = frame[HEADER_BYTES:-CHECKSUM_BYTES]
     begin = first // 8
     end = (first + width + 7) // 8  # rounded up to whole bytes
@@ -197,7 +197,7 @@ def _bits(frame: bytes, first: int, width: int) -> int:
 
 
 def _signed_bits(frame: bytes, first: int, width: int) -> int:
-    """Return bits of a frame's message as a number in two's complement, with a sign."""
+    """Return bits of a frame's message as a signed number in two's complement."""
     value = _bits(frame, first, width)
     if value >> (width - 1):
         return value - (1 << width)

@@ -7,11 +7,11 @@ from enum import Enum
 
 from msgspec import Struct
 
-STEADY_S = 30.0  # time for which a base must have been steady before a take-off
+STEADY_S = 30.0  # before a take-off, a base must have been steady for this time
 
 
 class BaseFault(Enum):
-    """Reason why a base is not trusted; the value continues a sentence about the base."""
+    """Reason why a base is not trusted. The value continues a sentence about the base."""
 
     NOWHERE = "says that it is nowhere on Earth"
     ELSEWHERE = "is not where it was surveyed"
@@ -23,7 +23,7 @@ class BaseJudgement(Struct, frozen=True):
     """Result of the check of a base's position."""
 
     fault: BaseFault | None = None  # None: the base is trusted
-    by_m: float = 0.0  # distance from the position where it should be
+    by_m: float = 0.0  # distance from where it should be
 
     @property
     def words(self) -> str:
@@ -38,8 +38,8 @@ class BaseJudgement(Struct, frozen=True):
 class CorrectionsStatus(Struct, frozen=True):
     """State of a vehicle's corrections at one tick."""
 
-    age_s: float = math.inf  # age of the newest observations that PX4 has got; inf: none yet
-    base_id: int = -1  # station that is trusted; -1: none
+    age_s: float = math.inf  # age of the newest observations sent to PX4; inf: none yet
+    base_id: int = -1  # trusted station; -1: none
     base_distance_m: float = math.nan  # distance of the base from the vehicle; NaN: not known
     base: BaseJudgement = BaseJudgement()  # about the newest position that the base has reported
     unsteady_s: float | None = None  # time since the base moved; None: long ago, or never

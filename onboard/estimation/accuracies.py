@@ -1,6 +1,6 @@
-"""The errors of a vehicle's estimate, by the source of its positions.
+"""The errors of a vehicle's estimate, for each source of positions.
 
-The agent never publishes smaller errors than these. The checks of a fleet file use them to judge
+The agent never publishes errors smaller than these. The checks of a fleet file use them to judge
 whether the margins are wide enough.
 """
 

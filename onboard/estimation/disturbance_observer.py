@@ -2,12 +2,12 @@
 
 A model applies the vehicle's commands through the attitude lag, and predicts the velocity. The
 difference between the measured and the predicted velocity gives the disturbance s_b. The model uses
-the commands and not the measured attitude, so s_b includes a static error of the attitude loop and
-a tilt bias. The vehicle is commanded the acceleration ``u - s_b + c V``: u is the desired
-acceleration, c the drag and V the velocity (line O in avoidance/README.md).
+the commands, not the measured attitude, so s_b includes static attitude-loop errors and tilt bias.
+The vehicle is commanded the acceleration ``u - s_b + c V``: u is the desired acceleration, c the
+drag and V the velocity (line O in avoidance/README.md).
 
-The observer is the integral action of the control. It takes the command that was sent after all
-limits, so it does not wind up when a limit or the avoidance law changes the command.
+The observer is the integral action of the control. It uses the command after all limits, so it does
+not wind up when a limit or the avoidance law changes the command.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from typing import NamedTuple
 
 from onboard.vectors import ZERO_3, Vec3, add_scaled, bounded, finite_or, subtract
 
-HISTORY_TICKS = 8  # number of kept past commands; together they must be longer than the delay
+HISTORY_TICKS = 8  # number of past commands kept; together they must cover more than the delay
 
 
 class ObserverParams(NamedTuple):
@@ -36,7 +36,7 @@ class ObserverParams(NamedTuple):
     max_disturbance_m_s2: float = 1.5  # bound of each axis
     mean_time_s: float = 2.0  # time constant of the mean disturbance
     # Bound of the difference between disturbance and mean, per axis. A larger difference is
-    # clipped, because it comes from a jump of the poses and not from wind.
+    # clipped, because it comes from a jump of the poses, not from wind.
     max_miss_m_s2: float = 0.8
 
 
@@ -91,18 +91,18 @@ def step(
 
     Args:
         memory: memory of the last tick.
-        velocity_enu_m_s: present estimate [m/s], ENU. The observer's own velocity replaces a
-            component that is not finite.
-        command_enu_m_s2: acceleration commanded since the last tick, after every limit and without
+        velocity_enu_m_s: present estimate [m/s], ENU. A component that is not finite is replaced by
+        the observer's own velocity. command_enu_m_s2: acceleration commanded since the last tick,
+        after every limit and without
             gravity [m/s^2], ENU. Its horizontal part comes from the attitude, its vertical part
-            from the throttle. The last command replaces a component that is not finite.
+            from the throttle. A component that is not finite is replaced by the last command.
         params: model and bandwidth.
         dt_s: length of the tick.
         is_frozen: whether s_b is kept, and only the model is updated: on the ground, at lift-off,
             or without a position.
     Returns:
         Memory, and s_b [m/s^2], ENU.
-    Properties: yaw-rotation-equivariant; s_b is zero for a vehicle that moves as the model does.
+    Properties: yaw-rotation-equivariant; s_b is zero for a vehicle that moves like the model.
     """
     measured = finite_or(velocity_enu_m_s, memory.velocity_enu_m_s)
     command = finite_or(command_enu_m_s2, memory.commands_enu_m_s2[0])
@@ -152,7 +152,7 @@ def _horizontal(
 ) -> _Axis:
     """Return a horizontal axis after a tick of its second-order response.
 
-    The response is integrated by the implicit midpoint rule, which is stable for every tick.
+    The response is integrated by the implicit midpoint rule, which is stable for any tick length.
     """
     wn = params.wn_rad_s
     half = 0.5 * dt_s

@@ -1,9 +1,9 @@
-"""Slow and bounded estimate of the hover throttle, which carries the weight.
+"""Slow and bounded estimate of the hover throttle.
 
 Thrust is linear in throttle: a_z + g = (throttle/hover) g cos(tilt). The hover throttle changes
-within tens of seconds while the battery's voltage falls, so the estimate has a time constant of
-some seconds. The disturbance observer compensates faster changes. The equation does not hold near
-the ground (ground effect, contact) and while the throttle saturates. Then the estimate is frozen.
+over tens of seconds as the battery voltage falls, so the estimate has a time constant of a few
+seconds. The disturbance observer compensates faster changes. The equation does not hold near the
+ground (ground effect, contact) and while the throttle saturates. Then the estimate is frozen.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 from onboard.constants import GRAVITY_M_S2
 
-LEAST_HEIGHT_M = 0.3  # nearer to the ground the estimate is frozen
+LEAST_HEIGHT_M = 0.3  # nearer to the ground, the estimate is frozen
 
 
 class HoverThrustParams(NamedTuple):

@@ -5,11 +5,11 @@ a is the acceleration that attitude and throttle give (thrust after the motor la
 and c is the linear drag. The bias b changes slowly: thrust scale, tilt bias, wind. All axes share
 one covariance P, because they have the same noise. Phi(t) is the transition matrix over a time t.
 
-A mocap sample was measured at a time ``age`` ago. The system is linear, so one step corrects the
-present state by it: the innovation is the sample minus the position at that time, and the
+A mocap sample was measured ``age`` seconds ago. The system is linear, so the sample corrects the
+present state in one step. The innovation is the sample minus the position at that time, and the
 measurement row is H = [1 0 0] Phi(-age). Samples may therefore come late, out of order or not at
-all. The position at a past time follows from integrating backwards from the present estimate, along
-the accelerations of the last ticks. So a correction of the present state also corrects the past.
+all. A past position is found by integrating backwards from the present estimate, along the
+accelerations of the last ticks. So a correction of the present state also corrects the past.
 """
 
 from __future__ import annotations
@@ -41,12 +41,12 @@ _LEAST_BIAS_M_S2 = 3.0  # smallest bound of the bias, which static errors need
 _START_VELOCITY_M_S = 0.05
 _START_BIAS_M_S2 = 0.3
 
-# standard deviations of an estimate from samples that turned out to be of another time
+# standard deviations of an estimate whose samples turned out to have wrong stamps
 _DOUBT_M = 1.0
 _DOUBT_M_S = 1.0
 _DOUBT_M_S2 = 1.0
 
-_AGE_ROUNDING_S = 1e-9  # an age may exceed the remembered time by this, because of rounding
+_AGE_ROUNDING_S = 1e-9  # because of rounding, an age may exceed the remembered time by this
 
 
 class KalmanParams(NamedTuple):
@@ -57,11 +57,11 @@ class KalmanParams(NamedTuple):
     bias_noise: float = 0.12  # random walk of the bias [m/s^3 per sqrt(Hz)]
     max_bias_m_s2: float = _LEAST_BIAS_M_S2  # bound of each axis
     drag_1_s: float = 0.0  # c
-    gust_time_s: float = 0.25  # time for which a gust moves the vehicle before it is compensated
+    gust_time_s: float = 0.25  # how long a gust moves the vehicle before it is compensated
     motor_lag_s: float = 0.05  # time constant from throttle to thrust
 
-    # A sample whose innovation is larger than both gates is a jump. The gates are wide enough for a
-    # gap of 0.2 s at full speed, and smaller than half the distance between two bodies.
+    # A sample is a jump if its innovation is larger than both gates. The gates are wide enough for
+    # a gap of 0.2 s at full speed, and smaller than half the distance between two bodies.
     jump_gate_m: float = 0.30
     jump_gate_sigma: float = 6.0
 
@@ -80,7 +80,7 @@ class Covariance(NamedTuple):
 class PastTick(NamedTuple):
     """One past tick."""
 
-    duration_s: float  # 0: there was no tick yet
+    duration_s: float  # 0: no tick yet
     acceleration_enu_m_s2: Vec3  # without the bias, so that the present bias can be added
 
 
@@ -96,7 +96,7 @@ class KalmanMemory(NamedTuple):
     thrust_m_s2: float  # collective thrust per mass, after the motor lag
 
     rejected_count: int  # number of jumps in a row
-    last_age_s: float  # present age of the newest used sample
+    last_age_s: float  # current age of the newest sample used
 
 
 _NO_PAST = (PastTick(0.0, ZERO_3),) * HISTORY_TICKS
@@ -114,8 +114,8 @@ def gust_time_s(lag_s: float) -> float:
 def largest_bias_m_s2(largest_push_m_s2: float) -> float:
     """Return the bound of the bias per axis [m/s^2].
 
-    The bound is twice the largest push that the vehicle can compensate, so that the filter
-    recognises a stronger wind.
+    The bound is twice the largest push that the vehicle can compensate, so that the filter can
+    recognise a stronger wind.
 
     Args:
         largest_push_m_s2: largest push that the vehicle can compensate, per axis.
@@ -152,10 +152,10 @@ def initial(position_enu_m: Vec3, params: KalmanParams) -> KalmanMemory:
 
 
 def doubted(memory: KalmanMemory) -> KalmanMemory:
-    """Return the same estimate with so large a variance that the next samples replace it.
+    """Return the same estimate with a variance so large that the next samples replace it.
 
     Args:
-        memory: memory from samples that turned out to be of another time.
+        memory: memory from samples that turned out to have wrong stamps.
     """
     covariance = Covariance(
         pp=_DOUBT_M * _DOUBT_M,
@@ -179,8 +179,8 @@ def drive(
 ) -> KalmanMemory:
     """Return the memory after ``dt_s`` under the flown attitude and the sent throttle.
 
-    Only the throttle passes a lag, because the attitude is measured. On the ground, contact forces
-    make the horizontal acceleration zero, and the vertical acceleration not negative.
+    Only the throttle passes through a lag, because the attitude is measured. On the ground, contact
+    forces keep the horizontal acceleration zero and the vertical acceleration non-negative.
 
     Args:
         memory: memory of the last tick.
@@ -293,15 +293,15 @@ def correct(
 
     A sample is ignored if it is not finite, or older than the remembered ticks. A jump is ignored
     and counted in ``rejected_count``, which the next used sample resets to 0. After many jumps in a
-    row the caller may restart the filter with ``initial``.
+    row, the caller may restart the filter with ``initial``.
 
     Args:
         memory: memory of the last tick.
         position_enu_m: measured position [m], ENU.
         age_s: time since the sample was taken; a negative age counts as 0.
         params: noise and limits.
-    Properties: a late sample has the same effect as if it had come on time; the order of two
-    samples does not matter.
+    Properties: a late sample has the same effect as a punctual one; the order of two samples does
+    not matter.
     """
     age = max(age_s, 0.0)
     if not (remembers(memory, age) and is_finite(position_enu_m)):
@@ -401,7 +401,7 @@ def position_at(memory: KalmanMemory, age_s: float) -> Vec3:
         if left_s <= 0.0 or t <= 0.0:
             break
 
-        # go back over the whole tick: the velocity in its middle is v - t/2 a
+        # go back over the whole tick; the velocity in its middle is v - t/2 a
         acceleration = add(tick.acceleration_enu_m_s2, memory.bias_enu_m_s2)
         middle = add_scaled(velocity, -0.5 * t, acceleration)
         whole_step = scaled(-t, middle)

@@ -1,15 +1,15 @@
-"""Estimates the wind at a vehicle from its tilt, its motion and its drag.
+"""Estimates the wind at a vehicle from its tilt, motion and drag.
 
 Wind pushes a vehicle, and the vehicle tilts against the wind. The push is the Kalman filter's bias:
 the acceleration that attitude, throttle and the drag of the vehicle's motion do not explain. The
 push divided by the drag is the velocity of the air. Its mean over some seconds is the wind, and the
-deviations from the mean are the gusts. If the drag is not known, the gusts are known only as an
+deviations from the mean are the gusts. If the drag is unknown, the gusts are known only as an
 acceleration.
 
-Before the control compensates a gust, the gust moves the vehicle. Therefore gusts are added to the
-published error of the velocity, which widens the distance that all other vehicles keep. Two calm
-seconds do not predict the next gust. So the largest of three standard deviations is used: that of
-the present gusts, that of the last half minute, and the usual one in the present mean wind.
+A gust moves the vehicle before the control compensates it. Therefore gusts are added to the
+published velocity error, which makes all other vehicles keep a larger distance. Two calm seconds do
+not predict the next gust. So the largest of three standard deviations is used: of the present
+gusts, of the last half minute, and of the usual gusts in the present mean wind.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ class WindMemory(NamedTuple):
 
 
 def initial() -> WindMemory:
-    """Return the memory of a vehicle that nothing pushes."""
+    """Return the memory of a vehicle without any push."""
     return WindMemory(
         push_enu_m_s2=ZERO_3, variance_m2_s4=0.0, lasting_variance_m2_s4=0.0, time_s=0.0
     )
@@ -68,7 +68,7 @@ def step(memory: WindMemory, bias_enu_m_s2: Vec3, dt_s: float, is_on_ground: boo
 
     # Square of the deviation per axis, as in Welford's running variance: the deviation from the
     # mean before this tick times the deviation from the mean after it. It is 0 for the first
-    # sample, so that the first sample does not count as a gust.
+    # sample, which therefore does not count as a gust.
     square_m2_s4 = 0.5 * (1.0 - blend) * (off.x * off.x + off.y * off.y)
     variance_m2_s4 = memory.variance_m2_s4 + dt_s / MEAN_TIME_S * (
         square_m2_s4 - memory.variance_m2_s4
@@ -127,12 +127,12 @@ def strongest_gust_std_m_s2(memory: WindMemory) -> float:
 
 
 def widened(state: State, memory: WindMemory, gust_time_s: float) -> State:
-    """Return the estimate with a larger error of the velocity, to which gusts are added.
+    """Return the estimate with gusts added to its velocity error.
 
     Args:
         state: estimate of the Kalman filter.
         memory: present memory.
-        gust_time_s: time for which a gust moves the vehicle before it is compensated.
+        gust_time_s: how long a gust moves the vehicle before it is compensated.
     Properties: in calm air, and in gusts that the margin covers, the estimate is unchanged.
     """
     beyond_m_s2 = strongest_gust_std_m_s2(memory) - COVERED_M_S2

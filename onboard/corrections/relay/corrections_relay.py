@@ -1,9 +1,9 @@
 """``covey corrections``: one process that reads the source and publishes its frames on the bus.
 
-Each frame is sent once over each link. Bytes that are no frame, and frames with a wrong checksum,
-are counted and dropped. A source that ends is opened again, after a pause that grows each time. A
-source that has refused is opened only once a minute, because casters block clients that retry too
-often.
+Each frame is sent once over each link. Bytes that do not form a frame, and frames with a wrong
+checksum, are counted and dropped. A source that ends is reopened, after a pause that grows each
+time. After a refusal, a source is reopened only once a minute, because casters block clients that
+retry too often.
 """
 
 from __future__ import annotations
@@ -39,10 +39,10 @@ NODE = NodeRole.CORRECTIONS.value
 NAME = "base"  # last part of the key under which frames are published
 
 MOST_BYTES_S = 6000.0  # greatest rate of the published frames; a base sends 1 kB each second
-_FIRST_PAUSE_S = 1.0  # pause before a source that has ended is opened again for the first time
-_LONGEST_PAUSE_S = 30.0  # length to which this pause grows
-_REFUSED_PAUSE_S = 60.0  # pause before a source that has refused is opened again
-_TELEMETRY_S = 3.0  # greatest age of telemetry from which a vehicle's fix is shown
+_FIRST_PAUSE_S = 1.0  # pause before a source that has ended is reopened for the first time
+_LONGEST_PAUSE_S = 30.0  # limit of this growing pause
+_REFUSED_PAUSE_S = 60.0  # pause before a source is reopened after a refusal
+_TELEMETRY_S = 3.0  # a vehicle's fix is shown from telemetry up to this age
 
 OpenSource = Callable[[], AsyncIterator[bytes]]
 
@@ -60,9 +60,8 @@ class CorrectionsRelay:
 
     Args:
         fleet: the fleet file, with a table of corrections.
-        open_source: opens the source anew.
-        say: prints a line for a person.
-        publishes: whether it publishes the frames; otherwise it reads the source without a bus.
+        open_source: opens the source again. say: prints a line for a person. publishes: whether it
+        publishes the frames; otherwise it reads the source without a bus.
     """
 
     def __init__(
@@ -93,11 +92,11 @@ class CorrectionsRelay:
         self.publisher = FramePublisher(self._bus)
         self._watch = BaseWatch(corrections)
         self._cutter = FrameCutter()
-        self._problem = ""  # problem of the source that was printed last; empty after a frame
+        self._problem = ""  # last printed problem of the source; empty after a frame
         self._has_frame = False  # at least one frame has arrived
         self._observed_s = -math.inf  # arrival of the newest observations
 
-        # number of a kind of message -> count of such messages since the last report
+        # message number -> count of such messages since the last report
         self._counts: Counter[int] = Counter()
         self._reported = _Damage()  # counts at the last report
         self._too_long_bytes = 0  # length of the newest frame that is too long for PX4; 0: none
@@ -160,11 +159,11 @@ class CorrectionsRelay:
 
             self._cutter = self._fresh_cutter()
             await asyncio.sleep(pause_s)
-            if pause_s < _LONGEST_PAUSE_S:  # the longer pause after a refusal does not change
+            if pause_s < _LONGEST_PAUSE_S:  # the longer pause after a refusal stays the same
                 pause_s = min(2.0 * pause_s, _LONGEST_PAUSE_S)
 
     def _fresh_cutter(self) -> FrameCutter:
-        """Return a cutter for the next connection, with the counts of the present one."""
+        """Return a cutter for the next connection, which keeps the counts of the present one."""
         cutter = FrameCutter()
         cutter.bad_checksums = self._cutter.bad_checksums
         cutter.skipped_bytes = self._cutter.skipped_bytes
@@ -186,7 +185,7 @@ class CorrectionsRelay:
         return bool(frames)
 
     def _note_frame(self, frame: bytes, now_ns: int) -> None:
-        """Remember the values of a frame that the next report needs."""
+        """Remember the values from a frame that the next report needs."""
         self._has_frame = True
         number = rtcm.number_of(frame)
         self._counts[number] += 1
@@ -198,7 +197,7 @@ class CorrectionsRelay:
 
         position = rtcm.base_of(frame)
         if position is not None:
-            # As for a vehicle on the ground, the base may move at any time: the report then shows
+            # As for a vehicle on the ground, the base may move at any time. The report then shows
             # its new position.
             self._watch.hear(position, now_ns, is_on_ground=True)
 
@@ -248,7 +247,7 @@ class CorrectionsRelay:
             )
             stopping.cancel()
 
-            # the task that reads ends only with an error, which is raised here
+            # the reading task ends only with an error, which is raised here
             if reading in done:
                 reading.result()
             if stopping in done:
@@ -346,8 +345,8 @@ class FramePublisher:
         self._bus = bus
         self._boot_id = secrets.randbits(31)
         self._sequence = 0
-        # Number of bytes that may be sent now. Frames reduce it, and in a second without frames it
-        # grows to its largest value.
+        # Number of bytes that may be sent now. Frames reduce it, and within a second without frames
+        # it grows to its maximum.
         self._room_bytes = MOST_BYTES_S
         self._last_ns: int | None = None  # arrival of the last frame
 
@@ -355,8 +354,7 @@ class FramePublisher:
         """Publish a frame, unless too much has been published lately; never blocks.
 
         Args:
-            frame: whole frame with a right checksum.
-            now_ns: this computer's monotonic clock.
+            frame: whole frame with a correct checksum. now_ns: this computer's monotonic clock.
         """
         since_s = 0.0
         if self._last_ns is not None:
@@ -398,7 +396,7 @@ def _fix_words(telemetry: Telemetry) -> str:
 
 
 def relay_problem(fleet: FleetConfig) -> ConfigError | None:
-    """Return the fault of a fleet file that has no corrections; None if it has some."""
+    """Return a sentence about a fleet file without corrections; None if it has corrections."""
     if fleet.corrections is not None:
         return None
     return ConfigError(

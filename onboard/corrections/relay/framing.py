@@ -1,8 +1,8 @@
-"""RTCM 3 frames out of a stream of bytes; the only file of the project that imports pyrtcm.
+"""Extracts RTCM 3 frames from a stream of bytes; the only file of the project that imports pyrtcm.
 
-Pyrtcm calculates the checksum. Its reader of streams is not used: a preamble in the middle of
-noise, or a lost byte on a cable, would make it skip a kilobyte of good frames. Here, after a
-candidate with a wrong checksum, the search continues one byte after its preamble.
+Pyrtcm calculates the checksum. Its stream reader is not used, because a preamble in noise, or a
+lost byte on a cable, would make it skip a kilobyte of good frames. Here, after a candidate with a
+wrong checksum, the search continues one byte after its preamble.
 
 Each false preamble costs a checksum, and an attacker could send only preambles. So the number of
 bytes for which checksums are calculated is limited to a few for each byte that arrives. Beyond this
@@ -15,8 +15,8 @@ from pyrtcm import calc_crc24q
 
 from onboard.corrections import rtcm
 
-_CHECKS_PER_BYTE = 4  # bytes that may go into checksums for each byte that arrives
-_FIRST_BUDGET_BYTES = 4 * rtcm.MOST_FRAME_BYTES  # budget of such bytes at the begin of a stream
+_CHECKS_PER_BYTE = 4  # for each byte that arrives, this many bytes may go into checksums
+_FIRST_BUDGET_BYTES = 4 * rtcm.MOST_FRAME_BYTES  # budget of such bytes at the start of a stream
 _LARGEST_BUDGET_BYTES = 8 * rtcm.MOST_FRAME_BYTES  # a stream of good frames saves at most this
 _PREAMBLE = bytes((rtcm.PREAMBLE,))
 
@@ -35,7 +35,7 @@ class FrameCutter:
 
     def __init__(self) -> None:
         self.bad_checksums = 0
-        self.skipped_bytes = 0  # bytes that were part of no frame
+        self.skipped_bytes = 0  # bytes that were not part of any frame
         self._buffer = bytearray()
         self._budget_bytes = _FIRST_BUDGET_BYTES  # bytes that may still go into checksums
 
@@ -50,7 +50,7 @@ class FrameCutter:
         self._budget_bytes += _CHECKS_PER_BYTE * len(data)
 
         # Each round looks at the next preamble. The loop ends when the buffer has none, or holds
-        # only the begin of a frame.
+        # only the start of a frame.
         frames: list[bytes] = []
         while True:
             begin = buffer.find(_PREAMBLE)

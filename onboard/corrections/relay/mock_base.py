@@ -1,4 +1,4 @@
-"""A base that is made up, to try everything without a receiver: source "mock". Pure.
+"""A made-up base, to try everything without a receiver: source "mock". Pure.
 
 It reports a position. Its observations have the right form (MSM7 of GPS and GLONASS), but all
 measurements in them are zero, so a real receiver cannot use them.
@@ -16,8 +16,8 @@ BASE_EVERY_S = 2  # time from one report of its position to the next
 _SIMULATED_DEG = (47.397742, 8.545594)  # default position of simulated PX4s
 _HEIGHT_M = 536.9  # height of that position above the ellipsoid
 
-# (number of the message, number of satellites) of each system. The last message of a moment says
-# that no other message follows.
+# (number of the message, number of satellites) of each system. The last message of each moment says
+# that no other follows.
 _SYSTEMS = ((1077, 10), (1087, 6))
 _SIGNALS = 2  # of each satellite
 _SATELLITE_BITS = 36  # for each satellite in a message MSM7
@@ -73,9 +73,9 @@ class MockBase:
     def _position(self) -> bytes:
         """Return a frame with message 1005, the base's position."""
         x, y, z = (round(value * 1e4) for value in self.ecef_m)  # in units of 0.1 mm
-        # (0, 6): realisation of the Earth's frame, not given. The four single bits: it has GPS, it
-        # has GLONASS, no Galileo, a real station. The two bits before y and z describe the receiver
-        # and its phases.
+        # (0, 6): the realisation of the Earth's frame is not given. The four single bits: GPS,
+        # GLONASS, no Galileo, a real station. The two bits before y and z describe the receiver and
+        # its phases.
         head: list[_Field] = [(1005, 12), (STATION, 12), (0, 6), (1, 1), (1, 1), (0, 1), (0, 1)]
         return _frame([*head, (x, 38), (0, 2), (y, 38), (0, 2), (z, 38)])
 
@@ -106,7 +106,8 @@ def _observations(number: int, satellites: int, second: int, *, has_more: bool) 
     cells = satellites * _SIGNALS
     time_ms = 1000 * second % _DAY_MS
 
-    # (0, 18): issue of the data, state of the receiver's clock, and smoothing, all not given
+    # (0, 18): the issue of the data, the state of the receiver's clock and the smoothing are not
+    # given
     head: list[_Field] = [(number, 12), (STATION, 12), (time_ms, 30), (has_more, 1), (0, 18)]
     masks: list[_Field] = [(satellite_mask, 64), (signal_mask, 32), ((1 << cells) - 1, cells)]
     zeros = satellites * _SATELLITE_BITS + cells * _CELL_BITS

@@ -1,11 +1,10 @@
-"""A small client of NTRIP, versions 1 and 2: one request, its answer, then a stream of bytes.
+"""A small client for NTRIP, versions 1 and 2: one request, its answer, then a stream of bytes.
 
-Version 2 is HTTP, with or without a body in chunks. Version 1 answers "ICY 200 OK", sometimes
-without a blank line after it, which no library for HTTP can read. If a caster does not have the
-mountpoint, it answers with the list of its mountpoints.
+Version 2 is HTTP, with or without a chunked body. Version 1 answers "ICY 200 OK", sometimes without
+a blank line after it, which no HTTP library can read. If a caster does not have the mountpoint, it
+answers with the list of its mountpoints.
 
-There are limits for the time to connect and to answer, for the size of an answer's head and of a
-chunk, and for the time without a byte.
+Connecting, answering and silence have time limits. An answer's head and a chunk have size limits.
 
 The protocol: RTCM 10410.1.
 """
@@ -30,7 +29,7 @@ from onboard.corrections.relay.tcp_connection import (
 
 _MOST_HEAD_BYTES = 8192
 _MOST_CHUNK_BYTES = 65_536
-_POSITION_S = 10.0  # from one position that is sent to the caster to the next
+_POSITION_S = 10.0  # from one position sent to the caster to the next
 
 _OK_OF_VERSION_1 = b"ICY 200"
 _LIST_OF_VERSION_1 = b"SOURCETABLE 200"
@@ -53,7 +52,7 @@ class _Answer(NamedTuple):
     """Head of an answer."""
 
     status: int
-    headers: dict[str, str]  # name in small letters -> value
+    headers: dict[str, str]  # name in lower case -> value
     rest: bytes  # first bytes after the head, read together with it
     is_version_1: bool = False  # True: more lines of the head may follow in ``rest`` and later
 
@@ -110,7 +109,7 @@ async def read_ntrip(
 
 
 def _head(request: NtripRequest) -> bytes:
-    """Return the bytes of the request, which a caster of either version understands."""
+    """Return the bytes of a request that casters of both versions understand."""
     lines = [
         f"GET /{request.mountpoint} HTTP/1.1",
         f"Host: {request.address}",
@@ -172,7 +171,7 @@ async def _more(reader: asyncio.StreamReader, data: bytes) -> bytes:
 
 
 def _check_answer(request: NtripRequest, answer: _Answer) -> None:
-    """Check that an answer begins a stream.
+    """Check that an answer starts a stream.
 
     Raises:
         SourceError: the caster refuses the request.
@@ -221,8 +220,8 @@ class _Body:
     async def without_lines(self) -> AsyncIterator[bytes]:
         """Yield the bytes of a body of version 1, without the rest of its head.
 
-        Some casters send header lines, some a blank line, some neither, and these may come later
-        than the status. A frame of RTCM begins with a byte that no text contains.
+        Some casters send header lines, some a blank line, and some neither. These lines may come
+        later than the status. An RTCM frame starts with a byte that no text contains.
         """
         while True:
             line, end, rest = self._buffer.partition(b"\r\n")
@@ -240,7 +239,7 @@ class _Body:
             yield data
 
     async def chunks(self) -> AsyncIterator[bytes]:
-        """Yield the bytes of a body in chunks of HTTP/1.1, each of which begins with its size."""
+        """Yield the bytes of a chunked HTTP/1.1 body. Each chunk starts with its size."""
         while True:
             line = await self._line()
             size_text, _, _ = line.partition(b";")
@@ -253,7 +252,7 @@ class _Body:
             if size == 0:
                 return
 
-            while len(self._buffer) < size + 2:  # a chunk and its line end
+            while len(self._buffer) < size + 2:  # a chunk and its line ending
                 if not await self._fill():
                     return
             yield self._buffer[:size]
@@ -284,9 +283,9 @@ class _Body:
 
 
 async def _send_positions(writer: asyncio.StreamWriter, position: Callable[[], bytes]) -> None:
-    """Send the fleet's position to the caster at regular times."""
+    """Send the fleet's position to the caster at regular intervals."""
     while True:
         writer.write(position() + b"\r\n")
-        with suppress(OSError):  # the task that reads reports a broken connection
+        with suppress(OSError):  # the reading task reports a broken connection
             await writer.drain()
         await asyncio.sleep(_POSITION_S)

@@ -1,7 +1,7 @@
-"""The sources of corrections: a cable, a caster of NTRIP, a server of TCP, or a recording.
+"""The sources of corrections: a cable, an NTRIP caster, a TCP server, or a recording.
 
-Each source is an iterator of bytes as they arrive. It ends with a SourceError, whose sentence says
-what happened and what to do. To go on, the reader must open the source again.
+Each source is an iterator of bytes as they arrive. It ends with a SourceError that says what
+happened and what to do. To continue, the reader must reopen the source.
 """
 
 from __future__ import annotations
@@ -34,9 +34,9 @@ from onboard.corrections.relay.tcp_connection import (
 from onboard.security.private_files import refuse_open_to_others
 from onboard.serial_device import open_serial
 
-# An epoch is a moment at which a base measures; its observations are sent in several frames.
+# An epoch is a moment at which a base measures. It sends the observations in several frames.
 EPOCH_S = 1.0  # from one epoch of a recording to the next
-_WITHOUT_EPOCH_FRAMES = 8  # frames a second from a recording without observations
+_WITHOUT_EPOCH_FRAMES = 8  # frames per second of a recording without observations
 
 
 def source_of(fleet: FleetConfig, environment: Mapping[str, str]) -> AsyncIterator[bytes]:
@@ -65,7 +65,7 @@ def source_of(fleet: FleetConfig, environment: Mapping[str, str]) -> AsyncIterat
 
 
 def with_source(fleet: FleetConfig, source: Literal["mock"]) -> FleetConfig:
-    """Return the fleet with another source than its file names.
+    """Return the fleet with a source other than the one in its file.
 
     Args:
         fleet: fleet file with a table of corrections.
@@ -100,7 +100,7 @@ def password_of(
         environment: variables of this process.
 
     Raises:
-        ConfigError: the password's file is empty, cannot be read, or is readable for other users.
+        ConfigError: the password's file is empty, cannot be read, or is readable by other users.
     """
     if not corrections.password_file:
         return environment.get(PASSWORD_VARIABLE, "")
@@ -259,7 +259,7 @@ def frames_of_file(path: str) -> list[bytes]:
 
 
 async def play_mock(fleet: FleetConfig, *, epoch_s: float = EPOCH_S) -> AsyncIterator[bytes]:
-    """Yield the bytes of a base that is made up.
+    """Yield the bytes of a made-up base.
 
     Args:
         fleet: fleet file with the position of the base.

@@ -1,4 +1,6 @@
-"""A connection over TCP to a source of corrections: opened within a time, closed in any case."""
+"""A TCP connection to a source of corrections. Opening has a time limit, and it is always
+closed.
+"""
 
 from __future__ import annotations
 
