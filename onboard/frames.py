@@ -18,7 +18,9 @@ _SQRT_HALF = math.sqrt(0.5)
 
 
 def enu_from_ned(vector_ned: Triple) -> Vec3:
-    """Return east, north, up from north, east, down, in any unit; the map is its own inverse."""
+    """Return east, north, up from north, east, down, in any unit; this conversion is its own
+    inverse.
+    """
     north, east, down = vector_ned
     return Vec3(east, north, -down)
 

@@ -1,6 +1,6 @@
 """Counts of the messages that were not used.
 
-Unused messages are never logged one by one, so that a flood of messages cannot fill a disk.
+Unused messages are never logged individually, so that a flood of messages cannot fill a disk.
 """
 
 from __future__ import annotations
@@ -11,11 +11,11 @@ from dataclasses import dataclass
 
 @dataclass(slots=True)
 class MessageCounts:
-    """Numbers of messages that were not used, by reason."""
+    """Numbers of unused messages, by reason."""
 
     malformed: int = 0  # bytes that are no message of their topic, or numbers that are not finite
     # sent in another node's name, sent by a node that is not in the fleet file, or not plausible;
-    # without orders, whose refusals are counted elsewhere
+    # refused orders are counted elsewhere
     refused: int = 0
     # lost on the way (sequence numbers are missing), or removed from a full queue
     dropped: int = 0
@@ -34,6 +34,6 @@ def total(counts: Iterable[MessageCounts]) -> MessageCounts:
 
 
 def in_words(malformed: int, refused: int, dropped: int, late: int) -> str:
-    """Return the counts that are not 0, as "3 malformed, 1 late"; empty if all of them are 0."""
+    """Return the counts that are not 0, for example "3 malformed, 1 late"; empty if all are 0."""
     counts = {"malformed": malformed, "refused": refused, "dropped": dropped, "late": late}
     return ", ".join(f"{count} {word}" for word, count in counts.items() if count)

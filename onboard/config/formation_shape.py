@@ -47,7 +47,7 @@ class FormationShape(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw
     text: str = ""  # of a text
     font: str | None = None  # file of a font, relative to this file; by default DejaVu Sans
     file: str | None = None  # of an image or csv, relative to this file
-    layers: int = 1  # number of heights, in which the slots take turns at their usual distance
+    layers: int = 1  # number of heights; neighbouring slots alternate between the heights
     layer_height_m: float = 0.5  # from one height to the next
     # true: the layers are above each other, at least fleet.vertical_separation_m + 0.25 m apart
     stacked: bool = False

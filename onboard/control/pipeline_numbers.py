@@ -35,7 +35,7 @@ class PipelineParams(NamedTuple):
     hover_thrust: hover_thrust.HoverThrustParams
     allocation: allocation.AllocationParams
     drag_1_s: float
-    pursuit_speed_m_s: float  # limit of the setpoint's speed plus what the position error adds
+    pursuit_speed_m_s: float  # limit of setpoint speed plus the speed for the position error
 
     # bounds of the acceleration that compensates drag and disturbance
     max_compensation_m_s2: float  # horizontal

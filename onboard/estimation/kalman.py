@@ -35,7 +35,7 @@ from onboard.vectors import (
 HISTORY_TICKS = 28  # a sample older than this many ticks is ignored
 _LEAST_VARIANCE = 1e-12  # rounding must not make a variance negative
 _LEARNED_S = 0.125  # half of the disturbance observer's time constant, which is 1/bandwidth_rad_s
-_LEAST_BIAS_M_S2 = 3.0  # smallest bound of the bias, which static errors need
+_LEAST_BIAS_M_S2 = 3.0  # smallest bound of the bias; static errors need it
 
 # standard deviations at the start, when the vehicle stands still
 _START_VELOCITY_M_S = 0.05

@@ -1,11 +1,11 @@
-"""Computes the share of a radio channel's time that a fleet takes, and the finding about it. Pure.
+"""Computes a fleet's share of a radio channel's time, and the finding about it. Pure.
 
-Small packets fill a channel by their number, not by their bits: most of the time of an 802.11 frame
-is waiting, preamble and acknowledgement. Therefore stations of 802.11n and later send all packets
-that wait for one receiver in one aggregate.
+For small packets, the number of packets fills a channel, not the number of bits, because waiting,
+preamble and acknowledgement take most of an 802.11 frame's time. Therefore stations of 802.11n and
+later send all packets that wait for one receiver in one aggregate.
 
-The time of a frame is that of the distributed coordination function without collisions: DIFS, half
-of the first contention window, the frame, SIFS and the acknowledgement. For 802.11b it gives the
+The time of a frame follows the distributed coordination function without collisions: DIFS, half of
+the first contention window, the frame, SIFS and the acknowledgement. For 802.11b, this gives the
 throughputs that Cisco publishes for its wireless phones ("Maximum Throughput Calculations for
 802.11b WLAN", table I-2). The values for OFDM are those of IEEE 802.11: slot 9 us, SIFS 16 us,
 symbols of 4 us, preamble and header 36 us in 802.11n, and 20 us in an acknowledgement.
@@ -27,7 +27,7 @@ POSE_BYTES = 110
 TELEMETRY_BYTES = 450
 CLOCK_BYTES = 60
 
-# a batch of ten ticks is sent in this number of packets, of this size
+# a batch of ten ticks is sent in this number of packets of this size
 TICK_PACKETS = 5
 TICK_BYTES = 1200
 
@@ -49,7 +49,7 @@ class Phy(NamedTuple):
     sifs_us: float
     header_us: float  # preamble and header, before the first bit of data
     ack_header_us: float  # preamble and header of an acknowledgement
-    symbol_us: float  # duration of a symbol: data come in whole symbols; 0: in single bits
+    symbol_us: float  # duration of a symbol, as data take whole symbols; 0: they take single bits
     extra_bits: float  # service and tail bits of a frame
     backoff_slots: float  # mean backoff: half of the first contention window
     ack_rates_mbit_s: tuple[float, ...]  # possible rates of acknowledgements; empty: the frame's
@@ -81,7 +81,7 @@ DSSS_SHORT = Phy(
 
 
 def frame_s(packet_bytes: float, rate_mbit_s: float, phy: Phy = OFDM) -> float:
-    """Return the time [s] for which one packet and its acknowledgement keep a channel busy.
+    """Return how long [s] one packet and its acknowledgement keep a channel busy.
 
     Args:
         packet_bytes: size of the packet, with the headers of all layers above 802.11.
@@ -137,7 +137,7 @@ class Flow(NamedTuple):
     what: str  # the kind in words
     packets_1_s: float
     message_bytes: int  # size of the message in each packet
-    # True: to other vehicles; False: between a vehicle and the wired end of an access point
+    # True: to other vehicles; False: between a vehicle and the wired side of an access point
     is_to_vehicles: bool
 
 
@@ -146,8 +146,7 @@ def flows(count: int, near: int, states_hz: float, has_mocap: bool) -> list[Flow
 
     Args:
         count: number of vehicles of the fleet.
-        near: number of neighbours that receive its states at full rate.
-        states_hz: that rate.
+        near: number of neighbours that receive its states at full rate. states_hz: the full rate.
         has_mocap: whether poses come over the radio.
     """
     rate_hz = {topic: spec.rate_hz for topic, spec in TOPICS.items()}
@@ -240,7 +239,7 @@ def airtime_finding(fleet: FleetConfig, radio: RadioConfig, near: int) -> Findin
             poses_1_s = TOPICS[Topic.MOCAP].rate_hz
         turns_1_s += turns_for_a_state * radio.states_hz + poses_1_s
 
-    # the time of a turn is that of an empty frame, plus that of its bits
+    # a turn takes the time of an empty frame plus the time of its bits
     busy_frac = turns_1_s * frame_s(0.0, radio.rate_mbit_s) + bits_1_s * 1e-6 / radio.rate_mbit_s
 
     return at_most(

@@ -1,6 +1,6 @@
-"""Checks whether vehicles that lose their poses land before their dead reckoning is too inaccurate.
+"""Checks whether vehicles that lose their poses land before dead reckoning becomes too inaccurate.
 
-Each vehicle brakes and sinks by its own dead reckoning, under the law. The error of the position is
+Under the law, each vehicle brakes and sinks by its own dead reckoning. The error of the position is
 0.09 m (median) two seconds after the last pose, and 0.2 to 0.6 m after three and a half seconds,
 with real and with emulated PX4s (docs/px4-sitl.md, sitl/README.md). In lockstep flights with 3 s to
 the ground, hardly any two vehicles came nearer than 0.70 m. With more than 4 s they may touch.
@@ -24,9 +24,10 @@ _REFUSED_S = 4.0  # a longer time is refused
 def blind_descent_findings(
     fleet: FleetConfig, spots: Mapping[str, Xyz], label: str
 ) -> Iterator[Finding]:
-    """Yield the finding whether all vehicles of a constellation land soon enough without poses.
+    """Yield the finding about whether all vehicles of a constellation land soon enough without
+    poses.
 
-    A vehicle that flies alone, or by PX4's own position, is not checked.
+    A vehicle that flies alone or uses PX4's own position is not checked.
 
     Args:
         fleet: the fleet file.

@@ -4,8 +4,8 @@ The checks of this package call these functions with a fleet's values, and add t
 
 The margin between the safety distance d_inf and the design distance is ``0.05 m + 5 sigma_d``.
 Sigma_d is the standard deviation of a pair's distance. The constants come from simulated flights,
-and not from a theorem: 4.5 sigma_d was the fit over 23 settings with 84 flights each, and crowds
-with vision need 5.
+not from a theorem. A fit over 23 settings with 84 flights each gave 4.5 sigma_d, and crowds with
+vision need 5.
 """
 
 from __future__ import annotations
@@ -21,14 +21,14 @@ from onboard.estimation.accuracies import Accuracy
 from onboard.types import TICK_S
 
 USUAL_AGE_S = 0.16  # states up to this age require no further margin
-AGE_MARGIN_M_S = 1.0  # further margin for each second of age beyond it
+AGE_MARGIN_M_S = 1.0  # further margin for each second of age beyond USUAL_AGE_S
 
 _SUBSTEPS = 4  # number of Euler steps of the vehicle's response in one tick
 
 # simulation of two vehicles that brake
 _BRAKING_STEP_S = 0.002
 _BRAKING_STEPS = 2000  # largest number of steps
-_STOPPED_M_S = 0.01  # closing speed below which the vehicles have stopped
+_STOPPED_M_S = 0.01  # below this closing speed, the vehicles have stopped
 
 
 def distance_spread_m(accuracy: Accuracy, kappa_1_1_s: float, kappa_2_1_s: float) -> float:
@@ -81,7 +81,7 @@ def row_range_m(
         kappa_1_1_s: gain kappa_1 of the law [1/s].
         kappa_2_1_s: gain kappa_2 of the law [1/s].
     Returns:
-        Distance between centres [m]. The vehicles have to know each other before.
+        Distance between centres [m]. The vehicles must know each other at this distance.
     """
     v = closing_speed_m_s
     s = kappa_1_1_s + kappa_2_1_s
@@ -166,11 +166,11 @@ def loop_growth_1_s(
 ) -> float:
     """Return the largest growth rate [1/s] of a motion under a distance row that is always active.
 
-    The rate is negative if every motion dies out. The model is one axis, sampled at 50 Hz. The law
+    The rate is negative if every motion decays. The model is one axis, sampled at 50 Hz. The law
     predicts the state over the configured lag with the vehicle's past commands, and evaluates the
     row there. The acceleration follows the row's command with a dead time and a second-order
-    response. Simulating one tick from each unit state gives the matrix of a tick. The largest
-    absolute value of its eigenvalues is the growth in a tick.
+    response. Simulating one tick from each unit state gives the matrix of a tick. Its spectral
+    radius is the growth per tick.
 
     Args:
         response: configured response of the vehicle.
@@ -209,7 +209,7 @@ def loop_growth_1_s(
     command = -(kappa_1_1_s + kappa_2_1_s) * ahead_v - kappa_1_1_s * kappa_2_1_s * ahead_y
     past = np.concatenate([command[:, None], past], axis=1)
 
-    # the vehicle follows for one tick
+    # the vehicle responds for one tick
     step_s = TICK_S / _SUBSTEPS
     for index in range(_SUBSTEPS):
         slot = max(0, math.ceil((delay_s - index * step_s) / TICK_S - 1e-9))
@@ -227,7 +227,7 @@ def loop_growth_1_s(
 def available_acceleration_m_s2(max_tilt_deg: float, hover_thrust_frac: float) -> float:
     """Return the horizontal acceleration [m/s^2] that is available while the height is kept.
 
-    The tilt limits it, or the throttle that the weight leaves.
+    It is limited by the tilt, or by the throttle that remains after carrying the weight.
 
     Args:
         max_tilt_deg: largest tilt.
@@ -235,7 +235,7 @@ def available_acceleration_m_s2(max_tilt_deg: float, hover_thrust_frac: float) -
     """
     by_tilt_m_s2 = GRAVITY_M_S2 * math.tan(math.radians(max_tilt_deg))
 
-    # the full thrust is the hypotenuse, the weight its vertical part
+    # full thrust is the hypotenuse, and the weight is its vertical component
     ratio = MAX_PLANNED_THRUST_FRAC / hover_thrust_frac
     by_throttle_m_s2 = GRAVITY_M_S2 * math.sqrt(max(0.0, ratio * ratio - 1.0))
 
@@ -245,8 +245,7 @@ def available_acceleration_m_s2(max_tilt_deg: float, hover_thrust_frac: float) -
 def delay_margin_m(age_s: float) -> float:
     """Return the margin [m] for old states, in addition to the margin for the estimates' errors.
 
-    The margin is 0 up to :data:`USUAL_AGE_S`. It is a fit over simulated flights, and not a
-    theorem.
+    The margin is 0 up to :data:`USUAL_AGE_S`. It is a fit to simulated flights, not a theorem.
 
     Args:
         age_s: largest age of a neighbour's newest state.

@@ -1,4 +1,4 @@
-"""The finding about braking before the areas that a fleet stays in or out of. Pure."""
+"""The finding about braking before the edges of allowed and forbidden areas. Pure."""
 
 from __future__ import annotations
 
@@ -10,9 +10,9 @@ from onboard.config.flight_space import flight_space_of
 from onboard.config.wind_limit import GUST_SHARE, GUSTY, tilt_acceleration_m_s2, wind_limit_m_s
 from onboard.feasibility.finding import Finding, at_least
 
-_LEAST_BRAKE_M_S2 = 0.05  # no division by zero where the wind takes all of the tilt
+_LEAST_BRAKE_M_S2 = 0.05  # avoids a division by zero if the wind takes all of the tilt
 _GUST_SIGMAS = 3.0  # strongest gust, in standard deviations
-# errors of lag, gain and position, measured in light air with the weak drones of paper.toml
+# errors of lag, gain and position, measured in light wind with the weak drones of paper.toml
 _ERRORS_M = 0.10
 
 # A buffer that is too narrow is a warning and never a refusal, because the whole buffer is needed
@@ -21,11 +21,11 @@ _NEVER_REFUSED_M = -math.inf
 
 
 def braking_room_m(fleet: FleetConfig, vehicle: Vehicle) -> float:
-    """Return by how much a vehicle in wind may overshoot the point where the law stops it [m].
+    """Return how far a vehicle in wind may overshoot the point where the law stops it [m].
 
     The law's row for an edge brakes early enough from the top speed, and includes the lag. So in
-    calm air only the errors of lag, gain and position add to the stopping distance. A wind towards
-    the edge takes a part of the tilt. If the remaining tilt brakes less than the row requires, the
+    calm air only the errors of lag, gain and position add to the stopping distance. Wind towards
+    the edge takes up part of the tilt. If the remaining tilt brakes less than the row requires, the
     stopping distance grows. A gust pushes the vehicle for its lag before the vehicle reacts.
 
     Args:

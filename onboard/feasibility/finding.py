@@ -13,11 +13,11 @@ from typing import Literal
 Status = Literal["ok", "note", "warning", "refused"]
 Relation = Literal["at least", "at most"]
 
-# The statuses, the worst first. A note says that something is not known, and the owner of a fleet
-# cannot mend it.
+# The statuses, the worst first. A note says that something is not known. The owner of a fleet
+# cannot fix it.
 ORDER: tuple[Status, ...] = ("refused", "warning", "note", "ok")
 
-# A value that is beyond its bound by no more than this counts as within it, because of rounding.
+# Because of rounding, a value counts as within its bound if it exceeds it by no more than this.
 _ROUNDING = 1e-9
 
 
@@ -31,7 +31,7 @@ class Finding:
     bound: float
     unit: str  # unit of value and bound
     relation: Relation
-    sentence: str  # with value and bound; it ends with the remedy unless the status is ok
+    sentence: str  # contains value and bound; ends with the remedy unless the status is ok
     remedy: str
 
 
@@ -52,8 +52,8 @@ def worst(findings: Iterable[Finding]) -> Finding:
     Args:
         findings: at least one finding.
     Returns:
-        The finding with the worst status. If several have it, the finding whose value is nearest to
-        its bound, or farthest beyond it.
+        The finding with the worst status. Among several, the finding with its value nearest to the
+        bound, or farthest beyond it.
     """
     return min(findings, key=_severity)
 
@@ -190,10 +190,10 @@ def _finding(
 
 
 def _severity(finding: Finding) -> tuple[int, float]:
-    """Return a sort key, which is smaller for a worse finding.
+    """Return a sort key. It is smaller for a worse finding.
 
     Returns:
-        The rank of the status, and how far the value is within its bound (negative: beyond it).
+        The rank of the status, and how far within its bound the value is (negative: beyond it).
     """
     margin = finding.value - finding.bound
     if finding.relation == "at most":

@@ -1,8 +1,8 @@
-"""The checks whether a fleet can fly as configured, and their findings. Pure.
+"""Checks whether a fleet can fly as configured, and returns the findings. Pure.
 
 :func:`fleet_findings` checks the fleet file. :func:`spot_findings` checks one constellation:
 take-off spots, the goals of a mission's step, or the positions of vehicles. ``covey check`` prints
-the findings, and the preflight check refuses a take-off because of them.
+the findings, and the preflight check uses them to refuse a take-off.
 """
 
 from __future__ import annotations
@@ -63,7 +63,7 @@ _CHECKS_OF_A_VEHICLE = (
     own_failsafes,
 )
 
-_LEAST_FENCE_M = 0.15  # a spot that is nearer to the fence is refused
+_LEAST_FENCE_M = 0.15  # a spot nearer to the fence is refused
 
 
 def fleet_findings(fleet: FleetConfig, *, errors: ErrorClass | None = None) -> tuple[Finding, ...]:
@@ -71,7 +71,7 @@ def fleet_findings(fleet: FleetConfig, *, errors: ErrorClass | None = None) -> t
 
     Args:
         fleet: the fleet file.
-        errors: accuracy class of the vehicles' positions; None: that of :func:`error_class`.
+        errors: accuracy class of the vehicles' positions; None: the result of :func:`error_class`.
     """
     vehicles = [fleet.vehicles[name] for name in fleet.enabled_names]
     if not vehicles:
@@ -120,7 +120,7 @@ def _nobody(fleet: FleetConfig) -> Finding:
 
 
 def _own_law(fleet: FleetConfig, law: OwnLaw) -> Finding:
-    """Return the warning that a fleet file names a law's code, which will be executed."""
+    """Return the warning that the code of a law in the fleet file will be executed."""
     source = law.source
     if not source:
         source = "an installed module"
@@ -160,7 +160,7 @@ def _formation_findings(fleet: FleetConfig, accuracy: Accuracy) -> list[Finding]
 
 
 def distinct(vehicles: Iterable[Vehicle]) -> list[Vehicle]:
-    """Return the first vehicle of each kind, because equal vehicles are checked once.
+    """Return the first vehicle of each kind, because equal vehicles are checked only once.
 
     Args:
         vehicles: any vehicles.
@@ -192,7 +192,7 @@ def spot_findings(
         fleet: the fleet file.
         spots: vehicle -> position [m], fleet ENU.
         label: name of the constellation in the sentences, for instance "take-off spots".
-        errors: accuracy class of the vehicles' positions; None: that of :func:`error_class`.
+        errors: accuracy class of the vehicles' positions; None: the result of :func:`error_class`.
     Returns:
         The findings, the worst first.
     """
@@ -214,7 +214,7 @@ def spot_findings(
 def error_class(fleet: FleetConfig) -> ErrorClass:
     """Return the accuracy class of a fleet: that of its least accurate enabled vehicle.
 
-    The class of a vehicle is ``mocap`` with ``mocap_required``, and otherwise its ``px4_position``.
+    A vehicle's class is ``mocap`` with ``mocap_required``, and otherwise its ``px4_position``.
 
     Args:
         fleet: the fleet file.
@@ -235,7 +235,7 @@ def error_class(fleet: FleetConfig) -> ErrorClass:
 
 
 def start_finding(fleet: FleetConfig, spots: Mapping[str, Xyz], accuracy: Accuracy) -> Finding:
-    """Check the initial conditions of the law, for vehicles at rest.
+    """Check the initial conditions of the law for vehicles at rest.
 
     The paper's Proposition 1 has three conditions at t = 0:
 

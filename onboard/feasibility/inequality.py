@@ -1,9 +1,9 @@
-"""The inequality: a condition with which two vehicles keep the safety distance. Pure.
+"""The inequality: a condition that makes two vehicles keep the safety distance. Pure.
 
-The condition follows from the law's equations, without any simulated flight. A row of the law that
-is computed from the true motion keeps two vehicles at least the design distance apart. But a
-vehicle's knowledge differs from the true motion in two ways. The margin between the safety distance
-and the design distance has to cover both:
+The condition follows from the law's equations, without simulated flights. A row of the law that is
+computed from the true motion keeps two vehicles at least the design distance apart. But what a
+vehicle knows differs from the true motion in two ways. The margin between the safety distance and
+the design distance must cover both:
 
 * the errors of both vehicles' estimates, which the row filters;
 * the motion of a neighbour that cannot be known yet. The neighbour's newest state is old, a tick
@@ -11,9 +11,9 @@ and the design distance has to cover both:
   each of the two vehicles may change its acceleration by b, the largest braking that the rows
   require. So the distance may be wrong by half of 2 b T^2.
 
-A vehicle also has to receive the neighbour's states in time, and to be able to brake. Other
-findings check that (:mod:`onboard.feasibility.pair_checks`). docs/inequality.md derives the
-condition and compares it with the map of the law.
+A vehicle must also receive the neighbour's states in time, and be able to brake. Other findings
+check that (:mod:`onboard.feasibility.pair_checks`). docs/inequality.md derives the condition and
+compares it with the map of the law.
 """
 
 from __future__ import annotations
@@ -53,10 +53,10 @@ def inequality_finding(
     margin_m: float,
     age_s: float,
 ) -> Finding:
-    """Return the finding whether the inequality holds for two equal vehicles.
+    """Return the finding about whether the inequality holds for two equal vehicles.
 
-    The two approach each other with the law's top speed. The status is ok or a note, and never a
-    refusal: if the inequality does not hold, the map of the law decides.
+    The two approach each other at the law's top speed. The status is ok or a note, never a refusal,
+    because the map of the law decides if the inequality does not hold.
 
     Args:
         fleet: the fleet file.

@@ -1,9 +1,9 @@
-"""The map of the law: the results of simulated flights, and what they say about a fleet. Pure.
+"""The map of the law: the results of simulated flights, and what they imply for a fleet. Pure.
 
 A cell of the map is a number of vehicles, a top speed, a delay and a loss of the radio, and an
 accuracy of the positions. A cell is promised if all of its flights, 500 or more, kept the safety
-distance. Then every easier fleet is promised to keep it. A cell has failed if a single flight did
-not keep it. Then every harder fleet is refused.
+distance. Then every easier fleet is also promised to keep it. A cell has failed if a single flight
+did not keep it. Then every harder fleet is refused.
 
 ``covey simulate --map`` flies the map, and docs/law-map.md shows it. ``law_map.toml`` beside this
 file is its summary.
@@ -26,8 +26,8 @@ PROMISED_FLIGHTS = 500  # least number of flights of a promised cell
 
 _NAME = "map of the law"  # name of the finding
 _CLASSES = ("mocap", "vision", "gps")  # accuracy classes, the least accurate last
-_ROUNDING = 1e-9  # two speeds, delays or losses that differ by less are equal
-_MARGIN_ROUNDING_M = 1e-3  # two margins that differ by less are equal
+_ROUNDING = 1e-9  # speeds, delays or losses that differ by less are equal
+_MARGIN_ROUNDING_M = 1e-3  # margins that differ by less are equal
 _DOCS = "docs/law-map.md shows the map."
 
 # Values of the law that may differ from those of the map. The comparison of margins covers them, or
@@ -63,7 +63,7 @@ class MapCell(NamedTuple):
 
     @property
     def is_promised(self) -> bool:
-        """Whether there are enough flights, and no two vehicles came too near."""
+        """Whether there are enough flights, and vehicles never came too near."""
         return self.flights >= PROMISED_FLIGHTS and not self.below
 
     def is_within(self, other: MapCell) -> bool:
@@ -100,12 +100,12 @@ class LawMap(NamedTuple):
 
 
 def law_map_of(table: Mapping[str, Any]) -> LawMap:
-    """Return the map of a table.
+    """Return the map that a table describes.
 
     Args:
         table: tables of ``law_map.toml``.
     Raises:
-        ConfigError: The tables have another schema.
+        ConfigError: The tables have a different schema version.
     """
     if table.get("schema") != SCHEMA:
         raise ConfigError(
@@ -138,7 +138,7 @@ def map_finding(fleet: FleetConfig, accuracy: Accuracy, law_map: LawMap) -> Find
     Returns:
         A refusal if an easier or equal cell has failed. Otherwise ok if a harder or equal cell is
         promised with the same law and no wider margin. Otherwise a warning if harder cells are
-        promised only with a wider margin, and else a note.
+        promised only with a wider margin. Otherwise a note.
     """
     here = _cell_of(fleet, accuracy)
     promised = [cell for cell in law_map.cells if cell.is_promised]
@@ -192,7 +192,7 @@ def _cell_of(fleet: FleetConfig, accuracy: Accuracy) -> MapCell:
 def _refusal(
     here: MapCell, failed: Sequence[MapCell], promised: Sequence[MapCell], law_map: LawMap
 ) -> Finding:
-    """Return the refusal by the cell that failed in the largest share of its flights."""
+    """Return the refusal for the cell with the largest share of failed flights."""
     worst = max(failed, key=lambda cell: cell.below / cell.flights)
     remedy = _remedy(here, promised)
     sentence = (
@@ -257,7 +257,7 @@ def _remedy(here: MapCell, cells: Sequence[MapCell]) -> str:
 
 
 def _distance(here: MapCell, cell: MapCell) -> float:
-    """Return the distance of two cells: a class counts 10, a step of another axis about 1."""
+    """Return the distance between two cells. A class counts 10, a step on another axis about 1."""
     classes = _CLASSES.index(here.errors) - _CLASSES.index(cell.errors)
     return (
         10.0 * abs(classes)
@@ -269,7 +269,9 @@ def _distance(here: MapCell, cell: MapCell) -> float:
 
 
 def _differences(fleet: FleetConfig, accuracy: Accuracy, law_map: LawMap) -> str:
-    """Return in words how the fleet differs from the map's law and vehicles; empty: it does not."""
+    """Return in words how the fleet differs from the map's law and vehicles; empty if it does
+    not.
+    """
     different = []
 
     flown = law_map.law.get(accuracy.name, {})

@@ -1,7 +1,7 @@
 """Findings about pairs of vehicles under the law. Pure.
 
-The findings are about margin, range, delay, the inequality, lag, the gains kappa_1 and kappa_2
-("kappas"), and braking.
+They cover margin, range, delay, the inequality, lag, the gains kappa_1 and kappa_2 ("kappas"), and
+braking.
 """
 
 from __future__ import annotations
@@ -34,12 +34,12 @@ _LONGEST_LAG_S = 0.40  # a longer lag is refused
 _SLOW_GROWTH_1_S = 0.0  # a faster growth is a warning
 _FAST_GROWTH_1_S = 1.5  # a faster growth is refused
 
-# Overshoot of the paper's law is refused only if motions die out more slowly than with this rate.
+# Overshoot of the paper's law is refused only if motions decay more slowly than at this rate.
 _QUICK_DECAY_1_S = -0.5
 
 _USEFUL_NEIGHBOURS = 6  # fewer rows cost separation in a crowd; more rows gain nothing
 
-# shares of the margin that the estimates' errors require
+# thresholds, as shares of the margin that the estimates' errors require
 _MARGIN_SHARE = 0.8  # a smaller margin is refused: vehicles have come too close in simulation
 _MARGIN_WARNING_SHARE = 0.95  # a smaller margin is a warning
 
@@ -125,7 +125,7 @@ def _margin(fleet: FleetConfig, accuracy: Accuracy) -> Finding:
     else:
         of_law = " of law covey"
         subject = "The paper's law has no margin ({value})"
-        # the paper's law is for comparison only, for which a mocap is accurate enough
+        # the paper's law is only for comparison, so the accuracy of a mocap is enough
         if accuracy.name == "mocap":
             refuse_below_m = 0.0
 
@@ -153,7 +153,7 @@ def _margin(fleet: FleetConfig, accuracy: Accuracy) -> Finding:
 
 
 def _shortfall(fleet: FleetConfig) -> Finding:
-    """Check that the reactions of two vehicles to each other die out."""
+    """Check that the mutual reactions of two vehicles decay."""
     return at_most(
         name="shortfall gain",
         value=fleet.law.shortfall_gain,
@@ -234,7 +234,7 @@ def _message_age(fleet: FleetConfig, accuracy: Accuracy) -> Finding:
     spare_m = max(0.0, margin_m - bounds.required_margin_m(accuracy, kappa_1, kappa_2))
     tolerated_s = bounds.USUAL_AGE_S + spare_m / bounds.AGE_MARGIN_M_S
 
-    # the paper's law has no margin at all, which the finding "margin" already reports
+    # the paper's law has no margin at all; the finding "margin" already reports this
     refuse_above_s = tolerated_s
     if fleet.law.built_in == "paper":
         refuse_above_s = _NEVER_REFUSED
@@ -301,12 +301,12 @@ def _lag(vehicle: Vehicle) -> Finding:
 
 
 def _kappas(fleet: FleetConfig, vehicle: Vehicle) -> Finding:
-    """Check that an oscillation between two equal vehicles dies out."""
+    """Check that an oscillation between two equal vehicles decays."""
     kappa_1, kappa_2 = _kappa_values(fleet)
     if fleet.law.built_in == "paper":
         return _paper_kappas(vehicle, max(kappa_1, kappa_2))
 
-    # the largest share of both kappas, in steps of 5 %, with which every motion dies out
+    # the largest share of both kappas, in steps of 5 %, at which every motion decays
     stable_share = 0.05
     for twentieths in range(20, 0, -1):
         share = twentieths / 20.0
@@ -334,7 +334,9 @@ def _kappas(fleet: FleetConfig, vehicle: Vehicle) -> Finding:
 
 
 def _largest_growth_1_s(fleet: FleetConfig, vehicle: Vehicle, share: float) -> float:
-    """Return the growth with a share of the kappas and the worst error of the configured lag."""
+    """Return the growth rate for a share of the kappas and the worst error of the configured
+    lag.
+    """
     kappa_1, kappa_2 = _kappa_values(fleet)
     response = response_of(vehicle)
     is_predicted = fleet.law.prediction == "lag"
@@ -357,7 +359,7 @@ def _paper_kappas(vehicle: Vehicle, kappa: float) -> Finding:
     largest = bounds.largest_equal_kappa_1_s(response.lag_s)
     growth_1_s = bounds.loop_growth_1_s(response, kappa, kappa, is_predicted=False)
 
-    # motions that die out quickly overshoot only a little, which is no reason to refuse
+    # motions that decay quickly overshoot only a little, so there is no need to refuse
     refuse_above = _NEVER_REFUSED
     if growth_1_s > _QUICK_DECAY_1_S:
         refuse_above = largest
@@ -459,7 +461,7 @@ def crowding(fleet: FleetConfig, vehicles: list[Vehicle]) -> Finding:
 def effective_margin_m(fleet: FleetConfig, accuracy: Accuracy) -> float:
     """Return the margin [m] that the law keeps above the safety distance in flight.
 
-    It is the configured margin, or more by the policy ``law.margin``.
+    It is the configured margin, or more if the policy ``law.margin`` says so.
 
     Args:
         fleet: the fleet file.
@@ -520,7 +522,7 @@ def parking_m(fleet: FleetConfig, accuracy: Accuracy) -> float:
 
 
 def _configured_margin_m(fleet: FleetConfig) -> float:
-    """Return the margin of the vehicle with the longest lag, which is the largest margin."""
+    """Return the largest margin, which is that of the vehicle with the longest lag."""
     longest_lag_s = max((vehicle.lag_s for vehicle in fleet.vehicles.values()), default=0.0)
     return fleet.law.margin_m(longest_lag_s)
 

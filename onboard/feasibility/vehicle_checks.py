@@ -27,7 +27,7 @@ _CLIMB_M_S2 = 1.0
 # a wind limit that was computed from the largest push may exceed it by rounding
 _ROUNDING_M_S2 = 1e-6
 
-# default of BAT_CRIT_THR: at this level PX4 leaves OFFBOARD, even if setpoints arrive
+# default of BAT_CRIT_THR; at this level PX4 leaves OFFBOARD, even if setpoints arrive
 _PX4_CRITICAL_FRAC = 0.07
 
 # name of the finding about px4_params that weaken PX4's own failsafes
@@ -38,7 +38,7 @@ _BATTERY_GAP_PCT = 3.0  # a smaller gap is a warning
 _LEAST_BATTERY_GAP_PCT = 0.5  # a smaller gap is refused
 _ADVISED_BATTERY_PCT = 5.0  # further gap in the remedy
 
-_LEAST_ACCELERATION_M_S2 = 0.05  # no division by zero for a vehicle that cannot tilt
+_LEAST_ACCELERATION_M_S2 = 0.05  # avoids a division by zero for a vehicle that cannot tilt
 
 
 def available_m_s2(vehicle: Vehicle) -> float:
@@ -141,7 +141,7 @@ def wind(fleet: FleetConfig, vehicle: Vehicle) -> Finding:
         fleet: the fleet file.
         vehicle: one of its vehicles.
     Returns:
-        the finding; without drag_1_s it says that the vehicle does not know the wind.
+        the finding. Without drag_1_s, it says that the vehicle cannot estimate the wind.
     """
     limit_m_s = wind_limit_m_s(fleet, vehicle)
     if math.isnan(limit_m_s):
@@ -203,7 +203,7 @@ def battery(fleet: FleetConfig, vehicle: Vehicle) -> Finding:
 
 
 def silence(fleet: FleetConfig, vehicle: Vehicle) -> Finding:
-    """Check the time for which PX4 flies on without setpoints.
+    """Check how long PX4 continues to fly without setpoints.
 
     Args:
         fleet: the fleet file.

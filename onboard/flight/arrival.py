@@ -13,8 +13,8 @@ from onboard.tuples import Xyz
 _ARRIVED_M = 0.12
 _ARRIVED_M_S = 0.10
 
-# The same for vehicles without a mocap: in hover, PX4's own estimate has a standard deviation of
-# 0.08 to 0.18 m and 0.12 to 0.19 m/s per axis (measured).
+# The same for vehicles without a mocap. In hover, PX4's own estimate has a measured standard
+# deviation of 0.08 to 0.18 m and 0.12 to 0.19 m/s per axis.
 _ARRIVED_PX4_M = 0.6
 _ARRIVED_PX4_M_S = 0.6
 
@@ -25,7 +25,7 @@ _GUST_S2 = 0.25
 _GUST_S = 0.6
 _AROUND_S2 = 1.0
 
-_TURNED_RAD = math.radians(10.0)  # difference of the heading within which a turn is complete
+_TURNED_RAD = math.radians(10.0)  # a turn is complete within this difference of heading
 _REST_FACTOR = 1.5  # largest speed at rest, divided by the largest speed at arrival
 _INSIDE_M = 0.05  # least distance of a stop point from the fence
 
@@ -34,7 +34,7 @@ _VERTICAL_BRAKE_S = 0.15
 
 
 def moved_by_gusts(gust_m_s2: float) -> tuple[float, float]:
-    """Return by how much gusts move a vehicle at rest, beyond its motion in calm air.
+    """Return how much gusts move a vehicle at rest, beyond its motion in calm air.
 
     Args:
         gust_m_s2: standard deviation of the gusts, per axis.
@@ -46,13 +46,13 @@ def moved_by_gusts(gust_m_s2: float) -> tuple[float, float]:
 
 
 def is_at(view: FlightView, goal_enu_m: Xyz, vehicle: Vehicle) -> bool:
-    """Return whether the vehicle is near its goal and slow, or in gusts around its goal.
+    """Return whether the vehicle is near its goal and slow, or in gusts stays around its goal.
 
-    Gusts move a hovering vehicle to and fro with up to half a metre per second. So in gusts only
-    the distance counts, and the vehicle has arrived if it stays within that distance.
+    Gusts move a hovering vehicle back and forth at up to half a metre per second. So in gusts only
+    the distance counts, and the vehicle has arrived if it stays within it.
 
-    The gusts that were measured in the last seconds are often only half as strong as the true ones.
-    So the expected gusts count.
+    Gusts measured over the last seconds are often only half as strong as the true ones, so the
+    expected gusts are used.
     """
     beyond_m_s2 = view.expected_gust_m_s2 - _CALM_M_S2
     if beyond_m_s2 <= 0.0:
@@ -63,7 +63,8 @@ def is_at(view: FlightView, goal_enu_m: Xyz, vehicle: Vehicle) -> bool:
 
 
 def is_near_and_slow(view: FlightView, goal_enu_m: Xyz, vehicle: Vehicle) -> bool:
-    """Return whether the vehicle is as near to its goal as in calm air, and slow for these gusts.
+    """Return whether the vehicle is as near to its goal as in calm air, and slow considering the
+    gusts.
 
     Both limits depend on the accuracy of its positions.
     """

@@ -1,17 +1,17 @@
-"""Detects contact with the ground, from two signs that have lasted for a moment. Pure.
+"""Detects contact with the ground from two signs that have held for a moment. Pure.
 
 A vehicle stands on the ground if both are true:
 
-    it is low and its thrust is less than its weight, or its thrust is much less;
-    it does not move vertically, or PX4 reports the ground with a recent report.
+    it is low and its thrust is less than its weight, or its thrust is much less; it does not move
+    vertically, or PX4 has recently reported the ground.
 
-Little thrust and no vertical motion together need neither a height nor PX4. In the air a vehicle
-with so little thrust would move in a third of a second by more than "no vertical motion" allows.
+Little thrust together with no vertical motion needs neither a height nor PX4. In the air, a vehicle
+with so little thrust would, within a third of a second, move more than "no vertical motion" allows.
 
-PX4's own height from satellites errs by half a metre, so a low height is no sign there. Only the
-thrust shows the contact: the setpoint keeps sinking, the thrust falls, and the vehicle does not
-sink. PX4's land detector does not help either. With attitude setpoints it reports the ground only
-after a while without thrust (MPC_MANTHR_MIN in its MulticopterLandDetector.cpp).
+PX4's own height from satellites has an error of half a metre, so a low height is not a sign there.
+Only the thrust shows the contact. The setpoint keeps sinking and the thrust falls, but the vehicle
+does not sink. PX4's land detector does not help either. With attitude setpoints it reports the
+ground only after a while without thrust (MPC_MANTHR_MIN in its MulticopterLandDetector.cpp).
 """
 
 from __future__ import annotations
@@ -20,19 +20,19 @@ from msgspec import Struct
 
 from onboard.flight.types import FlightView
 
-AGREED_S = 0.35  # time for which both signs have to last
+AGREED_S = 0.35  # both signs must hold for this time
 
-_LIGHT_SHARE = 0.8  # less than this share of the hover thrust is little thrust
+_LIGHT_SHARE = 0.8  # less than this share of the hover thrust counts as little thrust
 _STILL_M = 0.02  # a vehicle is still if its height changes by less within AGREED_S
-_STILL_PX4_M_S = 0.15  # without a mocap, whose height has more noise, the vertical speed counts
-LOW_M = 0.06  # height above the ground below which a vehicle is low
-# A vehicle with more of the hover thrust than this hovers. For instance, the law may keep a landing
-# vehicle a few centimetres above the ground.
+_STILL_PX4_M_S = 0.15  # without a mocap the height is noisier, so the vertical speed counts
+LOW_M = 0.06  # below this height above the ground, a vehicle is low
+# A vehicle with more than this share of the hover thrust hovers. For instance, the law may keep a
+# landing vehicle a few centimetres above the ground.
 _HOVERS_SHARE = 0.97
 
 # Without a mocap PX4's velocity may err by more than _STILL_PX4_M_S. After _LIGHT_LONG_S with
-# little thrust, a vehicle in the air would sink at 3 m/s. A vehicle slower than _LIGHT_SLOW_M_S
-# stands.
+# little thrust, a vehicle in the air would sink at 3 m/s. A vehicle slower than _LIGHT_SLOW_M_S has
+# landed.
 _LIGHT_LONG_S = 1.5
 _LIGHT_SLOW_M_S = 0.7
 
@@ -40,24 +40,24 @@ _LIGHT_SLOW_M_S = 0.7
 _STALLED_M = 0.30
 _STALLED_S = 1.5
 
-# Without poses the height is PX4's, which is wrong by up to a third of a metre. The better sign is
-# that a vehicle, which sinks at 0.8 m/s, stops sinking when it meets the ground. PX4 may take the
+# Without poses, only PX4's height is known, which is wrong by up to a third of a metre. A better
+# sign is that the vehicle, which sinks at 0.8 m/s, stops sinking at the ground. PX4 may mistake the
 # impact for a climb, so rising counts as standing, too.
-_BLIND_LOW_M = 0.6  # below this height the ground may be
+_BLIND_LOW_M = 0.6  # the ground may be below this height
 _BLIND_SINKS_M_S = 0.25  # a vehicle that sinks more slowly than this stands
 _BLIND_STANDS_S = 0.26  # a vehicle that stands for this time has landed
 _BLIND_TOUCHES_S = 0.06  # a vehicle that stands for this time seems to have landed
-_BLIND_UNDER_GROUND_M = -1.0  # no error explains so low a height: the vehicle has landed
+_BLIND_UNDER_GROUND_M = -1.0  # no error explains a height this low, so the vehicle has landed
 
 
 class ContactSigns(Struct, frozen=True):
-    """Signs of contact; each time [ns] is the last one at which the sign did not hold."""
+    """Signs of contact; each time [ns] is the last time at which the sign did not hold."""
 
     height_m: float = 0.0  # height at which the vehicle has been still
     still_ns: int = 0  # the vehicle does not move vertically
     light_ns: int = 0  # its thrust is much less than its weight
     reported_ns: int = 0  # PX4 reports the ground
-    slow_ns: int = 0  # its vertical speed is much slower than a fall with little thrust
+    slow_ns: int = 0  # its vertical speed is much less than in a fall with little thrust
 
 
 def observe(
@@ -68,8 +68,8 @@ def observe(
     Args:
         signs: signs of contact at the last tick.
         view: what the flight sees at this tick.
-        has_mocap: whether a mocap measures the height, to millimetres.
-        sinks_blind: whether the vehicle descends without poses; single poses may still come.
+        has_mocap: whether a mocap measures the height, to within millimetres. sinks_blind: whether
+        the vehicle descends without poses; single poses may still come.
     """
     now_ns = view.now_ns
     _, _, height_m = view.position_enu_m
@@ -97,7 +97,7 @@ def observe(
 
 
 def is_agreed(signs: ContactSigns, view: FlightView, ground_z_m: float, is_late: bool) -> bool:
-    """Return whether the signs say that the vehicle stands on the ground.
+    """Return whether the signs agree that the vehicle stands on the ground.
 
     Args:
         signs: signs of contact at this tick.
@@ -156,8 +156,8 @@ def is_agreed_blind(signs: ContactSigns, view: FlightView, ground_z_m: float) ->
 def seems_to_stand_blind(signs: ContactSigns, view: FlightView, ground_z_m: float) -> bool:
     """Return whether a vehicle that descends without poses seems to have met the ground.
 
-    This is known sooner than :func:`is_agreed_blind`, and it does not end the flight. It ends dead
-    reckoning, whose model has no contact forces.
+    This is known earlier than :func:`is_agreed_blind`, and does not end the flight. It ends dead
+    reckoning, because that model has no contact forces.
 
     Args:
         signs: signs of contact at this tick.

@@ -1,8 +1,8 @@
 """The memory of one vehicle's flight: its step, its order and its goal.
 
-Every part of the agent may read the memory. Only the state machine and its effects write it. What
-depends on the step alone (situation, control mode, whether setpoints are sent) is a property of the
-step: ``flight.step``.
+Every part of the agent may read the memory. Only the state machine and its effects write it.
+Everything that depends only on the step (situation, control mode, whether setpoints are sent) is a
+property of ``flight.step``.
 """
 
 from __future__ import annotations
@@ -28,14 +28,14 @@ from onboard.types import Goal
 from onboard.vectors import ZERO_3
 
 # A vehicle that lands or lifts off below this height above the ground does not promise to avoid
-# others, since it cannot move aside any more once it touches the ground.
+# others, because it can no longer move aside once it touches the ground.
 _AVOIDS_ABOVE_M = 0.5
 
-_CONTACT_LIMIT_S = 8.0  # time after the contact within which PX4 has to confirm the landing
+_CONTACT_LIMIT_S = 8.0  # PX4 must confirm the landing within this time after the contact
 
-# A landing fails if the vehicle rises again by more than this. With a mocap the limit is more than
-# avoidance explains. Without one it is more than the drift of PX4's height, which may rise after
-# the touch-down.
+# A landing fails if the vehicle rises again by more than this. With a mocap, the limit is more than
+# avoidance explains. Without a mocap, it is more than the drift of PX4's height, which may rise
+# after the touchdown.
 _RISEN_M = 0.5
 _PX4_HEIGHT_RISEN_M = 1.5
 
@@ -57,7 +57,7 @@ class FlightContext:
     step_ns: int = 0  # time when the step began
     steady_ns: int = 0  # last time in this step when the vehicle was not steady
     request_ns: int = 0  # time of the last request to PX4 in this step
-    deadline_ns: int = 0  # time by which a move or a landing has to end
+    deadline_ns: int = 0  # time by which a move or a landing must end
 
     order: Order | None = None  # the order in progress
     goal: Goal = _NO_GOAL
@@ -69,16 +69,17 @@ class FlightContext:
     ground_z_m: float = 0.0  # height of the ground where the vehicle took off
     lowest_m: float = math.inf  # lowest height since the landing began, or since contact
     contact_z_m: float = -math.inf  # height at which the vehicle touched the ground
-    # the person who ordered that the vehicle takes part in no flight; empty: it takes part
+    # the person who took the vehicle out of flights; empty: it takes part
     disabled_by: str = ""
     stands_in_for: str = ""  # the vehicle that this one replaces in the fleet; empty: none
     has_fallen: bool = False  # whether PX4 disarmed or restarted in this flight
-    was_killed: bool = False  # whether an order to kill stops, or has stopped, the motors
+    was_killed: bool = False  # whether a kill order stops, or has stopped, the motors
     contact: ContactSigns = field(default_factory=ContactSigns)
-    # goal when the poses stopped; the vehicle returns to its height once poses arrive again
+    # goal at the time when the poses stopped; the vehicle returns to its height once poses arrive
+    # again
     seen_goal: Goal = _NO_GOAL
 
-    commands: list[Command] = field(default_factory=list)  # commands that the core has to take
+    commands: list[Command] = field(default_factory=list)  # commands that the core must take
 
     @property
     def state(self) -> AgentState:
@@ -94,7 +95,7 @@ class FlightContext:
 
     @property
     def expected(self) -> Expected:
-        """Reports that PX4 sends as long as only this agent controls the vehicle."""
+        """Reports that PX4 sends while only this agent controls the vehicle."""
         mode = ""
         if self.step in MUST_BE_OFFBOARD:
             mode = "OFFBOARD"
@@ -140,7 +141,7 @@ class FlightContext:
         return self.goal.position_enu_m
 
     def is_avoiding(self, view: FlightView) -> bool:
-        """Return whether the others may count on this vehicle to avoid them."""
+        """Return whether other vehicles may count on this vehicle to avoid them."""
         if not self.step.is_under_law:
             return False
         is_low = self._height_m(view) < _AVOIDS_ABOVE_M
@@ -148,7 +149,7 @@ class FlightContext:
         return not touches_the_ground_soon
 
     def may_touch_the_ground(self, view: FlightView) -> bool:
-        """Return whether the vehicle lifts off or lands so low that its feet may touch ground."""
+        """Return whether the vehicle lifts off or lands, and is low enough to touch the ground."""
         may_be_down = self.step in _NEAR_THE_GROUND or self.step is FlightStep.CONTACT
         return may_be_down and self._height_m(view) < LOW_M
 
@@ -217,7 +218,7 @@ class FlightContext:
         self.commands.append(Publish(Topic.EVENT, event))
 
     def take_commands(self) -> list[Command]:
-        """Return the commands since the last call, in their order."""
+        """Return the commands since the last call, in order."""
         commands = self.commands
         self.commands = []
         return commands

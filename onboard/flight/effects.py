@@ -21,15 +21,15 @@ from onboard.vectors import Vec3 as Point
 DEFAULT_HEIGHT_M = 1.0
 
 _LEAST_CLIMB_S = 1.5
-LIFT_M = 1.0  # above the ground: the first leg of a climb
+LIFT_M = 1.0  # height above the ground of the first leg of a climb
 _LEAST_DESCENT_S = 1.0
 _UNDER_GROUND_M = 0.10  # a descent ends below the ground, so that it does not slow down above it
-_LOWER_BY_M = 0.3  # step of a descent where the ground is lower than at the take-off
+_LOWER_BY_M = 0.3  # step of a descent if the ground is lower than at the take-off
 
-# PX4's own height may be wrong by three of the standard deviations that PX4 reports, within these
+# PX4's own height may be wrong by three times the standard deviation that PX4 reports, within these
 # bounds. With satellites the error has a standard deviation of 0.28 m (measured on SIH, where PX4
-# reports 0.3 m). A landing becomes slow at this height above the ground of the take-off, and sinks
-# on until the vehicle stands.
+# reports 0.3 m). A landing becomes slow at this height above the take-off ground, and continues to
+# sink until the vehicle stands.
 _UNSURE_SIGMAS = 3.0
 _LEAST_UNSURE_M = 0.8
 _MOST_UNSURE_M = 3.0
@@ -37,9 +37,9 @@ _FEEL_M_S = 0.4  # speed of the slow part
 _FEEL_M_S2 = 0.5  # acceleration to that speed
 
 _SLOW_SHARE = 0.25  # mean speed of a slowed move, as a share of the top speed
-_SLOW_PATH_S = 1.0  # time for which one request slows a show
+_SLOW_PATH_S = 1.0  # one request slows a show for this time
 
-# A move or a landing may take this limit, plus _PATIENCE times its duration without other vehicles.
+# A move or a landing may take this time, plus _PATIENCE times its duration without other vehicles.
 _LEG_LIMIT_S = 30.0
 _LANDING_LIMIT_S = 20.0
 _PATIENCE = 3.0
@@ -48,7 +48,7 @@ _PEAK_OF_MEAN = 1.9  # peak speed of a trajectory, divided by its mean speed
 
 
 def takeoff_height_m(order: Order | None) -> float:
-    """Return the height [m] above the fleet's origin to which an order to take off leads."""
+    """Return the height [m] above the fleet's origin that an order to take off leads to."""
     if order is None or order.height_m is None:
         return DEFAULT_HEIGHT_M
     return order.height_m
@@ -68,8 +68,8 @@ def stay_on_ground(flight: FlightContext, view: FlightView) -> None:
 def lift_off(flight: FlightContext, view: FlightView) -> None:
     """Go straight up by one metre at most.
 
-    A longer climb would begin more slowly. Near the ground a vehicle cannot tilt much against the
-    wind, so it has to leave the ground soon.
+    A longer climb would start more slowly. Near the ground, a vehicle cannot tilt much against the
+    wind, so it must leave the ground soon.
     """
     _, _, flight.ground_z_m = view.position_enu_m
     top_m = min(takeoff_height_m(flight.order), flight.ground_z_m + LIFT_M)
@@ -77,7 +77,7 @@ def lift_off(flight: FlightContext, view: FlightView) -> None:
 
 
 def climb_on(flight: FlightContext, view: FlightView) -> None:
-    """Go on to the ordered height."""
+    """Continue to the ordered height."""
     _climb_above(flight, view, flight.goal_position_enu_m, takeoff_height_m(flight.order))
 
 
@@ -119,9 +119,9 @@ def slow_down(flight: FlightContext, view: FlightView) -> None:
 
 
 def stop_here(flight: FlightContext, view: FlightView) -> None:
-    """Stop as soon as the acceleration allows, inside the fence.
+    """Stop inside the fence, as soon as the acceleration allows.
 
-    The height of the stop is kept between the vehicle's and the ordered one.
+    The height of the stop lies between the vehicle's height and the ordered one.
     """
     x, y, stop_z_m = stop_point(view, flight.vehicle, flight.fleet)
     _, _, own_z_m = view.position_enu_m
@@ -134,7 +134,7 @@ def stop_here(flight: FlightContext, view: FlightView) -> None:
 
 
 def begin_path(flight: FlightContext, view: FlightView) -> None:
-    """Wait at the begin of the loaded path for the ordered instant."""
+    """Wait at the start of the loaded path for the ordered time."""
     order = flight.order
     assert order is not None
     assert order.path is not None
@@ -197,10 +197,10 @@ def descend(flight: FlightContext, view: FlightView) -> None:
 def _end_of_descent_m(flight: FlightContext, view: FlightView) -> float:
     """Return the height at which the planned part of a descent ends.
 
-    With a mocap it is below the ground. Without one it is the largest height at which the ground
-    may be, and the vehicle sinks on slowly from there (:func:`feel_for_ground`).
+    With a mocap, it is below the ground. Without a mocap, it is the largest height at which the
+    ground may be, and the vehicle sinks slowly from there (:func:`feel_for_ground`).
     """
-    # the end is never above the vehicle: a height that reads too low must not make it climb
+    # the end is never above the vehicle, so that a height that reads too low does not make it climb
     _, _, own_m = view.position_enu_m
     if flight.vehicle.mocap_required:
         return min(flight.ground_z_m, own_m) - _UNDER_GROUND_M
@@ -211,10 +211,10 @@ def _end_of_descent_m(flight: FlightContext, view: FlightView) -> float:
 
 
 def feel_for_ground(flight: FlightContext, view: FlightView) -> None:
-    """Sink on at a low constant speed, also below the expected ground."""
+    """Continue to sink at a low constant speed, even below the expected ground."""
     goal = flight.goal
     sequence = goal.sequence
-    if not goal.is_on_path:  # the goal of the planned part: the slow part begins now
+    if not goal.is_on_path:  # this is the goal of the planned part, so the slow part starts now
         sequence += 1
 
     speed_m_s = min(_FEEL_M_S, -goal.velocity_enu_m_s.z + _FEEL_M_S2 * view.period_s)
@@ -244,7 +244,7 @@ def descend_further(flight: FlightContext, view: FlightView) -> None:
 
 
 def expect_contact(flight: FlightContext, view: FlightView) -> None:
-    """Reset the lowest height, and take the present height as that of the contact."""
+    """Reset the lowest height, and store the present height as the contact height."""
     flight.lowest_m = math.inf
     _, _, flight.contact_z_m = view.position_enu_m
 
@@ -264,7 +264,7 @@ def note_kill(flight: FlightContext, view: FlightView) -> None:
 
 
 def forget_kill(flight: FlightContext, view: FlightView) -> None:
-    """Forget an earlier kill, because the new step has another reason."""
+    """Forget an earlier kill, because the new step has a different reason."""
     flight.was_killed = False
 
 
@@ -272,7 +272,7 @@ def forget_kill(flight: FlightContext, view: FlightView) -> None:
 
 
 def sink(flight: FlightContext, view: FlightView) -> None:
-    """Brake and go down by dead reckoning, which is good for a few seconds."""
+    """Brake and descend by dead reckoning, which is accurate for a few seconds."""
     expect_contact(flight, view)
     flight.seen_goal = flight.goal
     x, y, _ = stop_point(view, flight.vehicle, flight.fleet)
@@ -286,7 +286,7 @@ def hold_again(flight: FlightContext, view: FlightView) -> None:
 
 
 def resume(flight: FlightContext, view: FlightView) -> None:
-    """Go on with the order that dead reckoning has interrupted, at the same speed."""
+    """Continue the order that dead reckoning has interrupted, at the same speed."""
     order = flight.order
     if order is not None and order.kind == "follow_path":  # the vehicle skips the rest of the path
         seen = flight.seen_goal

@@ -1,13 +1,13 @@
 """The flight as a table: (step, event) -> (next step, request to PX4, ...). Pure data.
 
-How to read it: several rows may have the same step and event. The first row whose predicate holds
-is applied. If there is no such row, an event changes nothing, and an order is refused. A vehicle
-counts as armed, in OFFBOARD, landed or disarmed only when PX4 says so. Therefore steps wait for
-PX4, and a request that has no effect is repeated.
+Several rows may have the same step and event. The first row with a true predicate is applied. If
+there is no such row, an event changes nothing, and an order is refused. A vehicle counts as armed,
+in OFFBOARD, landed or disarmed only when PX4 says so. Therefore steps wait for PX4, and a request
+that has no effect is repeated.
 
-The rows stand in groups: the orders of operators, the actions of failsafes, and the events of a
-tick (without poses, on the ground, in take-off, flight and landing). docs/flight.md is printed from
-here.
+The rows are grouped: the orders of operators, the actions of failsafes, and the events of a tick
+(without poses, on the ground, in take-off, flight and landing). docs/flight.md is generated from
+this table.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ Predicate = Callable[[FlightContext, FlightView], bool]
 Effect = Callable[[FlightContext, FlightView], None]
 Text = str | Callable[[FlightContext, FlightView], str]
 
-CAUSE = "{cause}"  # stands for the reason that the failsafe or the order gave
+CAUSE = "{cause}"  # placeholder for the reason of the failsafe or the order
 
 
 class Row(NamedTuple):
@@ -46,7 +46,7 @@ class Row(NamedTuple):
     steps: Sequence[S]
     event: E
     when: Predicate | None = None  # None: always
-    to: S | None = None  # next step. None: the step goes on; the same step: it begins anew
+    to: S | None = None  # next step. None: the step continues; the same step: it starts again
     # Command to PX4. It is sent at once if a step begins. In a row without a next step it is
     # repeated until PX4 has obeyed.
     request: Command | None = None
@@ -98,14 +98,14 @@ ORDERS = (
     Row((S.ARRIVED, S.HOLDING), E.HOLD, when=p.at_goal, to=S.HOLDING, reason="ordered"),
     Row(_FREE, E.HOLD, to=S.HOLDING, effect=effects.stop_here, reason="ordered"),
 
-    # An agent that started while its vehicle flew, or that lost it, takes over from PX4's hold.
-    # Until PX4 confirms OFFBOARD, PX4 flies, so only PX4 can land the vehicle. The heartbeat shows
-    # whether a pilot has taken the vehicle meanwhile.
+    # An agent that started while its vehicle was flying, or that lost the vehicle, takes over from
+    # PX4's hold. PX4 flies until it confirms OFFBOARD, so only PX4 can land the vehicle. The
+    # heartbeat shows whether a pilot has taken over in the meantime.
     Row((*_SILENT, S.TAKEOVER), E.HOLD, to=S.TAKEOVER, request=RequestHeartbeat(),
         effect=effects.take_over, reason=S.TAKEOVER.text),
 
-    # Hold, land and disarm all stop a start. Before PX4 confirms that it is armed they disarm it;
-    # from then on they land it.
+    # Hold, land and disarm all abort a start. Until PX4 confirms that it is armed, they disarm it;
+    # afterwards they land it.
     Row((S.LIFTOFF,), E.HOLD, to=S.DESCENT, effect=effects.descend, reason="ordered"),
     Row(_ARMED, E.LAND, when=p.px4_is_armed, to=S.DISARMING, request=Disarm(), reason=""),
     Row(_ARMED, E.LAND, to=S.DISARMED, request=Disarm(), reason=""),
@@ -116,12 +116,12 @@ ORDERS = (
         effect=effects.descend, reason="ordered"),
     Row((S.COASTING,), E.LAND, to=S.SINKING, reason="ordered"),
     Row((S.SINKING, S.PX4_LANDING), E.LAND),  # it lands already, so nothing changes
-    # These orders are done at once, because the vehicle stands already.
+    # These orders are done at once, because the vehicle already stands on the ground.
     Row((S.LANDED,), E.LAND, ends=("done", sentences.STANDS)),
-    # `home` is the only move that gets here, and only for a vehicle on its take-off spot.
+    # Only the move `home` gets here, and only for a vehicle on its take-off spot.
     Row(_START, E.MOVE, ends=("done", sentences.STANDS_AT_HOME)),
     Row((S.DISARMING,), E.LAND, when=p.px4_reports_the_ground),  # it stands, and is disarmed
-    # These rows also apply after a kill, since the kill may have been lost. The rows of LANDING
+    # These rows also apply after a kill, because the kill may have been lost. The rows of LANDING
     # distinguish a fall from a landing. If PX4 receives sticks, a heartbeat is requested first,
     # which shows whether a pilot flies.
     Row((*_SILENT, S.TAKEOVER, S.DISARMING), E.LAND, when=p.px4_hears_sticks, to=S.PX4_LANDING,
@@ -129,9 +129,9 @@ ORDERS = (
     Row((*_SILENT, S.TAKEOVER, S.DISARMING), E.LAND, to=S.PX4_LANDING, request=Px4Land(),
         reason=sentences.ordered_or_killed),
 
-    # CONTACT takes the thrust away, so that the vehicle stands even if PX4 sees a lift-off
-    # meanwhile. If PX4 does not report the ground any more, the vehicle lands, because the order
-    # means that it has to come down.
+    # CONTACT removes the thrust, so the vehicle stays on the ground even if PX4 sees a lift-off in
+    # the meantime. If PX4 no longer reports the ground, the vehicle lands, because the order means
+    # that it must come down.
     Row((S.LIFTOFF,), E.DISARM, when=p.px4_reports_the_ground, to=S.CONTACT, request=Disarm(),
         effect=effects.expect_contact, reason="ordered"),
     Row((S.LIFTOFF, S.CLIMB), E.DISARM, to=S.DESCENT, effect=effects.descend,
@@ -159,7 +159,8 @@ FAILSAFES = (
     Row((S.ARRIVED,), E.FAILSAFE_HOLD, when=p.at_goal, to=S.HOLDING, reason=CAUSE),
     Row((S.CLIMB, S.LEG, S.PATH, S.ARRIVED), E.FAILSAFE_HOLD, to=S.HOLDING,
         effect=effects.stop_here, reason=CAUSE),
-    # The order has failed, but the vehicle flies on without poses. It holds when poses come again.
+    # The order has failed, but the vehicle continues to fly without poses. It holds when poses
+    # return.
     Row((S.COASTING,), E.FAILSAFE_HOLD, when=p.has_order, to=S.COASTING, reason=CAUSE),
 
     Row((S.LIFTOFF, *_FREE), E.FAILSAFE_LAND, to=S.DESCENT, effect=effects.descend, reason=CAUSE),
@@ -215,7 +216,7 @@ GROUND = (
     Row((S.DISARMING,), E.TICK, when=p.px4_has_not_confirmed_in_time, to=S.FAILED,
         reason=sentences.still_armed, ends=("timed out", sentences.still_armed)),
 
-    # An arming that was requested before the disarming may take effect only now.
+    # An arming request sent before the disarming may take effect only now.
     Row((S.DISARMED,), E.TICK, when=p.px4_is_armed, to=S.DISARMING, request=Disarm()),
     Row((S.DISARMED,), E.TICK, when=p.px4_stays_disarmed, to=S.READY,
         ends=("done", sentences.DISARMED)),
@@ -296,8 +297,8 @@ LANDING = (
     Row((S.DESCENT,), E.TICK, when=p.feels_for_ground, effect=effects.feel_for_ground),
     Row((S.DESCENT,), E.TICK, when=p.floor_is_lower, to=S.DESCENT, effect=effects.descend_further),
 
-    # After a landing PX4 disarms only when the vehicle has stood for seconds. If PX4 is disarmed
-    # earlier, the kill has had its effect.
+    # After a landing, PX4 disarms only once the vehicle has stood for seconds. If PX4 disarms
+    # earlier, the kill has taken effect.
     Row((S.PX4_LANDING,), E.TICK, when=p.falls_by_kill, to=S.FAILED,
         ends=("failed", sentences.falls_by_kill)),
     Row((S.PX4_LANDING,), E.TICK, when=p.kill_had_no_effect,
@@ -323,7 +324,7 @@ ROWS = (*ORDERS, *FAILSAFES, *BLIND, *GROUND, *TAKEOFF, *FLYING, *LANDING)
 
 
 def _by_step_and_event() -> dict[tuple[S, E], tuple[Row, ...]]:
-    """Return the rows of each step and event, in the order in which they stand above."""
+    """Return the rows of each step and event, in the order of the table."""
     table: dict[tuple[S, E], tuple[Row, ...]] = {}
     for row in ROWS:
         for step in row.steps:

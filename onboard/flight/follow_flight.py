@@ -2,7 +2,7 @@
 
 The ground sends the follower's goals twice a second, as orders to move that name the followed
 vehicle. After the order `pause` the vehicle holds, and such goals are refused until `resume`. After
-the order `skip` it holds as well, and such goals are refused until another order comes.
+the order `skip`, it also holds, and such goals are refused until another order comes.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from onboard.bus.schema import Order
 class FollowFlight:
     """The following of one vehicle."""
 
-    leader: str = ""  # the vehicle that the newest order follows; empty: it follows nobody
+    leader: str = ""  # the vehicle that the newest order follows; empty: none
     is_paused: bool = False  # whether an order has paused the following
     is_skipped: bool = False  # whether an order has ended the following
 
@@ -26,14 +26,14 @@ class FollowFlight:
         return bool(self.leader) and not self.is_skipped
 
     def begin(self, order: Order) -> None:
-        """Remember which vehicle a beginning order follows, if any."""
+        """Remember which vehicle a new order follows, if any."""
         self.leader = order.follows if order.kind == "move" else ""
         self.is_paused = False
         self.is_skipped = False
 
 
 def goal_refusal(follow: FollowFlight, order: Order) -> str | None:
-    """Return the reason why a goal of the ground's following is refused, or None.
+    """Return why a goal that the ground sends for following is refused, or None.
 
     Args:
         follow: present state of the following.

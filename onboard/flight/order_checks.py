@@ -1,4 +1,4 @@
-"""Refusals of orders, each with its reason. Pure: an answer depends on the arguments only.
+"""Refusals of orders, each with its reason. Pure: the answer depends only on the arguments.
 
 :func:`refusal` returns the first reason that it finds. It checks in this order: the deadline and
 the id of the order; whether the flight table has a row for the order in this step; and what the
@@ -57,14 +57,15 @@ class OrderFacts(NamedTuple):
     others: Mapping[str, Telemetry]  # newest telemetry of each other vehicle
     distances_m: Mapping[str, float]  # separation from each other vehicle
     not_ready: tuple[str, ...]  # reasons of the preflight check against a take-off
-    # computes the reasons against a takeover in the air; a function, because that is expensive
+    # computes the reasons against a takeover in the air; a function, because computing them is
+    # expensive
     not_ready_in_air: Callable[[], tuple[str, ...]]
 
 
 def refusal(order: Order, flight: FlightContext, facts: OrderFacts) -> str | None:
-    """Return the reason why ``order`` cannot be begun, or None.
+    """Return the reason why ``order`` cannot start, or None.
 
-    Kill is never refused, not even when it is late.
+    Kill is never refused, even when it is late.
     """
     if order.kind == "kill":
         return None
@@ -148,7 +149,7 @@ def _refusal_to_enable(flight: FlightContext, others: Mapping[str, Telemetry]) -
 def _refusal_to_disable(flight: FlightContext, view: FlightView) -> str | None:
     """Return the reason against taking a vehicle out of service, or None.
 
-    The vehicle has to stand on the ground, disarmed.
+    The vehicle must be disarmed on the ground.
     """
     if flight.step not in _AT_REST:
         doing: str = flight.state
@@ -172,7 +173,7 @@ def acceptance(order: Order, flight: FlightContext, view: FlightView) -> str:
 
 
 def late_sentence(order: Order, now_ns: int) -> str | None:
-    """Return the sentence about an order that came after its deadline; None if it is in time."""
+    """Return the sentence about an order that came after its deadline; None if it was in time."""
     if not order.deadline_ns or order.deadline_ns >= now_ns:
         return None
     late_s = 1e-9 * (now_ns - order.deadline_ns)
@@ -205,7 +206,7 @@ def _refusal_to_take_over(order: Order, flight: FlightContext, facts: OrderFacts
 def _refusal_of_pilot(order: Order, flight: FlightContext) -> str | None:
     """Return the reason against an order to a vehicle that a pilot flies by hand, or None.
 
-    While a pilot flies, only a person's order to this vehicle by its name can land it.
+    While a pilot flies, only a person's order that names this vehicle can land it.
     """
     name = flight.vehicle.name
     if order.kind == "land" and order.reason:  # by a mission, or to all vehicles
@@ -262,8 +263,8 @@ def _refusal_of_step(order: Order, flight: FlightContext) -> str:
 def _refusal_at_rest(order: Order, flight: FlightContext, facts: OrderFacts) -> str | None:
     """Return the reason against `land` or `home` for a vehicle on the ground, or None.
 
-    None means that the order is done already. A vehicle at its take-off spot is at home. A vehicle
-    that was killed or that fell refuses the order, because somebody has to inspect it.
+    None means that the order is already done. A vehicle at its take-off spot is at home. A vehicle
+    that was killed or that fell refuses the order, because a person must inspect it.
     """
     name = flight.vehicle.name
     if flight.was_killed:
@@ -336,7 +337,7 @@ def _refusal_to_start(order: Order, flight: FlightContext, facts: OrderFacts) ->
 
 
 def _refusal_to_reboot(view: FlightView) -> str | None:
-    """Return the reason against rebooting PX4, or None; it has to be disarmed and on the ground."""
+    """Return the reason against rebooting PX4, or None. PX4 must be disarmed and on the ground."""
     if view.snapshot.is_armed:
         return "PX4 is armed: order disarm first. It starts anew on the ground only, disarmed."
     if not view.is_on_ground:
@@ -404,14 +405,14 @@ def _refusal_to_move(order: Order, flight: FlightContext, facts: OrderFacts) -> 
             return f"Goal {goal_text} {words}."
 
     for name, other in facts.others.items():
-        # A flying neighbour may just have been ordered to go elsewhere. A neighbour that lands or
-        # is on the ground stays where it is.
+        # A flying neighbour may just have been ordered elsewhere. A neighbour that lands or is on
+        # the ground stays where it is.
         if other.is_airborne and other.state != "landing":
             continue
 
         x, y, z = other.position_enu_m
         if other.is_airborne:
-            z = min(z, goal_z_m)  # a landing neighbour takes the whole column below it
+            z = min(z, goal_z_m)  # a landing neighbour occupies the whole column below it
         distance_m = separation_m((x, y, z), goal, limits.height_share)
         if other.is_position_valid and distance_m < limits.safety_distance_m:
             return (

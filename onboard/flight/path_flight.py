@@ -1,21 +1,21 @@
-"""A path that a vehicle follows: its parts, its clock, and how far the vehicle lags behind.
+"""A path that a vehicle follows: its parts, its clock, and the vehicle's lag.
 
-All vehicles of a show have the same path time. Each of them integrates its own clock, and compares
-it with the clocks in the telemetry of the others. So a show goes on without the ground:
+All vehicles of a show have the same path time. Each vehicle integrates its own clock, and compares
+it with the clocks in the telemetry of the others. So a show continues without the ground:
 
     A vehicle that falls behind its path requests more time. All clocks then run at half the rate.
 
     A clock that is ahead of the slowest clock slows down.
 
-    A vehicle gets PATIENCE_S of time. If it has used that time and is still behind, it leaves the
-    show, and the others do not wait for it any more.
+    A vehicle gets PATIENCE_S of time. If it has used up that time and is still behind, it leaves
+    the show, and the others no longer wait for it.
 
     A pause stops the clock of the vehicle that was ordered to pause. The other vehicles of the show
-    see that in its telemetry, and stop their clocks, too. Each vehicle brakes along its own path.
-    The clocks go on when no vehicle of the show is paused.
+    see this in its telemetry, and stop their clocks, too. Each vehicle brakes along its own path.
+    The clocks continue when no vehicle of the show is paused.
 
-    A vehicle that skips the rest leaves the show, and flies straight to the end of its path. Its
-    order to follow the path is done there.
+    A vehicle that skips the rest leaves the show, and flies straight to the end of its path. There
+    its order to follow the path is done.
 """
 
 from __future__ import annotations
@@ -37,15 +37,15 @@ from onboard.safety.area_room import clearances_m
 from onboard.tuples import Xyz
 from onboard.types import Goal
 
-PATIENCE_S = 10.0  # time for which the others wait for one vehicle
-BEHIND_M = 0.6  # lag from which on a vehicle requests more time
-CAUGHT_UP_M = 0.3  # lag below which the request ends
+PATIENCE_S = 10.0  # the others wait for one vehicle for this time
+BEHIND_M = 0.6  # a vehicle with more lag than this requests more time
+CAUGHT_UP_M = 0.3  # below this lag, the request ends
 SLOWEST_RATE = 0.5  # rate of the clocks while a vehicle requests more time
-START_WITHIN_S = 60.0  # a show begins at most this long after its order
-AT_START_M = 0.5  # largest distance from the begin of the path when the show is ordered
+START_WITHIN_S = 60.0  # a show starts at most this long after its order
+AT_START_M = 0.5  # largest distance from the start of the path when the show is ordered
 
-_RATE_SLEW_1_S = 0.5  # largest change of the clock's rate in each second
-_RECOVERY = 0.1  # seconds of patience that a vehicle regains in each second in which it keeps up
+_RATE_SLEW_1_S = 0.5  # largest change of the clock's rate per second
+_RECOVERY = 0.1  # seconds of patience that a vehicle regains per second of keeping up
 _AHEAD_GAIN_1_S = 1.0  # how much a clock slows down for each second that it is ahead
 _AHEAD_S = 0.05  # a clock that is ahead of the slowest by less does not slow down
 
@@ -54,7 +54,7 @@ _COMPARE_NS = 95_000_000  # time between two comparisons
 
 _CHECK_HZ = 20.0  # samples per second in the check of a path
 _SPEED_ROOM = 1.1  # largest speed on a path, relative to the vehicle's top speed
-_REST_M_S = 0.05  # largest speed at the begin and the end of a path
+_REST_M_S = 0.05  # largest speed at the start and the end of a path
 
 
 class OtherClock(NamedTuple):
@@ -71,15 +71,15 @@ class PathFlight:
 
     parts: dict[int, bytes] = field(default_factory=dict)
     path_id: str = ""  # id of the path that the parts belong to
-    path: Path | None = None  # the path, once all its parts have come
+    path: Path | None = None  # the path, once all its parts have arrived
 
     show_id: str = ""  # id of the show that is flown; empty: none
     start_ns: int = 0  # time when the show begins
-    on_lag: str = "land"  # "land" or "hold": what the vehicle does if it has to leave the show
+    on_lag: str = "land"  # "land" or "hold": what the vehicle does if it must leave the show
 
     time_s: float = 0.0  # time of the path's clock
     rate: float = 1.0  # rate of the clock
-    target_rate: float = 1.0  # rate that the last comparison with the others gave
+    target_rate: float = 1.0  # rate from the last comparison with the others
     compare_ns: int = 0  # time of the next comparison
 
     lag_m: float = 0.0  # distance from the path's present point
@@ -119,7 +119,7 @@ class PathFlight:
             self.path = None
 
     def begin(self, order: PathOrder) -> None:
-        """Begin to follow the path at the ordered instant."""
+        """Start to follow the path at the ordered time."""
         self.show_id = order.show_id
         self.start_ns = order.start_ns
         self.on_lag = order.on_lag
@@ -165,7 +165,7 @@ class PathFlight:
         self.used_s = max(used_s, 0.0)
 
     def _advance_clock(self, now_ns: int, dt_s: float, others: Sequence[OtherClock] | None) -> None:
-        """Set the path time before the start; from then on integrate the rate of the clock."""
+        """Before the start, set the path time. Afterwards, integrate the rate of the clock."""
         since_start_s = (now_ns - self.start_ns) * 1e-9
         is_first = not math.isfinite(self.time_s)
         if since_start_s <= 0.0 or is_first:
@@ -183,7 +183,7 @@ class PathFlight:
         self.time_s += self.rate * dt_s
 
     def goal(self, sequence: int, lead_s: float) -> Goal:
-        """Return the path's motion after ``lead_s``, when a command given now has its effect."""
+        """Return the path's motion after ``lead_s``, when a command given now takes effect."""
         assert self.path is not None
         point: PathPoint = paths.point_at(self.path, self.time_s + self.rate * lead_s)
         return Goal(
@@ -199,7 +199,7 @@ class PathFlight:
 
 
 def other_clocks(telemetries: Iterable[Telemetry], show_id: str, now_ns: int) -> list[OtherClock]:
-    """Return the clocks of the others that fly the same show and whose telemetry is recent."""
+    """Return the clocks of the other vehicles in the same show with recent telemetry."""
     clocks = []
     for other in telemetries:
         is_heard = now_ns - other.stamp_ns < _HEARD_NS
@@ -220,7 +220,7 @@ def part_refusal(
 ) -> str | None:
     """Return the reason why a part of a path cannot be taken, or None.
 
-    The whole path is checked when its last part comes.
+    The whole path is checked when its last part arrives.
     """
     most_parts = 1 + paths.MOST_BYTES // paths.PART_BYTES
     if order is None or not 0 <= order.part < order.parts <= most_parts:
@@ -247,7 +247,7 @@ def part_refusal(
 def start_refusal(
     flight: PathFlight, order: PathOrder | None, now_ns: int, position_enu_m: Xyz
 ) -> str | None:
-    """Return the reason why the loaded path cannot be followed from that instant, or None."""
+    """Return the reason why the loaded path cannot be followed from that time, or None."""
     if order is None or not order.show_id:
         return (
             "An order to follow a path needs the path's id and the show's: "
@@ -273,7 +273,7 @@ def start_refusal(
 
 
 def change_refusal(flight: PathFlight, kind: str) -> str | None:
-    """Return the reason why a path cannot be paused, resumed or skipped now; or None.
+    """Return the reason why a path cannot be paused, resumed or skipped now, or None.
 
     Args:
         flight: present state of the path's flight.
@@ -301,7 +301,7 @@ def _target_rate(own: PathFlight, others: Sequence[OtherClock]) -> float:
 
 
 def _parts_with(flight: PathFlight, order: PathOrder) -> dict[int, bytes]:
-    """Return all parts that have come of the order's path, with the part of this order."""
+    """Return all parts of the order's path that have arrived, including the part in this order."""
     parts: dict[int, bytes] = {}
     if flight.path_id == order.path_id:
         parts.update(flight.parts)

@@ -1,8 +1,8 @@
 """Predicates of the flight table; docs/flight.md prints their names. Pure.
 
 Each function answers one question about the flight at this tick. In the docstrings "it" is the
-vehicle. Only :func:`is_steady` is no predicate of a row: it says whether the condition that the
-step waits for holds at this tick. The flight measures for how long that condition has lasted.
+vehicle. Only :func:`is_steady` is not a predicate of a row. It says whether the condition that the
+step waits for holds at this tick. The flight measures how long this condition has held.
 """
 
 from __future__ import annotations
@@ -18,10 +18,10 @@ from onboard.flight.types import FlightStep, FlightView
 # what PX4 confirms
 CONFIRM_TIMEOUT_S = 5.0
 REBOOT_TIMEOUT_S = 30.0
-_STREAM_BEFORE_OFFBOARD_S = 0.3  # time of setpoints before OFFBOARD is requested
+_STREAM_BEFORE_OFFBOARD_S = 0.3  # setpoints are sent for this time before OFFBOARD is requested
 _LEAST_OFFBOARD_S = 0.1
-_ARM_ON_ITS_WAY_S = 0.5  # a request to arm that is older than this has had its effect
-_KILL_ON_ITS_WAY_S = 0.5  # a kill that is older than this has had its effect
+_ARM_ON_ITS_WAY_S = 0.5  # a request to arm older than this has taken effect
+_KILL_ON_ITS_WAY_S = 0.5  # a kill older than this has taken effect
 
 # take-off, move, hold
 LIFTOFF_TIMEOUT_S = 6.0
@@ -29,24 +29,24 @@ HOLD_TIMEOUT_S = 15.0
 PATH_END_TIMEOUT_S = 15.0
 _CLIMB_TIMEOUT_S = 40.0
 _PATIENCE = 3.0  # a climb may also take this many times its planned duration
-# Height at which the landing gear has left the ground. Before that the vehicle hardly tilts, and
-# wind carries it along: with 0.12 m here, by up to 1.4 m in 3 m/s of wind with a drag of 1/s.
+# Height at which the landing gear has left the ground. Below it, the vehicle hardly tilts, and the
+# wind carries it along. With 0.12 m here, a wind of 3 m/s carried it up to 1.4 m at a drag of 1/s.
 _LIFTED_M = 0.05
-_ARRIVED_S = 0.5  # time at the goal after which a vehicle has arrived
-_MOVED_BY_GUSTS_S = 8.0  # the same for a vehicle that gusts keep farther away than in calm air
-_SEEN_S = 0.6  # a descent without poses ends when poses have come for this time
-_REST_S = 0.3  # time at rest after which a hold is complete
+_ARRIVED_S = 0.5  # a vehicle has arrived after this time at the goal
+_MOVED_BY_GUSTS_S = 8.0  # the same if gusts keep the vehicle farther away than in calm air
+_SEEN_S = 0.6  # a descent without poses ends when poses have arrived for this time
+_REST_S = 0.3  # a hold is complete after this time at rest
 
 # landing
 _BEGUN_S = 0.3  # a descent does not end before this time
-_LATE_DESCENT_S = 1.0  # a descent is late by this much after its planned end
-_LOWER_FLOOR_S = 3.0  # if a descent lasts longer than planned by this, the ground is lower
+_LATE_DESCENT_S = 1.0  # a descent is late when it exceeds its planned end by this
+_LOWER_FLOOR_S = 3.0  # if a descent takes this much longer than planned, the ground is lower
 _CONTACT_HEIGHT_M = 0.06  # a vehicle on the ground is below this height
-_FEELS_WITHIN_M = 0.3  # distance from the height at which the slow part of a landing begins
-_FALLEN_M = 0.10  # a falling vehicle is below the height of its contact by more than this
+_FEELS_WITHIN_M = 0.3  # largest distance from the height where the slow part of a landing starts
+_FALLEN_M = 0.10  # a falling vehicle is more than this below the height of its contact
 _FALLING_M_S = -0.3  # and its vertical speed is below this
-# Other vehicles keep a vehicle off its landing spot if it rests at least _KEPT_OFF_M beside the
-# spot for _KEPT_OFF_S. A vehicle rests only if its vertical speed is above _SINKS_M_S.
+# A vehicle counts as kept off its landing spot by others if it rests at least _KEPT_OFF_M beside
+# the spot for _KEPT_OFF_S. A vehicle rests only if its vertical speed is above _SINKS_M_S.
 _KEPT_OFF_M = 0.5
 _KEPT_OFF_S = 2.0
 _SINKS_M_S = -0.5
@@ -54,11 +54,11 @@ _DISARM_AFTER_S = 4.0  # PX4 disarms by itself within this time after the contac
 _DISARM_AFTER_SEEN_S = 0.5  # it disarms within this time if it reports the ground
 
 # landing by dead reckoning
-_BLIND_BEGUN_S = 0.6  # contact is looked for only after this time
+_BLIND_BEGUN_S = 0.6  # contact is checked only after this time
 
 # PX4's own landing
 _PX4_LANDING_TIMEOUT_S = 60.0
-_MODE_KNOWN_S = 1.2  # PX4's heartbeat, with its mode, comes once a second
+_MODE_KNOWN_S = 1.2  # PX4's heartbeat with its mode arrives once a second
 _PX4_SINKS_M_S = 0.5  # least speed of its descent: MPC_LAND_SPEED is 0.7 m/s
 
 
@@ -93,18 +93,20 @@ def px4_confirms_disarmed(flight: FlightContext, view: FlightView) -> bool:
 
 
 def px4_stays_disarmed(flight: FlightContext, view: FlightView) -> bool:
-    """Return whether PX4 says disarmed, so late that no request to arm is still on its way."""
+    """Return whether PX4 says disarmed, late enough that no request to arm can still be on its
+    way.
+    """
     later_ns = view.snapshot.heartbeat_ns - flight.step_ns
     return not view.snapshot.is_armed and later_ns > 1e9 * _ARM_ON_ITS_WAY_S
 
 
 def px4_has_not_confirmed_in_time(flight: FlightContext, view: FlightView) -> bool:
-    """Return whether PX4 has had five seconds to confirm what was requested."""
+    """Return whether PX4 has had five seconds to confirm the request."""
     return flight.seconds(view) > CONFIRM_TIMEOUT_S
 
 
 def px4_has_rebooted(flight: FlightContext, view: FlightView) -> bool:
-    """Return whether PX4's clock began after this step did, and a heartbeat has come since."""
+    """Return whether PX4's clock started after this step did, and a heartbeat has arrived since."""
     boot_ms = view.snapshot.px4_boot_ms
     began_ns = view.snapshot.attitude_ns - 1_000_000 * boot_ms
     is_new = boot_ms > 0 and began_ns > flight.step_ns
@@ -112,7 +114,7 @@ def px4_has_rebooted(flight: FlightContext, view: FlightView) -> bool:
 
 
 def px4_has_not_rebooted_in_time(flight: FlightContext, view: FlightView) -> bool:
-    """Return whether PX4 has had half a minute to start anew."""
+    """Return whether PX4 has had half a minute to restart."""
     return flight.seconds(view) > REBOOT_TIMEOUT_S
 
 
@@ -132,12 +134,12 @@ def px4_is_armed_in_the_air(flight: FlightContext, view: FlightView) -> bool:
 
 
 def px4_is_disarmed_on_ground(flight: FlightContext, view: FlightView) -> bool:
-    """Return whether PX4 says disarmed, and its last report is the ground."""
+    """Return whether PX4 says disarmed, and last reported the ground."""
     return not view.snapshot.is_armed and view.was_on_ground
 
 
 def px4_is_on_ground(flight: FlightContext, view: FlightView) -> bool:
-    """Return whether PX4's last report is the ground."""
+    """Return whether PX4 last reported the ground."""
     return view.was_on_ground
 
 
@@ -163,8 +165,8 @@ def lifted_off(flight: FlightContext, view: FlightView) -> bool:
 def climbs_on(flight: FlightContext, view: FlightView) -> bool:
     """Return whether half of the first leg of a climb is flown, and a second leg follows.
 
-    In the middle the leg is at its top speed and does not accelerate. The second leg continues with
-    that speed.
+    In its middle, the leg is at top speed and does not accelerate. The second leg continues at that
+    speed.
     """
     _, _, z_m = view.position_enu_m
     _, _, goal_z_m = flight.goal_position_enu_m
@@ -180,8 +182,8 @@ def lift_off_late(flight: FlightContext, view: FlightView) -> bool:
 def arrived(flight: FlightContext, view: FlightView) -> bool:
     """Return whether it has been at its goal for half a second.
 
-    Gusts move a vehicle that has arrived, so its goal is wider in gusts. It has arrived as soon as
-    it is as near as in calm air, or after some seconds anywhere in the wider goal.
+    Gusts move a vehicle that has arrived, so its goal is wider in gusts. It has arrived when it is
+    as near as in calm air, or after some seconds anywhere in the wider goal.
     """
     at_goal_s = flight.steady_s(view)
     if at_goal_s > _MOVED_BY_GUSTS_S:
@@ -213,7 +215,7 @@ def path_late(flight: FlightContext, view: FlightView) -> bool:
 
 
 def left_behind_to_land(flight: FlightContext, view: FlightView) -> bool:
-    """Return whether it has been behind its path for too long, and has to land for that."""
+    """Return whether it has been behind its path for too long, and therefore must land."""
     return flight.path.is_lost and flight.path.on_lag == "land"
 
 
@@ -244,7 +246,7 @@ def rest_late(flight: FlightContext, view: FlightView) -> bool:
 
 
 def not_slowed_yet(flight: FlightContext, view: FlightView) -> bool:
-    """Return whether the order still goes on at full speed."""
+    """Return whether the order still continues at full speed."""
     return not flight.is_slow
 
 
@@ -288,7 +290,8 @@ def has_order(flight: FlightContext, view: FlightView) -> bool:
 def sees_again_on_leg(flight: FlightContext, view: FlightView) -> bool:
     """Return whether its position is measured again, with an order in progress that has a goal.
 
-    An order to follow a path has a goal after a skip. Without a skip it has ended with the poses.
+    An order to follow a path has a goal only after a skip. Without a skip, it ended when the poses
+    stopped.
     """
     order = flight.order
     return not view.is_blind and order is not None and order.kind in ("move", "follow_path")
@@ -305,23 +308,22 @@ def sees_again(flight: FlightContext, view: FlightView) -> bool:
 
 
 def sees_again_for_long(flight: FlightContext, view: FlightView) -> bool:
-    """Return whether its position has been measured for a while again, in a descent without poses.
+    """Return whether its position has again been measured for a while, in a descent without poses.
 
-    Poses that come and go must not restart the descent, and the search for signs of the ground,
-    each time.
+    Intermittent poses must not keep restarting the descent and the search for signs of the ground.
     """
     return not view.is_blind and flight.steady_s(view) > _SEEN_S
 
 
 def falls(flight: FlightContext, view: FlightView) -> bool:
-    """Return whether it falls below the height of its contact, which was no contact then."""
+    """Return whether it falls below the height of its supposed contact."""
     _, _, z_m = view.position_enu_m
     _, _, climbing_m_s = view.velocity_enu_m_s
     return flight.contact_z_m - z_m > _FALLEN_M and climbing_m_s < _FALLING_M_S
 
 
 def is_kept_off(flight: FlightContext, view: FlightView) -> bool:
-    """Return whether others keep it away from its landing spot, so that it rests beside it."""
+    """Return whether it rests beside its landing spot because others keep it away."""
     return flight.steady_s(view) > _KEPT_OFF_S
 
 
@@ -360,14 +362,16 @@ def landed_by_order(flight: FlightContext, view: FlightView) -> bool:
 def landed(flight: FlightContext, view: FlightView) -> bool:
     """Return whether PX4 confirms that it is disarmed on the ground.
 
-    If PX4 reports no landed state, disarmed is enough, because PX4 disarms on the ground only.
+    If PX4 reports no landed state, disarmed is enough, because PX4 disarms only on the ground.
     """
     is_down = view.was_on_ground or not view.has_landed_report
     return is_down and px4_confirms_disarmed(flight, view)
 
 
 def px4_should_have_disarmed(flight: FlightContext, view: FlightView) -> bool:
-    """Return whether PX4 has had time to disarm by itself; it needs less once it reports ground."""
+    """Return whether PX4 has had time to disarm by itself. It needs less time once it reports
+    ground.
+    """
     limit_s = _DISARM_AFTER_S
     if view.is_on_ground:
         limit_s = _DISARM_AFTER_SEEN_S
@@ -375,7 +379,7 @@ def px4_should_have_disarmed(flight: FlightContext, view: FlightView) -> bool:
 
 
 def px4_stays_armed_on_ground(flight: FlightContext, view: FlightView) -> bool:
-    """Return whether PX4 has reported the ground for so long that it should have disarmed."""
+    """Return whether PX4 has reported the ground for long enough that it should have disarmed."""
     reported_s = 1e-9 * (view.now_ns - flight.contact.reported_ns)
     return view.is_on_ground and reported_s > _DISARM_AFTER_S
 
@@ -386,7 +390,7 @@ def falls_by_kill(flight: FlightContext, view: FlightView) -> bool:
 
 
 def kill_had_no_effect(flight: FlightContext, view: FlightView) -> bool:
-    """Return whether PX4 says armed, so late that a kill must have had its effect."""
+    """Return whether PX4 still says armed when a kill must have taken effect."""
     later_ns = view.snapshot.heartbeat_ns - flight.step_ns
     is_effect_known = later_ns > 1e9 * _KILL_ON_ITS_WAY_S
     return flight.was_killed and view.snapshot.is_armed and is_effect_known
@@ -400,8 +404,8 @@ def px4_hears_sticks(flight: FlightContext, view: FlightView) -> bool:
 def px4_does_not_land(flight: FlightContext, view: FlightView) -> bool:
     """Return whether PX4 is in another mode than LAND, and does not report the ground.
 
-    If PX4 receives sticks, the mode must have been reported since this step began, because the
-    pilot may have taken over.
+    If PX4 receives sticks, the mode must have been reported since this step began, because a pilot
+    may have taken over.
     """
     is_known = _is_confirmed(flight, view) or flight.seconds(view) > _MODE_KNOWN_S
     if view.hears_sticks and not is_known:
@@ -415,7 +419,7 @@ def px4_refuses_to_land(flight: FlightContext, view: FlightView) -> bool:
 
 
 def px4_landing_late(flight: FlightContext, view: FlightView) -> bool:
-    """Return whether PX4's landing has taken too long, given the height that is left."""
+    """Return whether PX4's landing has taken too long, given the remaining height."""
     left_m = 0.0
     if view.has_position:
         _, _, z_m = view.position_enu_m

@@ -1,4 +1,6 @@
-"""Sentences for people: reasons of steps and ends of orders, which the flight table names. Pure."""
+"""Sentences for people: reasons of steps and ends of orders, as the flight table uses them.
+Pure.
+"""
 
 from __future__ import annotations
 
@@ -53,7 +55,7 @@ def superseded(order: Order) -> str:
 
 
 def ordered_or_killed(flight: FlightContext, view: FlightView) -> str:
-    """Return the reason of an ordered landing; after a kill, the kill stays the reason."""
+    """Return the reason of an ordered landing. After a kill, the kill remains the reason."""
     if flight.was_killed:
         return flight.reason
     return "ordered"
@@ -65,7 +67,7 @@ def falls_by_kill(flight: FlightContext, view: FlightView) -> str:
 
 
 def lands_unless_killed(flight: FlightContext) -> str:
-    """Return the sentence that says what an order to land does after a kill."""
+    """Return the sentence about what an order to land does after a kill."""
     return f"{flight.reason} It falls; PX4 lands it only if the kill did not reach its motors."
 
 
@@ -85,13 +87,13 @@ def still_armed(flight: FlightContext, view: FlightView) -> str:
 
 
 def disabled(flight: FlightContext) -> str:
-    """Return why a vehicle that is out of service starts nothing."""
+    """Return why a vehicle that is out of service does not start."""
     name = flight.vehicle.name
     return f"{name} is disabled by {flight.disabled_by[:60]}: order enable {name} to fly it."
 
 
 def stands_in(flight: FlightContext) -> str:
-    """Return the sentence that says whose place in the fleet a vehicle has."""
+    """Return the sentence that names the vehicle whose place in the fleet this one has taken."""
     name = flight.vehicle.name
     if not flight.stands_in_for:
         return f"{name} takes part in flights, from its own place."
@@ -112,13 +114,13 @@ def not_rebooted(flight: FlightContext, view: FlightView) -> str:
 
 
 def not_armed(flight: FlightContext, view: FlightView) -> str:
-    """Return the reason why PX4 did not arm, with its own words if it has said any since."""
+    """Return the reason why PX4 did not arm, with PX4's own words if there are any."""
     sentence = f"PX4 did not arm within {CONFIRM_TIMEOUT_S:.0f} s."
     return f"{sentence} {_px4_words(flight, view)}".strip()
 
 
 def _px4_words(flight: FlightContext, view: FlightView) -> str:
-    """Return PX4's newest status text; empty if none has come since the step began."""
+    """Return PX4's newest status text; empty if none has arrived since the step began."""
     if view.snapshot.status_text_ns > flight.step_ns:
         return view.snapshot.status_text
     return ""

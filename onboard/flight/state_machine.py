@@ -1,9 +1,9 @@
-"""The state machine of a flight: applies the rows of the flight table, and alone writes the step.
+"""The state machine of a flight: applies the rows of the flight table. Only this module writes the
+step.
 
-An order begins a step, and so does an action of the failsafe table. :func:`advance` goes on to the
-next step at a tick, when telemetry and estimate allow it. All of these are FlightEvents. For an
-event, :func:`_match` finds the first row of the step whose predicate holds, and :func:`_apply`
-carries it out.
+An order or an action of the failsafe table starts a step. :func:`advance` moves to the next step at
+a tick, when telemetry and estimate allow it. All of these are FlightEvents. For an event,
+:func:`_match` finds the step's first row with a true predicate, and :func:`_apply` carries it out.
 
 Requests to PX4 and events for people are collected in the context until the core takes them.
 """
@@ -19,7 +19,8 @@ from onboard.flight.predicates import is_steady
 from onboard.flight.types import FlightEvent, FlightStep, FlightView
 from onboard.safety.failsafe_table import Action
 
-# time after which a request is repeated: PX4 may have missed it, or refused it at that moment
+# a request is repeated after this time, because PX4 may have missed it, or refused it at that
+# moment
 _REPEAT_NS = 1_200_000_000
 
 # A vehicle may still climb when its landing begins. In this time its lowest height is not updated
@@ -35,7 +36,7 @@ _EVENT_OF_ORDER = {
 _EVENT_OF_ACTION = {
     Action.SLOW: FlightEvent.FAILSAFE_SLOW,
     Action.HOLD: FlightEvent.FAILSAFE_HOLD,
-    # the level setpoint is for one tick and is chosen when it is sent; the flight itself holds
+    # the level setpoint lasts one tick and is chosen when it is sent; the flight itself holds
     Action.LEVEL: FlightEvent.FAILSAFE_HOLD,
     Action.LAND: FlightEvent.FAILSAFE_LAND,
     Action.PX4_LAND: FlightEvent.FAILSAFE_PX4_LAND,
@@ -53,7 +54,7 @@ def accepts(step: FlightStep, order_kind: str) -> bool:
 
 
 def begin_order(flight: FlightContext, view: FlightView, order: Order) -> None:
-    """Begin an order that order_checks.py has accepted, and end the order in progress."""
+    """Start an order that order_checks.py has accepted, and end the order in progress."""
     row = _match(flight, view, _EVENT_OF_ORDER[order.kind])
     if row is None:
         return
@@ -66,7 +67,7 @@ def begin_order(flight: FlightContext, view: FlightView, order: Order) -> None:
 
 
 def locate(flight: FlightContext, view: FlightView, order: Order) -> None:
-    """Play a tune that shows which vehicle this is. The flight goes on unchanged."""
+    """Play a tune that shows which vehicle this is. The flight continues unchanged."""
     flight.commands.append(PlayTune())
 
     # PX4 does not acknowledge a tune; "identify" is the former name of the order
@@ -74,7 +75,7 @@ def locate(flight: FlightContext, view: FlightView, order: Order) -> None:
 
 
 def load_path(flight: FlightContext, view: FlightView, order: Order) -> None:
-    """Take a part of a path. The flight goes on unchanged."""
+    """Take a part of a path. The flight continues unchanged."""
     part = order.path
     assert part is not None
     flight.path.load(part)
@@ -125,7 +126,7 @@ def _change_following(flight: FlightContext, view: FlightView, order: Order) -> 
 def change_service(flight: FlightContext, view: FlightView, order: Order) -> None:
     """Take the vehicle out of service or back into it, or let it stand in for another one.
 
-    The others see and avoid a vehicle that is out of service, too.
+    Other vehicles still see and avoid a vehicle that is out of service.
     """
     if order.kind == "disable":
         flight.disabled_by = "nobody named"
@@ -176,7 +177,7 @@ def begin_failsafe(
 
 
 def preflight_checked(flight: FlightContext, view: FlightView, is_ready: bool) -> None:
-    """Take the result of the preflight check on the ground."""
+    """Process the result of the preflight check on the ground."""
     event = FlightEvent.PREFLIGHT_PASSED if is_ready else FlightEvent.PREFLIGHT_REFUSED
     row = _match(flight, view, event)
     if row is not None:
@@ -187,7 +188,7 @@ def preflight_checked(flight: FlightContext, view: FlightView, is_ready: bool) -
 
 
 def advance(flight: FlightContext, view: FlightView) -> None:
-    """Update the signs of contact and the times, and go on to the next step if one is due."""
+    """Update the signs of contact and the times, and move to the next step if one is due."""
     flight.contact = contact.observe(
         flight.contact,
         view,
@@ -209,7 +210,7 @@ def advance(flight: FlightContext, view: FlightView) -> None:
 
 
 def _match(flight: FlightContext, view: FlightView, event: FlightEvent) -> Row | None:
-    """Return the first row of the step and the event whose predicate holds."""
+    """Return the first row for this step and event with a true predicate."""
     for row in TABLE.get((flight.step, event), ()):
         if row.when is None or row.when(flight, view):
             return row
@@ -219,7 +220,7 @@ def _match(flight: FlightContext, view: FlightView, event: FlightEvent) -> Row |
 def _apply(flight: FlightContext, view: FlightView, row: Row, cause: str = "") -> None:
     """Carry out a row: end the order, report, begin the next step, and send its request to PX4.
 
-    All texts are composed before the step changes, because they describe the step that ends.
+    All texts are composed before the step changes, because they describe the step that is ending.
     """
     reason = flight.reason
     if row.reason is not None:

@@ -1,8 +1,8 @@
-"""Refusals of a takeover, in which an agent begins to fly a vehicle that is in the air. Pure.
+"""Refusals of a takeover, in which an agent starts to fly a vehicle that is in the air. Pure.
 
-A vehicle may be in the air when its agent starts, or the agent may have lost it to PX4. Somebody
-else may be flying it, so the agent sends nothing until an operator orders hold. It then takes the
-vehicle over, but from PX4's own hold only. The flight goes on from the present position.
+A vehicle may be in the air when its agent starts, or the agent may have lost it to PX4. A pilot may
+be flying it, so the agent sends nothing until an operator orders hold. It then takes over, but only
+from PX4's own hold. The flight continues from the present position.
 """
 
 from __future__ import annotations
@@ -17,8 +17,8 @@ from onboard.flight.types import FlightView
 
 HOLD = "HOLD"  # name of PX4's mode
 
-# The preflight rules that a takeover in the air has to pass, too. The other rules are about a
-# vehicle on the ground.
+# The preflight rules that also apply to a takeover in the air. The other rules are about a vehicle
+# on the ground.
 RULES = (
     "px4",
     "link",

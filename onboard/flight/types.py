@@ -1,11 +1,10 @@
 """Types of a flight: its steps, the events that change the step, and its inputs at one tick.
 
-Four words describe the progress of a flight. All four follow from the step, so that they cannot
+Four words describe the progress of a flight. All four follow from the step, so they cannot
 contradict each other:
 
     FlightStep    what the flight waits for: "climb", "descent", "waiting to be armed". It is the
-                  state of the state machine, the only one that is stored; the table in
-                  flight_table.py leads from step to step.
+    only stored state of the state machine; the table in flight_table.py leads from step to step.
 
     Situation     how much harm an action can do: on the ground, armed, lifting off, flying,
                   landing. It is the column of the failsafe table (safety/failsafe_table.py).
@@ -14,10 +13,10 @@ contradict each other:
                   law, a landing, a flight by dead reckoning (control/control_mode.py).
 
     AgentState    the word for people and for other programs: "holding", "landing". Telemetry
-                  publishes it (bus/schema.py), and several steps share one.
+    publishes it (bus/schema.py), and several steps share the same word.
 
-Each row of FlightStep names the other three. If more has to be known about a flight, add a step or
-a property of FlightContext, and no fifth word.
+Each row of FlightStep names the other three. To describe more of a flight, add a step or a property
+of FlightContext, but not a fifth word.
 """
 
 from __future__ import annotations
@@ -91,13 +90,13 @@ class FlightStep(Enum):
         self.control_mode = control_mode
         self.is_streaming = is_streaming
 
-        # whether the vehicle flies the output of the pipeline, and so of the avoidance law
+        # whether the vehicle flies the output of the pipeline, and so that of the avoidance law
         self.is_under_law = is_streaming and control_mode is not ControlMode.GROUND
 
 
 _NOT_YET_OFFBOARD = {FlightStep.ARM_OFFBOARD, FlightStep.TAKEOFF_OFFBOARD, FlightStep.TAKEOVER}
 
-# In these steps a heartbeat with another mode means that somebody else has taken the vehicle.
+# In these steps, a heartbeat with another mode means that somebody else has taken control.
 MUST_BE_OFFBOARD = {step for step in FlightStep if step.is_streaming} - _NOT_YET_OFFBOARD
 
 # In these steps a heartbeat without the armed flag means that the motors were stopped in the air.
@@ -138,7 +137,7 @@ class FlightEvent(Enum):
 
 
 class FlightView(Struct, frozen=True):
-    """State of the vehicle at one tick, as far as its flight knows it."""
+    """State of the vehicle at one tick, as its flight knows it."""
 
     now_ns: int
     position_enu_m: Xyz  # in the fleet's frame
@@ -163,7 +162,7 @@ class FlightView(Struct, frozen=True):
 
     @property
     def is_on_ground(self) -> bool:
-        """Whether PX4 reports the ground, in a recent report."""
+        """Whether PX4 has recently reported the ground."""
         return self.has_landed_report and self.snapshot.landed is Landed.ON_GROUND
 
     @property
@@ -173,10 +172,10 @@ class FlightView(Struct, frozen=True):
 
     @property
     def is_flown_by_hand(self) -> bool:
-        """Whether a pilot flies: PX4 is in a pilot's mode and hears his sticks."""
+        """Whether a pilot flies: PX4 is in a pilot's mode and hears the pilot's sticks."""
         return self.snapshot.is_flown_by_hand(self.now_ns)
 
     @property
     def was_on_ground(self) -> bool:
-        """Whether PX4's last report was the ground, however old it is."""
+        """Whether PX4 last reported the ground, however long ago."""
         return self.snapshot.landed is Landed.ON_GROUND

@@ -1,10 +1,10 @@
 """Dead reckoning of the vehicle's own motion while no pose arrives.
 
-Horizontally the estimate continues from attitude and throttle alone, which are more accurate than
-PX4's horizontal estimate: their median error was 0.09 m after two seconds, and 0.35 m after three.
+Horizontally, the estimate continues from attitude and throttle alone. This is more accurate than
+PX4's horizontal estimate. The median error was 0.09 m after two seconds, and 0.35 m after three.
 
 Vertically the estimate follows PX4's height and vertical speed, which come from accelerometers and
-a barometer. The throttle would not suffice, because the hover throttle may not be learned yet.
+a barometer. The throttle is not enough, because the hover throttle may not be learned yet.
 
 The bias is the acceleration that attitude and throttle do not explain. Dead reckoning uses its mean
 over the last seconds, because the newest bias contains noise.
@@ -21,11 +21,11 @@ from onboard.safety.limits import POSITION_STALE_S
 from onboard.vectors import ZERO_3, Vec3, add_scaled, bounded, subtract
 
 _MEAN_TIME_S = 2.0  # time constant of the mean bias
-# After a take-off the time constant is shorter: this share of the time of flight. In a wind the
-# mean has to find the push from zero.
+# After a take-off, the time constant is shorter: this share of the flight time. In wind, the mean
+# must find the push starting from zero.
 _MEAN_TIME_SHARE = 0.5
-# Once the mean has had its full time constant, a larger difference from it is clipped to this: it
-# comes from a jump of the poses.
+# Once the mean has its full time constant, a larger difference from it is clipped to this, because
+# it comes from a jump of the poses.
 _LARGEST_MISS_M_S2 = 0.8
 _HEIGHT_RAD_S = 3.0  # bandwidth with which PX4's height is followed
 _CLIMB_RAD_S = 6.0  # bandwidth with which PX4's vertical speed is followed
@@ -38,7 +38,7 @@ _LARGEST_STD_M_S = 0.03  # growth of the bound
 
 
 class VerticalMotion(NamedTuple):
-    """Height and vertical speed by PX4, in the fleet frame."""
+    """Height and vertical speed from PX4, in the fleet frame."""
 
     height_m: float
     climbing_m_s: float
@@ -48,10 +48,10 @@ class VerticalMotion(NamedTuple):
 class DeadReckoning:
     """Dead reckoning of one vehicle. Call :meth:`step` after the samples of each tick."""
 
-    is_on: bool = False  # whether the samples are so old that the estimate is dead reckoning
+    is_on: bool = False  # whether samples are too old, so that the estimate is dead reckoning
 
-    # Published standard deviations of position [m] and velocity [m/s]: those of the last sample.
-    # Without samples the standard deviation of the position grows.
+    # Published standard deviations of position [m] and velocity [m/s] at the last sample. Without
+    # samples, the standard deviation of the position grows.
     std: tuple[float, float] = (0.0, 0.0)
 
     _mean_bias_m_s2: Vec3 = ZERO_3
@@ -101,7 +101,7 @@ class DeadReckoning:
         position = memory.position_enu_m
         velocity = memory.velocity_enu_m_s
 
-        # When dead reckoning begins, correct the motion since the last sample, as if the mean bias
+        # When dead reckoning starts, correct the motion since the last sample, as if the mean bias
         # had acted since then instead of the newest bias.
         if not self.is_on:
             self.is_on = True

@@ -1,8 +1,8 @@
 """Converts PX4's local positions to the fleet frame, for vehicles that fly without a mocap.
 
 The local frame of each PX4 has its origin where PX4's estimator started. An offset converts local
-positions to the fleet frame. Outdoors PX4 sends the latitude and longitude of its origin, and the
-fleet file contains those of the fleet's origin: their difference is the horizontal offset. Heights
+positions to the fleet frame. Outdoors, PX4 sends the latitude and longitude of its origin, and the
+fleet file contains those of the fleet's origin. Their difference is the horizontal offset. Heights
 are measured from the ground under the vehicle, since satellite heights differ by metres. If the
 fleet file has no origin, the vehicle is assumed to stand on its take-off spot before its first
 flight.
@@ -26,8 +26,8 @@ from onboard.localization.dead_reckoning import VerticalMotion
 from onboard.safety.limits import LOCAL_POSITION_FRESH_S
 from onboard.tuples import Xyz
 
-# A position has jumped if its distance from the expected position is larger than _JUMP_M, plus what
-# an acceleration of _JUMP_M_S2 may add.
+# A position has jumped if its distance from the expected position exceeds _JUMP_M plus the distance
+# that an acceleration of _JUMP_M_S2 may add.
 _JUMP_M = 0.3
 _JUMP_M_S2 = 3.0
 
@@ -71,7 +71,7 @@ class LocalFrame:
         if anchored_m is None:
             return None
 
-        # without an origin on Earth, the anchored offset is right only before the first flight
+        # without an origin on Earth, the anchored offset is correct only before the first flight
         is_anchor_right = self.origin is not None or not self._has_flown
         if self._offset_enu_m is None or (is_parked and is_anchor_right):
             self._offset_enu_m = anchored_m
@@ -90,9 +90,8 @@ class LocalFrame:
     def vertical(self, snapshot: Snapshot, now_ns: int) -> VerticalMotion | None:
         """Return the present height in the fleet frame, and the vertical speed.
 
-        Both stay valid when satellites are lost, since PX4 also measures them with accelerometers
-        and a barometer. The result is None while the offset is not known, or while PX4 sends no
-        local position.
+        Both stay valid when satellites are lost, because PX4 also measures them with accelerometers
+        and a barometer. None while the offset is unknown, or while PX4 sends no local position.
 
         Args:
             snapshot: newest snapshot of PX4.
@@ -111,10 +110,10 @@ class LocalFrame:
         )
 
     def _anchored_offset_m(self, local_m: Xyz, snapshot: Snapshot) -> Xyz | None:
-        """Return the offset by the origins on Earth, or without them by the take-off spot.
+        """Return the offset from the origins on Earth, or without them from the take-off spot.
 
-        The height is always that of a vehicle on the ground at its take-off spot. The result is
-        None if the fleet has an origin on Earth and PX4 has not sent its origin yet.
+        The height always assumes a vehicle on the ground at its take-off spot. The result is None
+        if the fleet has an origin on Earth and PX4 has not sent its origin yet.
         """
         x, y, z = (start - here for start, here in zip(self.start_enu_m, local_m, strict=True))
         if self.origin is None:
@@ -129,13 +128,13 @@ class LocalFrame:
     def _absorbed_m(
         self, offset_m: Xyz, last: _LocalPosition, local: _LocalPosition, anchored_m: Xyz
     ) -> Xyz:
-        """Return the offset in the air: it absorbs a jump, and returns towards the true offset.
+        """Return the offset in the air. It absorbs a jump, and returns towards the true offset.
 
         Args:
             offset_m: present offset.
             last: previous local position.
             local: newest local position.
-            anchored_m: true offset by the origins on Earth; only its horizontal part is used.
+            anchored_m: true offset from the origins on Earth; only its horizontal part is used.
         """
         x, y, z = offset_m  # the new offset, changed in two steps
         dt_s = (local.stamp_ns - last.stamp_ns) * 1e-9

@@ -2,17 +2,17 @@
 
 Attitude and throttle give the acceleration of the vehicle ("driven" below). If a receiver's
 positions are late, they contradict the driven acceleration whenever the velocity changes. A vehicle
-that flies by late positions overshoots, and circles around its goal. There are two measures.
+that uses late positions overshoots, and circles around its goal. There are two measures.
 
-* The lateness: PX4's velocity gives the measured acceleration. It is compared with the driven
-  acceleration of now (error e_now), and with the driven acceleration of 0.36 s ago (error e_then).
-  If positions are late, e_then is smaller. The lateness is e_now^2 - e_then^2, integrated over some
-  seconds. Mean accelerations are subtracted before, so that neither wind nor a wrong thrust counts.
+* The lateness: PX4's velocity gives the measured acceleration. It is compared with the present
+  driven acceleration (error e_now), and with the driven acceleration 0.36 s ago (error e_then). If
+  positions are late, e_then is smaller. The lateness is e_now^2 - e_then^2, integrated over some
+  seconds. Mean accelerations are subtracted first, so neither wind nor a wrong thrust counts.
 * The miss: the root mean square of the filter's horizontal innovations over a second.
 
 Positions that drift slowly fit any motion, so they are not detected. A wrong heading is not
-detected either, because PX4 rotates the accelerations that it integrates by the same error. PX4
-corrects its heading by itself.
+detected either, because PX4 rotates its integrated accelerations by the same error. PX4 corrects
+its heading by itself.
 """
 
 from __future__ import annotations
@@ -24,18 +24,18 @@ from dataclasses import dataclass, field
 from onboard.vectors import ZERO_3, Vec3, add_scaled, bounded, scaled, subtract
 
 # Late positions are assumed to be this old, and the filter remembers its states for this time. If
-# they are newer, the vehicle flies well. If they are older, it continues to circle.
+# they are newer than this, the vehicle flies well. If they are older, it continues to circle.
 LATE_BY_S = 0.5
-# Positions are late if the lateness is larger. It stayed below 3.4 in simulated flights with
-# positions in time; with positions half a second late it was above this after 2 s.
+# Positions are late if the lateness is larger than this. In simulated flights, it stayed below 3.4
+# with punctual positions, and with positions half a second late it exceeded this after 2 s.
 LATE_M2_S3 = 6.0
 
 _LAG_TICKS = 18  # from the past driven acceleration to the present one: 0.36 s
 _MISS_S = 1.0  # averaging time of the miss
-_LATENESS_S = 5.0  # time constant with which the lateness is forgotten
+_LATENESS_S = 5.0  # time constant for forgetting the lateness
 _MEAN_S = 2.0  # averaging time of the mean accelerations
-_LONGEST_GAP_S = 0.1  # the change of the velocity over a longer gap is not used
-_LARGEST_M_S2 = 10.0  # bound of each axis: a larger acceleration is a jump of PX4's estimate
+_LONGEST_GAP_S = 0.1  # a velocity change over a longer gap is not used
+_LARGEST_M_S2 = 10.0  # bound of each axis; a larger acceleration is a jump of PX4's estimate
 
 
 def _zero_accelerations() -> deque[Vec3]:
@@ -55,7 +55,7 @@ class MotionFit:
     _driven_enu_m_s2: deque[Vec3] = field(default_factory=_zero_accelerations)
     _stamp_ns: int = 0  # time of the last position
     _velocity_enu_m_s: Vec3 = ZERO_3  # velocity that came with the last position
-    _measured_mean_m_s2: Vec3 = ZERO_3  # mean acceleration by PX4's velocity
+    _measured_mean_m_s2: Vec3 = ZERO_3  # mean acceleration from PX4's velocity
     _driven_mean_m_s2: Vec3 = ZERO_3
     _time_s: float = 0.0  # time of flight
 
@@ -65,7 +65,7 @@ class MotionFit:
         return math.sqrt(self._mean_square_m2)
 
     def drive(self, acceleration_enu_m_s2: Vec3) -> None:
-        """Append a tick's acceleration by attitude and throttle, without drag [m/s^2], ENU."""
+        """Append a tick's acceleration from attitude and throttle, without drag [m/s^2], ENU."""
         self._driven_enu_m_s2.append(acceleration_enu_m_s2)
 
     def step(
@@ -103,7 +103,7 @@ class MotionFit:
             self._compare(without_drag_m_s2, dt_s)
 
     def _compare(self, measured_m_s2: Vec3, dt_s: float) -> None:
-        """Update the lateness by a measured acceleration."""
+        """Update the lateness with a measured acceleration."""
         now_m_s2 = self._driven_enu_m_s2[-1]
         then_m_s2 = self._driven_enu_m_s2[0]
 

@@ -4,7 +4,7 @@ PX4 gets poses so that its own hold and land modes work indoors. It follows any 
 that the pose validator accepts are sent, 33 times a second.
 
 Without accepted poses nothing is sent, and PX4's estimator reports that it has lost its position.
-When poses return, PX4's estimate has drifted so far that PX4 rejects them. A changed reset counter
+When poses return, PX4's estimate has drifted too far, so PX4 rejects them. A changed reset counter
 makes PX4 restart its estimate at the pose. In the air the counter changes only if the pose is near
 PX4's own position, because a wrong pose may belong to another body.
 """
@@ -21,15 +21,15 @@ from onboard.frames import enu_from_ned
 from onboard.tuples import Xyz
 
 _PERIOD_NS = 30_000_000  # PX4 requires 30 to 50 Hz
-_EARLY_NS = 6_000_000  # a pose may be sent this much before it is due
+_EARLY_NS = 6_000_000  # a pose may be sent this early
 
 _STD_M = 0.01  # standard deviation of a pose
 
-# After a longer gap PX4 has to restart its estimate. PX4 notices the missing poses only after a
-# second, in which the estimate drifts by a few decimetres.
+# After a longer gap, PX4 must restart its estimate. PX4 notices missing poses only after a second,
+# during which the estimate drifts by a few decimetres.
 _GAP_NS = 300_000_000
 
-# Between two poses a vehicle moves at most by _STEP_M, plus _STEP_M_S for each second.
+# Between two poses, a vehicle moves by at most _STEP_M, plus _STEP_M_S for each second.
 _STEP_M = 0.2
 _STEP_M_S = 6.0
 
@@ -44,7 +44,7 @@ _FRESH_NS = 300_000_000  # an older position of PX4 is not used
 
 @dataclass(slots=True)
 class OdometryForwarder:
-    """Memory of the pose that was sent last."""
+    """Memory of the last pose sent."""
 
     resets: int = 0  # reset counter; MAVLink has eight bits for it
     _sent_ns: int = 0  # time at which the last pose was sent

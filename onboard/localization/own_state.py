@@ -1,10 +1,10 @@
 """Estimates the vehicle's own state from mocap samples, PX4's attitude and the sent throttle.
 
-The pose validator checks each sample at its arrival. Accepted samples wait in a queue until the
-next tick, when the Kalman filter uses them. A vehicle without a mocap uses PX4's local position
-instead. The agent calls :meth:`OwnState.update` at every tick.
+The pose validator checks each sample on arrival. Accepted samples wait in a queue until the next
+tick, when the Kalman filter uses them. A vehicle without a mocap uses PX4's local position instead.
+The agent calls :meth:`OwnState.update` at every tick.
 
-PX4's heading may be wrong by tens of degrees, since it comes from a magnetometer. The difference
+PX4's heading may be wrong by tens of degrees, because it comes from a magnetometer. The difference
 between the mocap's heading and PX4's (the heading offset) is low-passed. It converts PX4's attitude
 to the fleet frame, and attitude setpoints back to PX4's heading.
 """
@@ -41,10 +41,10 @@ _MAX_QUEUE = 8  # number of samples that may wait for a tick; the newest are kep
 _FUTURE_NS = 5_000_000  # a stamp may be ahead of its arrival by this time
 _HEADING_TIME_S = 1.0  # time constant of the heading offset
 _REJECTED_TO_RESTART = 10  # rejected samples in a row after which the filter restarts on the ground
-_WITHOUT_FIX_NS = 500_000_000  # satellites are lost after this time without a fix
-_TRUSTED_S = 0.1  # an estimate with an older newest sample is not compared with PX4's position
+_WITHOUT_FIX_NS = 500_000_000  # after this time without a fix, satellites count as lost
+_TRUSTED_S = 0.1  # an estimate without a sample newer than this is not compared with PX4's position
 
-# For positions by PX4. The slow error of such positions is in ACCURACIES.
+# For positions from PX4. ACCURACIES has their slow error.
 _PX4_POSITION_STD_M = 0.05  # noise between two positions
 _PX4_JUMP_GATE_M = 1.0  # a larger innovation is a jump
 _ZERO: Xyz = (0.0, 0.0, 0.0)
@@ -60,7 +60,7 @@ class _Sample(NamedTuple):
 
 
 class OwnEstimate(NamedTuple):
-    """Estimate of the own motion at one tick."""
+    """Estimate of our own motion at one tick."""
 
     state: State | None  # None before the first usable sample
     attitude_wxyz: Wxyz  # in the fleet frame
@@ -91,7 +91,7 @@ class OwnState:
     # only for vehicles without a mocap
     has_lost_satellites: bool = False
     fit: MotionFit = field(init=False)
-    # Whether this agent's setpoints fly the vehicle. Only then the thrust is known, which dead
+    # Whether this agent's setpoints fly the vehicle. Only then is the thrust known, which dead
     # reckoning needs.
     is_flown: bool = False
 
@@ -137,8 +137,9 @@ class OwnState:
             self.counts.malformed += 1
             return False
 
-        # All stamps are of one clock, so a sample that is not newer arrived out of order. Sequence
-        # numbers are not used, because a single wrong number could exclude all later samples.
+        # All stamps come from one clock, so a sample that is not newer arrived out of order.
+        # Sequence numbers are not used, because a single wrong number could exclude all later
+        # samples.
         is_new = self._newest_ns < pose.stamp_ns <= received_ns + _FUTURE_NS
         if not is_new:
             self.counts.late += 1
@@ -176,9 +177,8 @@ class OwnState:
             now_ns: time of the tick.
             dt_s: length of the tick.
             snapshot: newest snapshot of PX4, with its measured attitude.
-            thrust_frac: throttle that was sent last.
-            hover_frac: throttle that carries the weight.
-            is_on_ground: whether the vehicle stands on the ground.
+            thrust_frac: last throttle sent. hover_frac: hover throttle. is_on_ground: whether the
+            vehicle stands on the ground.
         """
         if not self.vehicle.mocap_required:
             self._notice_lost_satellites(snapshot, now_ns)
@@ -217,7 +217,7 @@ class OwnState:
                 trusted_enu_m = self.position_enu_m
             self.px4_check.update(snapshot, trusted_enu_m, now_ns, is_reckoned=is_reckoned)
 
-        # convert once more, because the samples have changed the heading offset
+        # convert again, because the samples have changed the heading offset
         attitude_wxyz = turned_about_up(snapshot.quaternion_enu_flu_wxyz, self.heading_offset_rad)
         state = self._state(is_reckoned=is_reckoned)
         gust_m_s2 = wind.gust_std_m_s2(self._wind)
@@ -275,8 +275,8 @@ class OwnState:
     ) -> kalman.KalmanMemory:
         """Compare a position of PX4 with the vehicle's motion, and return the filter's memory.
 
-        When the positions turn out to be late, the estimate so far is wrong, because the filter
-        assumed that they were newer. Then the returned memory has a larger covariance.
+        If the positions turn out to be late, the estimate so far is wrong, because the filter
+        assumed newer positions. The returned memory then has a larger covariance.
         """
         was_late = self.fit.is_late
         expected_enu_m = kalman.position_at(memory, age_s)
@@ -293,7 +293,7 @@ class OwnState:
         return memory
 
     def _follow_heading(self, yaw_rad: float, snapshot: Snapshot, dt_s: float) -> None:
-        """Update the heading offset by a sample's heading; the first sample sets it."""
+        """Update the heading offset with a sample's heading. The first sample sets it."""
         if snapshot.attitude_ns == 0:
             return
 
@@ -306,7 +306,7 @@ class OwnState:
         self._has_heading = True
 
     def _notice_lost_satellites(self, snapshot: Snapshot, now_ns: int) -> None:
-        """Find out whether satellites are lost. Then PX4's position drifts, and is not used.
+        """Find out whether satellites are lost. If so, PX4's position drifts, and is not used.
 
         A PX4 that has never had a fix gets its position from another sensor.
         """
@@ -321,8 +321,8 @@ class OwnState:
             return
         self._local_ns = snapshot.local_position_ns
 
-        # When the type of fix becomes worse, PX4's estimated accuracy stays good for a while, but
-        # the receiver reports its new accuracy at once. Both values are for two axes together.
+        # When the fix type becomes worse, PX4's estimated accuracy stays good for a while, but the
+        # receiver reports its new accuracy at once. Both values are for two axes together.
         accuracy_m = snapshot.position_accuracy_m
         if fix.is_below(snapshot, self.corrections, snapshot.local_position_ns):
             accuracy_m = max(accuracy_m, snapshot.fix_accuracy_m)
@@ -411,7 +411,8 @@ class OwnState:
 
     @property
     def position_std_m(self) -> float:
-        """Standard deviation of the filter's position per axis [m], also during dead reckoning.
+        """Standard deviation of the filter's position per axis [m], including during dead
+        reckoning.
 
         Infinite before the first sample.
         """
@@ -452,7 +453,7 @@ def _with_past_height(
 
 
 def _is_usable(pose: MocapPose) -> bool:
-    """Whether the numbers of a pose are a possible position and a unit quaternion."""
+    """Whether a pose has a possible position and a unit quaternion."""
     norm = math.hypot(*pose.quaternion_enu_flu_wxyz)
     return (
         is_finite(pose.position_enu_m, pose.quaternion_enu_flu_wxyz)

@@ -1,9 +1,9 @@
 """Checks the mocap poses of a body before they are used. Pure.
 
 The validator detects jumps, repetitions, late samples, clocks that jump, and old samples after an
-outage. The Kalman filter also has a gate for jumps, which is wide because a process may stall. The
-validator is stricter: between two samples a vehicle moves only as far as its acceleration allows. A
-rejected sample reaches neither the estimate nor PX4.
+outage. The Kalman filter also has a gate for jumps, but it is wide because a process may stall. The
+validator is stricter. It allows only the distance that the vehicle's acceleration permits between
+two samples. A rejected sample reaches neither the estimate nor PX4.
 """
 
 from __future__ import annotations
@@ -28,12 +28,12 @@ _ON_PATH_S = 0.5
 
 _NOISE_RAD = 0.3  # noise of the attitude
 _NOISES = 6.0  # largest distance from the expected path, in multiples of the noise
-_LEAST_SPEED_2_M2_S2 = 0.01  # square of 0.1 m/s: a slower velocity has no clear direction
+_LEAST_SPEED_2_M2_S2 = 0.01  # square of 0.1 m/s; a slower velocity has no clear direction
 
-# After an outage the first sample may be an old one with a new stamp, and the vehicle may have
-# moved anywhere. So samples are accepted only after this many in a row agree with each other.
+# After an outage, the first sample may be an old one with a new stamp, and the vehicle may have
+# moved anywhere. So samples are accepted only once this many in a row agree with each other.
 _CONFIRMED_BY = 2
-_CONFIRMED_AGAINST_PX4_BY = 25  # if PX4's position contradicts them: half a second
+_CONFIRMED_AGAINST_PX4_BY = 25  # the same if PX4's position contradicts them: half a second
 
 
 class PoseVerdict(IntEnum):
@@ -42,23 +42,23 @@ class PoseVerdict(IntEnum):
     ACCEPTED = 0
     JUMPED = 1  # farther away than the vehicle can have moved
     FROZEN = 2  # the same numbers for too long
-    UNCONFIRMED = 3  # one of the first after an outage
+    UNCONFIRMED = 3  # one of the first samples after an outage
 
 
 @dataclass(frozen=True, slots=True)
 class PoseBounds:
     """Bounds of possible motions and of usual samples."""
 
-    max_speed_m_s: float = 6.0  # with a reserve for gusts and collisions
-    max_acceleration_m_s2: float = 15.0  # with a reserve for gusts and collisions
+    max_speed_m_s: float = 6.0  # includes a reserve for gusts and collisions
+    max_acceleration_m_s2: float = 15.0  # includes a reserve for gusts and collisions
     noise_m: float = 0.01  # least noise of a sample; a larger noise is learned
     max_turn_rad_s: float = 12.0  # largest angular rate
     outage_s: float = 0.2  # after this time without an accepted sample, samples must be confirmed
-    # time after which identical samples mean a lost body: a tracked body always has noise
+    # after this time, identical samples mean a lost body, because a tracked body always has noise
     frozen_after_s: float = 0.075
-    late_after_s: float = 0.09  # mean delay above which samples are late
-    # A clock has jumped if the delay changes by more than clock_jump_s and stays so for
-    # clock_jump_lasts_s. Samples that are only late, on a busy machine, are soon on time again.
+    late_after_s: float = 0.09  # samples are late if their mean delay exceeds this
+    # A clock has jumped if the delay changes by more than clock_jump_s for at least
+    # clock_jump_lasts_s. On a busy machine, samples are late only briefly.
     clock_jump_s: float = 0.25
     clock_jump_lasts_s: float = 0.3
 
@@ -71,7 +71,7 @@ class PoseValidator:
 
     jumps: int = 0  # number of impossible samples in a row
     jumped_to_enu_m: Xyz | None = None  # position of the newest impossible sample; None: no jump
-    frozen_s: float = 0.0  # time for which the same numbers have come
+    frozen_s: float = 0.0  # how long the same numbers have been arriving
     delay_s: float = 0.0  # mean time from measurement to arrival
     clock_jump_ns: int = 0  # time of the last jump of a clock; 0: never
 
@@ -81,8 +81,8 @@ class PoseValidator:
     _quaternion: Wxyz = (1.0, 0.0, 0.0, 0.0)
     _stamp_ns: int = 0
 
-    # the newest sample that was not frozen, and the number of samples in a row, up to this one,
-    # that agree with each other; needed after an outage
+    # the newest sample that was not frozen, and how many samples in a row up to this one agree with
+    # each other; needed after an outage
     _candidate: Xyz = (0.0, 0.0, 0.0)
     _candidate_ns: int = 0
     _agreeing: int = 0
@@ -90,12 +90,12 @@ class PoseValidator:
     _last: tuple[Xyz, Wxyz] | None = None  # position and attitude of the newest sample of all
     _same_since_ns: int = 0  # stamp of the first sample with these numbers
     _usual_delay_s: float = 0.0
-    _unusual_since_ns: int = 0  # time since which the delay is unusual; 0: it is usual
+    _unusual_since_ns: int = 0  # since when the delay is unusual; 0: it is usual
     _noise_m: float = 0.0  # learned noise of a position
 
     @property
     def is_frozen(self) -> bool:
-        """Whether the same numbers have come for too long."""
+        """Whether the same numbers have been arriving for too long."""
         return self.frozen_s > self.bounds.frozen_after_s
 
     @property
@@ -115,7 +115,7 @@ class PoseValidator:
         """Return the verdict on one sample. A rejected sample does not change the expected path.
 
         The allowed distance grows with the time since the last accepted sample, so a body that
-        moved in a gap is accepted again. After a jump this holds only if PX4's own position does
+        moved in a gap is accepted again. After a jump, this is so only if PX4's own position does
         not contradict the sample (``is_contradicted``).
         """
         self._update_delay(stamp_ns, received_ns)
@@ -128,7 +128,7 @@ class PoseValidator:
             self._stamp_ns = 0  # the source's clock has changed, so the expected path is not valid
 
         agreeing = self._count_agreeing(position_enu_m, stamp_ns)
-        # a gap during jumps is no outage, because samples came and were rejected
+        # a gap during jumps is not an outage, because samples arrived and were rejected
         is_after_outage = gap_s > self.bounds.outage_s and self.jumps == 0
         if self._stamp_ns and is_after_outage:
             needed = _CONFIRMED_BY
@@ -176,7 +176,7 @@ class PoseValidator:
             self._unusual_since_ns = 0
 
     def _update_repetitions(self, position: Xyz, quaternion: Wxyz, stamp_ns: int) -> None:
-        """Update the time for which the same numbers have come."""
+        """Update the how long the same numbers have been arriving."""
         sample = (position, quaternion)
         if sample != self._last:
             self._same_since_ns = stamp_ns
@@ -211,8 +211,9 @@ class PoseValidator:
         dy = y - last_y
         dz = z - last_z
 
-        # The expected path continues with the last velocity. The miss is the distance to its
-        # nearest point, and not to its end, because a vehicle that hits something stops at once.
+        # The expected path continues with the last velocity. The miss is the distance to the
+        # nearest point of the path, not to its end, because a vehicle that hits something stops at
+        # once.
         speed_2 = vx * vx + vy * vy + vz * vz
         share_of_path = 1.0
         if speed_2 > _LEAST_SPEED_2_M2_S2:

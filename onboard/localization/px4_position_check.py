@@ -1,7 +1,7 @@
-"""PX4's own position, which checks the poses of the motion capture.
+"""Checks the motion capture's poses against PX4's own position.
 
-PX4's position contradicts poses that jumped, and it is still known when poses are lost. It lags and
-drifts, so no vehicle flies by it while poses arrive. But PX4 measures accelerations, so a real
+PX4's position contradicts poses that jumped, and is still known when poses are lost. It lags and
+drifts, so vehicles do not use it while poses arrive. But PX4 measures accelerations, so a real
 sudden motion of the vehicle also changes PX4's position. Rejected poses are not sent to PX4, so
 they do not change it.
 
@@ -19,8 +19,8 @@ from onboard.frames import enu_from_ned
 from onboard.safety.limits import LOCAL_POSITION_FRESH_S
 from onboard.tuples import Xyz
 
-# Published standard deviations of position and velocity. With larger values, the margin of the
-# other vehicles would push them out of the geofence.
+# Published standard deviations of position and velocity. With larger values, the other vehicles'
+# margins would push them out of the geofence.
 STD_M = 0.3
 STD_M_S = 0.3
 
@@ -29,7 +29,7 @@ _TRUSTED_S = 12.0
 _OFFSET_TIME_S = 1.0  # time constant of the offset of PX4's frame
 
 # Largest error of PX4's position: _ERROR_M, plus _ERROR_M_S2 times the square of the time without
-# poses. For most of that time, Covey's dead reckoning corrects the offset of PX4's frame.
+# poses. During most of that time, Covey's dead reckoning corrects the offset of PX4's frame.
 _ERROR_M = 0.3
 _ERROR_M_S2 = 0.02
 
@@ -41,12 +41,12 @@ class Px4PositionCheck:
     """PX4's position of one vehicle, converted to the fleet frame by an offset from poses."""
 
     _offset_m: Xyz | None = None  # position in PX4's frame minus fleet frame; None: not known
-    _learned_ns: int = 0  # last time at which the offset was compared with a pose
+    _learned_ns: int = 0  # when the offset was last compared with a pose
     _position_m: Xyz = (0.0, 0.0, 0.0)  # ENU, PX4's frame
     _velocity_m_s: Xyz = (0.0, 0.0, 0.0)  # ENU
     _stamp_ns: int = 0  # time of position and velocity
     _is_up: bool = False  # whether the vehicle is armed and not on the ground
-    # position in the fleet frame at which the vehicle landed without poses; None: it did not
+    # where the vehicle landed without poses, in the fleet frame; None: it did not
     _landed_m: Xyz | None = None
     _landed_blind_s: float = 0.0  # time without poses before that landing
 
@@ -64,8 +64,8 @@ class Px4PositionCheck:
             snapshot: newest snapshot of PX4.
             trusted_enu_m: the vehicle's estimated position; None if it cannot be trusted.
             now_ns: time of the tick.
-            is_reckoned: whether that position is dead reckoning, which is better than PX4's
-                position horizontally, but not in height.
+            is_reckoned: whether that position is dead reckoning, which is more accurate than PX4's
+            position horizontally, but not vertically.
         """
         has_pose = trusted_enu_m is not None and not is_reckoned
         self._follow_landing(snapshot, has_pose, now_ns)
@@ -122,7 +122,7 @@ class Px4PositionCheck:
         self._learned_ns = now_ns
 
     def motion(self, now_ns: int) -> tuple[Xyz, Xyz] | None:
-        """Return PX4's position and velocity in the fleet frame; None: they are not to be used."""
+        """Return PX4's position and velocity in the fleet frame; None if they must not be used."""
         if self._landed_m is not None:
             return self._landed_m, (0.0, 0.0, 0.0)
         if not self._is_up or self._offset_m is None:

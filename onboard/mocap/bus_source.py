@@ -18,10 +18,10 @@ class BusMocap:
         bus: bus on which the poses arrive.
         body: name of the body; ``*`` for all bodies.
         on_pose: called with the pose and the monotonic time [ns] of its delivery.
-        on_malformed: called for bytes that are no pose.
+        on_malformed: called for bytes that are not a pose.
     """
 
-    problem = ""  # always empty: the relay reports its problems itself
+    problem = ""  # always empty, because the relay reports its own problems
 
     def __init__(self, bus: Bus, body: str, on_pose: OnPose, on_malformed: OnMalformed) -> None:
         self._bus = bus
@@ -34,7 +34,7 @@ class BusMocap:
         self._bus.collect(Topic.MOCAP, self._body, self.receive)
 
     def stop(self) -> None:
-        """Do nothing: the subscription ends with the bus."""
+        """Do nothing, because the subscription ends with the bus."""
 
     def receive(self, _topic: Topic, _name: str, message: Message | Malformed) -> None:
         """Pass on a message that the bus delivers, if it is a pose."""

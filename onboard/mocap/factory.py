@@ -1,4 +1,4 @@
-"""Choice of the source of poses for an agent."""
+"""Chooses the source of poses for an agent."""
 
 from __future__ import annotations
 

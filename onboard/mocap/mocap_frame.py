@@ -14,10 +14,10 @@ from onboard.tuples import Wxyz, Xyz
 
 @dataclass(frozen=True, slots=True)
 class MocapFrame:
-    """Conversion in three steps: z becomes the up axis, rotation about up, shift.
+    """Conversion in three steps: make z the up axis, rotate about up, shift.
 
     If the mocap's up axis is y, the first step maps (x, y, z) to (x, -z, y), both in the room's
-    coordinates and in the axes of the bodies.
+    coordinates and in the bodies' axes.
     """
 
     is_y_up: bool = False  # False: z is up

@@ -1,8 +1,8 @@
 """The process that reads a motion capture and writes its frames to a pipe.
 
 It uses the package ``motioncapture``, which must not run in an agent's process. While the package
-connects, it holds Python's global lock, for ever if the system does not answer. When the system
-sends unknown data, the package may end the process.
+connects, it holds Python's global lock, and it does so forever if the system does not answer. If
+the system sends unknown data, the package may end the process.
 
 :mod:`onboard.mocap.sdk_source` runs this file as ``python -m onboard.mocap.sdk_process SETTINGS``.
 """
@@ -39,7 +39,7 @@ class RawFrame(msgspec.Struct, frozen=True, array_like=True):
 
     arrived_ns: int  # on this host's monotonic clock
     bodies: dict[str, tuple[Xyz, Wxyz]]  # body -> position and attitude in the mocap's own frame
-    problem: str = ""  # sentence that says why no frames come
+    problem: str = ""  # sentence that says why no frames arrive
 
 
 _encoder = msgspec.msgpack.Encoder()
@@ -56,12 +56,12 @@ def main(argv: list[str]) -> int:
     # The package holds Python's lock while it connects, so only the kernel can end this process
     # when its parent ends.
     ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
-    # The agent gets these signals too, and still needs the poses to land.
+    # The agent also gets these signals, and still needs the poses for landing.
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, signal.SIG_IGN)
 
     # The pipe is this process's stdout, but the package prints on stdout. So the pipe gets another
-    # descriptor, and stdout becomes stderr.
+    # descriptor, and stdout is redirected to stderr.
     pipe = os.dup(1)
     os.dup2(2, 1)
 
@@ -86,7 +86,7 @@ NOT_INSTALLED = (
 
 def _read(settings: Settings, pipe: int) -> None:
     """Connect with the system, and write its frames until the pipe is closed."""
-    # numpy is imported now, because the package would import it while the first frames wait
+    # import numpy now, because the package would otherwise import it while the first frames wait
     importlib.import_module("numpy")
     package: Any = importlib.import_module("motioncapture")
 

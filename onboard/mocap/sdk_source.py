@@ -1,8 +1,9 @@
 """Mocap poses from a motion-capture system that another process reads.
 
 That process is :mod:`onboard.mocap.sdk_process`. A thread starts it, converts its frames to poses
-in the fleet frame, and restarts it when it has ended or sent nothing for a while. A body that is
-missing in the frames is passed on as not tracked, so that it is not taken for a dead source.
+in the fleet frame, and restarts it when it has ended or has sent nothing for a while. A body that
+is missing from the frames is passed on as not tracked, so that it is not mistaken for a dead
+source.
 """
 
 from __future__ import annotations
@@ -24,13 +25,13 @@ from onboard.mocap.mocap_frame import MocapFrame
 from onboard.mocap.sdk_process import RawFrame, Settings
 from onboard.mocap.source import OnMalformed, OnPose
 
-_LOST_NS = 100_000_000  # a body that is missing for this time is passed on as not tracked
-_FORGOTTEN_NS = 10_000_000_000  # a body that is missing for this time is not passed on any more
+_LOST_NS = 100_000_000  # a body missing for this time is passed on as not tracked
+_FORGOTTEN_NS = 10_000_000_000  # a body missing for this time is no longer passed on
 QUIET_S = 2.0  # the reading process is restarted after this time without further frames
 CONNECT_S = 5.0  # the reading process is restarted after this time without a first frame
 _AGAIN_S = 1.0  # pause before the reading process is restarted
-_POLL_MS = 100  # longest time until a stop is noticed
-_LENGTH_BYTES = 4  # length of the number before each frame in the pipe
+_POLL_MS = 100  # a stop is noticed within this time
+_LENGTH_BYTES = 4  # size of the length prefix of each frame in the pipe
 _LARGEST_FRAME = 1 << 20  # largest frame [bytes]
 
 log = logging.getLogger("covey.mocap")
@@ -112,9 +113,9 @@ class SdkMocap:
         mocap: the fleet file's table, with ``source = "motioncapture"``.
         body: name of the body; ``*`` for all bodies.
         on_pose: called with each pose and the monotonic time [ns] of its arrival.
-        on_malformed: called for bytes that are no frame.
-        node: node that publishes the poses on the bus; empty if they stay in this process.
-        default_options: options for the package, which those of the fleet file replace.
+        on_malformed: called for bytes that are not a frame. node: node that publishes the poses on
+        the bus; empty if they stay in this process. default_options: options for the package;
+        options in the fleet file override them.
     """
 
     def __init__(
@@ -130,7 +131,7 @@ class SdkMocap:
         self._body = body
         self._on_pose = on_pose
         self._on_malformed = on_malformed
-        boot_id = int.from_bytes(os.urandom(4), "little") & 0x7FFFFFFF  # 31 bits, as all boot ids
+        boot_id = int.from_bytes(os.urandom(4), "little") & 0x7FFFFFFF  # 31 bits, like all boot ids
         self._converter = PoseConverter(mocap, boot_id=boot_id, source=node)
 
         options: dict[str, str] = {}
@@ -152,7 +153,7 @@ class SdkMocap:
 
     @property
     def problem(self) -> str:
-        """Sentence that says why no poses come; empty while frames come."""
+        """Sentence that says why no poses arrive; empty while frames arrive."""
         return self._problem
 
     def _set_problem(self, problem: str) -> None:
@@ -184,12 +185,12 @@ class SdkMocap:
             thread.join()
 
     def _run(self) -> None:
-        """Run the reading process, again and again, until :meth:`stop`."""
+        """Run the reading process repeatedly until :meth:`stop`."""
         settings = msgspec.json.encode(self._settings).decode()
         command = [sys.executable, "-m", "onboard.mocap.sdk_process", settings]
         while not self._stopped.is_set():
-            # The kernel ends the process together with the thread that started it, so this thread
-            # must live until `stop`.
+            # The kernel ends the process when the thread that started it ends, so this thread must
+            # live until `stop`.
             with subprocess.Popen(
                 command, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, bufsize=0
             ) as process:
@@ -202,7 +203,7 @@ class SdkMocap:
             self._stopped.wait(_AGAIN_S)
 
     def _read_frames(self, process: subprocess.Popen[bytes]) -> None:
-        """Pass on the frames of one reading process, until it ends or has to be restarted."""
+        """Pass on the frames of one reading process, until it ends or must be restarted."""
         assert process.stdout is not None
         pipe = process.stdout.fileno()
         poller = select.poll()  # select.select does not support descriptors above 1023
@@ -263,7 +264,7 @@ def next_frame(pending: bytearray) -> RawFrame | str | None:
     """Remove the first frame from ``pending``, and return it.
 
     Returns:
-        the frame; None if it is not complete yet; a text that says what is wrong if it is invalid.
+        the frame; None if it is incomplete; a text that says what is wrong if it is invalid.
     """
     if len(pending) < _LENGTH_BYTES:
         return None

@@ -1,7 +1,7 @@
-"""The interface of all sources of poses: a source calls back with each pose in the fleet frame.
+"""The interface of all sources of poses. A source calls back with each pose in the fleet frame.
 
 A source calls back on its own thread, so a callback must only hand the pose over to another thread.
-A source does not check poses: it also passes on wrong ones, and the agent decides
+A source does not check poses. It also passes on wrong ones, and the agent decides
 (``onboard/localization/pose_validator.py``).
 """
 
@@ -23,8 +23,8 @@ class MocapSource(Protocol):
         """Start; the motion-capture system may start later."""
 
     def stop(self) -> None:
-        """Stop; no callback comes afterwards. A second call does nothing."""
+        """Stop. No callback follows. A second call does nothing."""
 
     @property
     def problem(self) -> str:
-        """Sentence that says why no poses come; empty if no problem is known."""
+        """Sentence that says why no poses arrive; empty if no problem is known."""

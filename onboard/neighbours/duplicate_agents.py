@@ -1,9 +1,9 @@
 """Detects two agents that publish under one name.
 
-Every start of an agent has a new boot id, so a restarted agent never publishes with an earlier boot
-id. If an earlier boot id is heard again, two agents are running. Two agents of one vehicle are not
-connected to each other, but each is connected to the rest of the fleet. Therefore another agent
-that hears both reports their name in its telemetry, from which the two learn of each other.
+Every start of an agent has a new boot id, so a restarted agent never publishes an earlier boot id.
+If an earlier boot id is heard again, two agents are running. Two agents of one vehicle are not
+connected to each other, but both are connected to the rest of the fleet. Therefore another agent
+that hears both reports their name in its telemetry, and the two learn of each other from it.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 _DOUBLED_FOR_NS = 2_000_000_000  # a name counts as doubled for this time
-_MAX_BOOT_IDS = 16  # number of earlier boot ids of a name that are remembered
+_MAX_BOOT_IDS = 16  # number of remembered earlier boot ids per name
 
 
 @dataclass(slots=True)
@@ -20,11 +20,11 @@ class DuplicateAgents:
 
     _newest: dict[str, int] = field(default_factory=dict)  # name -> newest boot id
     _before: dict[str, list[int]] = field(default_factory=dict)  # name -> earlier boot ids
-    # name -> last time at which an earlier boot id was heard again
+    # name -> when an earlier boot id was last heard again
     _doubled_ns: dict[str, int] = field(default_factory=dict)
 
     def hear(self, name: str, boot_id: int, received_ns: int) -> None:
-        """Take the boot id of a message."""
+        """Note the boot id of a message."""
         newest = self._newest.get(name)
         if boot_id == newest:
             return
@@ -35,13 +35,13 @@ class DuplicateAgents:
 
         before = self._before.setdefault(name, [])
         if boot_id in before:
-            self._doubled_ns[name] = received_ns  # the earlier agent publishes again: both run
+            self._doubled_ns[name] = received_ns  # the earlier agent publishes again, so both run
         if newest not in before:
             before.append(newest)
             del before[:-_MAX_BOOT_IDS]
 
     def doubled(self, now_ns: int) -> tuple[str, ...]:
-        """Return the names that two agents use at present, sorted."""
+        """Return the names that two agents currently use, sorted."""
         names = []
         for name, doubled_ns in self._doubled_ns.items():
             if now_ns - doubled_ns < _DOUBLED_FOR_NS:

@@ -7,17 +7,17 @@ states, each with its own effect on avoidance:
                      mocap poses of its body are received, to compare its messages with them. It is
                      still avoided at the position in its messages.
 
-    contradicted     It was contradicted more often than a mistake explains. It is avoided at the
-                     position in its messages or at the mocap's, whichever is nearer to us, as an
-                     airborne vehicle that does not cooperate. Once it is overdue, it is avoided at
-                     the mocap's position like any other overdue neighbour.
+    contradicted     It was contradicted more often than a mistake explains. It is avoided as an
+                     airborne vehicle that does not cooperate, at the position in its messages or at
+                     the mocap's position, whichever is nearer to us. Once it is overdue, it is
+                     avoided at the mocap's position like any other overdue neighbour.
 
     not cooperating  Its announcement that it cooperates is ignored, so this vehicle does all the
-                     avoiding. A neighbour is in this state if it is contradicted, does not fly as
-                     it predicts, or has another configuration than this vehicle.
+    avoiding. A neighbour is in this state if it is contradicted, does not fly as it predicts, or
+    has a different configuration from this vehicle.
 
-It is not known which of two contradicting sources is wrong: a vehicle may lie or be mistaken, or
-the motion capture may confuse two bodies. So the nearer of both positions counts.
+It is not known which of two contradicting sources is wrong. A vehicle may lie or be mistaken, or
+the motion capture may confuse two bodies. So the nearer of the two positions counts.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ from onboard.neighbours.state_arrays import (
 )
 from onboard.tuples import Xyz
 
-_MOCAP_KNOWN_S = 0.25  # a motion by the mocap that is older does not count
+_MOCAP_KNOWN_S = 0.25  # an older motion from the mocap does not count
 
 
 class _Row(NamedTuple):
@@ -54,14 +54,14 @@ class JudgedNeighbours:
     watched: set[int] = field(default_factory=set)
     contradicted: set[int] = field(default_factory=set)
     not_cooperating: set[int] = field(default_factory=set)
-    # newest mocap position of each neighbour's body, whatever its state
+    # newest mocap position of each neighbour's body, in any state
     mocap_positions: dict[int, MocapPosition] = field(default_factory=dict)
     # newest message of each contradicted neighbour, because its row in the arrays may hold the
     # mocap's motion instead
     _messages: dict[int, _Row] = field(default_factory=dict)
 
     def set_watched(self, index: int, is_watched: bool) -> None:
-        """Begin or end to watch a neighbour's body."""
+        """Start or stop watching a neighbour's body."""
         if is_watched:
             self.watched.add(index)
         else:
@@ -83,7 +83,7 @@ class JudgedNeighbours:
             self.not_cooperating.discard(index)
 
     def claim(self, arrays: NeighbourArrays, index: int) -> Claim | None:
-        """Return a neighbour's motion by its newest message; None if there is none."""
+        """Return a neighbour's motion from its newest message; None if there is none."""
         if index in self.contradicted:
             message = self._kept_message(arrays, index)
         else:
@@ -141,7 +141,7 @@ class JudgedNeighbours:
                 arrays.set_state(index, nearest.stamp_ns, nearest.numbers, flags)
 
     def _kept_message(self, arrays: NeighbourArrays, index: int) -> _Row | None:
-        """Return a contradicted neighbour's newest message, also if its row is from the mocap."""
+        """Return a contradicted neighbour's newest message, even if its row is from the mocap."""
         newest = _newest_message(arrays, index)
         if newest is not None:
             self._messages[index] = newest
@@ -149,7 +149,7 @@ class JudgedNeighbours:
 
 
 def tracked_numbers(tracker: BodyTracker) -> tuple[float, ...]:
-    """Return the row of a neighbour by its mocap motion, without commands and predictions."""
+    """Return the row of a neighbour from its mocap motion, without commands and predictions."""
     position_enu_m = tracker.position_enu_m
     velocity_enu_m_s = tracker.velocity_enu_m_s
     no_command_enu_m_s2 = (0.0, 0.0, 0.0)
@@ -157,7 +157,7 @@ def tracked_numbers(tracker: BodyTracker) -> tuple[float, ...]:
     lead_time_s = 0.0
     crowd_count = 0.0
 
-    # in the order of the columns: see state_arrays.VECTOR_COLUMNS
+    # in the order of the columns (see state_arrays.VECTOR_COLUMNS)
     return (
         *position_enu_m,
         *velocity_enu_m_s,
@@ -175,7 +175,7 @@ def tracked_numbers(tracker: BodyTracker) -> tuple[float, ...]:
 
 
 def _newest_message(arrays: NeighbourArrays, index: int) -> _Row | None:
-    """Return a neighbour's row if it comes from a message and not from the motion capture."""
+    """Return a neighbour's row if it comes from a message, not from the motion capture."""
     heard_ns = int(arrays.heard_ns[index])
     if not heard_ns or heard_ns != arrays.stamp_ns[index]:
         return None

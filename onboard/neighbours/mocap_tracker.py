@@ -1,7 +1,7 @@
 """Estimates the motion of a neighbour from its mocap poses, by an alpha-beta-gamma filter.
 
-The estimate is used for overdue and watched neighbours. Three constants say which share of the
-innovation corrects position, velocity and acceleration.
+The estimate is used for overdue and watched neighbours. Three constants give the shares of the
+innovation that correct position, velocity and acceleration.
 """
 
 from __future__ import annotations
@@ -24,9 +24,9 @@ _VELOCITY_SHARE = 0.12
 _ACCELERATION_SHARE = 0.02
 
 _JUMP_M = 0.5  # a sample farther from the expected position is a jump
-_GAP_S = 0.3  # after a longer gap the filter begins anew
-# A shorter gap counts as this: velocity and acceleration are corrected by the innovation divided by
-# the gap, and the noise of faster samples would change them too much.
+_GAP_S = 0.3  # after a longer gap, the filter restarts
+# A shorter gap counts as this. Velocity and acceleration are corrected by the innovation divided by
+# the gap, so the noise of faster samples would change them too much.
 _LEAST_GAP_S = 0.01
 _LARGEST_M = 1e4
 _FUTURE_NS = 5_000_000  # a stamp may be ahead of our clock by this time
@@ -63,7 +63,7 @@ class BodyTracker:
     position_enu_m: Xyz = (0.0, 0.0, 0.0)
     velocity_enu_m_s: Xyz = (0.0, 0.0, 0.0)
     acceleration_enu_m_s2: Xyz = (0.0, 0.0, 0.0)
-    stamp_ns: int = 0  # of this motion; 0 before the first sample
+    stamp_ns: int = 0  # stamp of this motion; 0 before the first sample
     _last_enu_m: Xyz | None = None  # newest sample, usable or not
 
     def hear(self, pose: MocapPose, received_ns: int) -> bool:
@@ -74,7 +74,7 @@ class BodyTracker:
         if not max(map(abs, position_enu_m)) < _LARGEST_M:
             return False
 
-        # a tracked body always has noise, so an exact repetition means that it is lost
+        # a tracked body always has noise, so an exact repetition means that the body is lost
         if position_enu_m == self._last_enu_m:
             return False
         self._last_enu_m = position_enu_m
@@ -87,14 +87,14 @@ class BodyTracker:
         if gap_s < _GAP_S and math.dist(position_enu_m, self._expected(gap_s)) < _JUMP_M:
             self._correct(position_enu_m, gap_s)
         else:
-            # At the first sample, and after a gap or a jump, the filter begins anew at the sample.
-            # The last velocity is still the best guess.
+            # At the first sample, and after a gap or a jump, the filter restarts at the sample. The
+            # last velocity is still the best guess.
             self.position_enu_m = position_enu_m
             self.acceleration_enu_m_s2 = (0.0, 0.0, 0.0)
         return True
 
     def _correct(self, sample_enu_m: Xyz, gap_s: float) -> None:
-        """Correct the motion along each axis by a sample."""
+        """Correct the motion along each axis with a sample."""
         axes = zip(
             self.position_enu_m,
             self.velocity_enu_m_s,

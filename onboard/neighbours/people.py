@@ -1,16 +1,17 @@
-"""Persons with markers in the motion capture, as neighbours that avoid nobody. Pure.
+"""Persons with markers in the motion capture, as neighbours that do not avoid others. Pure.
 
-A person sends no messages. The law avoids the mocap motion of the person's body, like a vehicle
-that does not cooperate, with two differences:
+A person sends no messages. The law avoids the mocap motion of the person's body like a vehicle that
+does not cooperate, with two differences:
 
-    The distance is kept to a circle around the person (``radius_m``), which holds arms and legs.
+    The distance is measured from a circle around the person (``radius_m``) that contains arms and
+    legs.
 
-    A person counts as high as the fence, so that no vehicle flies over a person, also where the
+    A person counts as as tall as the fence, so that no vehicle flies over a person, even if the
     fleet file allows vehicles to fly above each other.
 
 A person whose poses have stopped is unseen, and is avoided at the last known position. After a
-longer time the person counts as gone, for instance because of leaving the room or taking the
-markers off.
+longer time, the person counts as gone. Perhaps the person has left the room or taken the markers
+off.
 """
 
 from __future__ import annotations
@@ -58,13 +59,13 @@ class People:
         self._late_s = fleet.expected_radio.lateness_s
         self._trackers = [BodyTracker() for _ in self.names]
 
-        is_paper_obstacle = np.zeros(len(self.names), dtype=bool)  # none of them is
+        is_paper_obstacle = np.zeros(len(self.names), dtype=bool)  # no person is
         self._arrays = empty(is_paper_obstacle, UNSEEN_S)
         self._arrays.numbers[:, SCALAR_COLUMN["table_index"]] += first_index
         self._arrays.numbers[:, SCALAR_COLUMN["radius_m"]] = self._radii_m
 
     def hear_pose(self, pose: MocapPose, received_ns: int) -> bool:
-        """Take a pose of any body; return whether the body is a person's and the pose usable."""
+        """Take a pose of any body. Return whether the body is a person's and the pose is usable."""
         index = self._indices.get(pose.body)
         if index is None:
             return False
@@ -77,7 +78,7 @@ class People:
         numbers[_HEIGHT] = self._top_m
         numbers[_VERTICAL_VELOCITY] = 0.0
         stamp_ns = min(tracker.stamp_ns, received_ns)
-        flags = (True, False, False)  # in the air, not cooperative, announces nothing
+        flags = (True, False, False)  # in the air, not cooperative, and announcing nothing
         self._arrays.set_state(index, stamp_ns, tuple(numbers), flags)
         return True
 
@@ -112,7 +113,7 @@ class People:
         return distances_m
 
     def unseen(self, now_ns: int) -> tuple[str, ...]:
-        """Return the persons whose poses have stopped and that are not gone yet."""
+        """Return the persons whose poses have stopped but who are not gone yet."""
         is_unseen = self._is_here(now_ns) & (self._ages_s(now_ns) > UNSEEN_S + self._late_s)
         return tuple(self.names[index] for index in np.flatnonzero(is_unseen))
 

@@ -1,9 +1,9 @@
-"""Checks whether the state that a neighbour publishes can be true. Pure.
+"""Checks whether a neighbour's published state can be true. Pure.
 
 A neighbour with a valid key may still lie, or be mistaken. So its state is compared with physics,
 with its own prediction, and with the motion capture. A single contradiction may come from a reset
-of its estimator; several contradictions may not. The accuracy that a neighbour publishes is not
-checked: if it is worse than the truth, others only keep a larger distance.
+of its estimator, but several cannot. The published accuracy is not checked. If it is worse than the
+truth, others only keep a larger distance.
 """
 
 from __future__ import annotations
@@ -17,12 +17,13 @@ from onboard.tuples import Xyz
 _JUMP_M = 0.35  # allowed difference between a position and the position that velocities explain
 _MISS_M = 0.4  # allowed difference between a position and the mocap's
 _MOST_M_S2 = 30.0  # largest acceleration of a vehicle
-# A vehicle may accelerate sideways by this for half of a time, and back for the other half.
+# A vehicle may accelerate sideways by this for half of the time between two states, and back for
+# the other half.
 _ASIDE_M_S2 = 15.0
 _NOISE_M_S = 1.0  # allowed error of a change of velocity
-_STDS = 2.0  # published standard deviations that are allowed on top
-_LONGEST_LEAD_S = 1.0  # no prediction reaches farther; a message may claim any lead
-_LONGEST_S = 0.5  # two states, or a state and a pose, farther apart in time are not compared
+_STDS = 2.0  # this many published standard deviations are allowed on top
+_LONGEST_LEAD_S = 1.0  # a larger lead in a message is clipped to this
+_LONGEST_S = 0.5  # states and poses farther apart in time are not compared
 
 # A neighbour counts as contradicted after _JUMPS contradictions by physics within _REMEMBERED_NS,
 # or _MISSES contradictions by the mocap in a row.
@@ -32,7 +33,7 @@ _REMEMBERED_NS = 3_000_000_000
 
 
 class Claim(NamedTuple):
-    """State of a neighbour by its own message, in fleet ENU."""
+    """State of a neighbour from its own message, in fleet ENU."""
 
     stamp_ns: int
     position_enu_m: Xyz
@@ -44,14 +45,14 @@ class Claim(NamedTuple):
 
 
 class MocapPosition(NamedTuple):
-    """Position of a neighbour's body by the motion capture."""
+    """Position of a neighbour's body from the motion capture."""
 
     stamp_ns: int
     position_enu_m: Xyz
 
 
 def physical_contradiction(before: Claim | None, claim: Claim, largest_m_s: float) -> str:
-    """Return what is impossible in a neighbour's state; empty if nothing is.
+    """Return what is impossible in a neighbour's state; empty if nothing is impossible.
 
     Args:
         before: its previous state; None if there is none.
@@ -118,7 +119,7 @@ def mocap_contradiction(claim: Claim, mocap: MocapPosition) -> str:
 
 
 def _miss_m(claim: Claim, position_enu_m: Xyz, velocity_enu_m_s: Xyz, after_s: float) -> float:
-    """Return the distance [m] of a later position from the position that both velocities explain.
+    """Return the distance [m] of a later position from the position expected from both velocities.
 
     The expected position follows from the mean of both velocities. An acceleration to one side and
     back leaves both velocities unchanged. It moves the vehicle by a * t^2 / 4, which is subtracted.
@@ -138,11 +139,11 @@ class PlausibilityMonitor:
     """Memory of what contradicts one neighbour."""
 
     largest_m_s: float  # largest possible speed
-    reason: str = ""  # why it is contradicted, in words that follow its name; empty: it is not
+    reason: str = ""  # why it is contradicted, in words that follow its name; empty if it is not
     is_watched: bool = False  # whether there was a contradiction within the last seconds
     _before: Claim | None = None  # its previous state
-    _compared_ns: int = 0  # stamp of the pose that was compared last
-    # number of contradictions by physics within the last seconds: of position, speed or prediction
+    _compared_ns: int = 0  # stamp of the last compared pose
+    # number of contradictions by physics (position, speed or prediction) within the last seconds
     _jumps: int = 0
     _misses: int = 0  # number of contradictions by the mocap in a row
     _contradicted_ns: int = 0  # time of the last contradiction

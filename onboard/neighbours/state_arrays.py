@@ -1,7 +1,7 @@
 """Newest states of all neighbours as arrays, so that one numpy call handles all of them.
 
-Each neighbour has a row of numbers: the fields of :class:`onboard.types.Neighbour` in their order.
-Its vectors come first, with three numbers each (VECTOR_COLUMNS), then its scalars (SCALAR_COLUMN).
+Each neighbour has a row of numbers: the fields of :class:`onboard.types.Neighbour`, in order. Its
+vectors come first, with three numbers each (VECTOR_COLUMNS), then its scalars (SCALAR_COLUMN).
 
 The first STATE_WIDTH numbers of a row are the state that the neighbour has published. While it is
 overdue or contradicted (judged.py), they may come from the motion capture instead. This agent adds
@@ -48,7 +48,7 @@ _RADIUS = SCALAR_COLUMN["radius_m"]
 KNOWN = 0  # a state of the neighbour is known
 AIRBORNE = 1
 COOPERATIVE = 2  # the neighbour counts as cooperative
-ANNOUNCED = 3  # its message says that it cooperates
+ANNOUNCED = 3  # the message says that it cooperates
 
 _LARGEST_NUMBER = 1e4  # largest number of a message, in metres, metres per second and so on
 _LARGEST_STAMP_NS = 1 << 62
@@ -84,7 +84,7 @@ class NeighbourArrays:
 
 
 def empty(is_successor: BoolArray, silent_after_s: float) -> NeighbourArrays:
-    """Return the arrays of neighbours that were never heard.
+    """Return the arrays of neighbours that have never been heard.
 
     Args:
         is_successor: (K,) whether a neighbour is the next vehicle in the fleet file, which is the
@@ -114,7 +114,7 @@ class NeighbourRow(NamedTuple):
     name: str
     age_s: float
     stamp_ns: int
-    is_cooperative: bool  # ANNOUNCED: whether its message says that it cooperates
+    is_cooperative: bool  # ANNOUNCED: whether the message says that it cooperates
     numbers: list[float]  # its row in the arrays
 
     def value(self, name: str) -> float:
@@ -132,7 +132,7 @@ _vectors_of = attrgetter(*_VECTORS)
 def numbers_of(message: StateMessage) -> tuple[float, ...]:
     """Return the state (STATE_WIDTH,) of a message, in the order of the columns.
 
-    Its standard deviations are bounded by the largest ones that any vehicle publishes.
+    Its standard deviations are limited to the largest that any vehicle publishes.
     """
     numbers: list[float] = []
     for vector in _vectors_of(message):
@@ -172,7 +172,7 @@ class NeighbourSnapshot(Sequence[Neighbour]):
 
     Attributes:
         rows: (N, fields of a Neighbour) numbers. They are converted to Neighbours at the first
-            access, because the compiled pipeline needs the rows only.
+        access, because the compiled pipeline needs only the rows.
     """
 
     def __init__(self, rows: Array) -> None:

@@ -1,12 +1,12 @@
-"""Choice of the neighbours whose states are received at full rate. Pure.
+"""Chooses the neighbours that send their states at full rate. Pure.
 
 Every vehicle publishes its state twice: 50 times a second for its followers and 5 times a second
-for all others. A vehicle follows the neighbours in reach, and in any case the nearest few. From all
+for all others. A vehicle follows the neighbours within reach, and always the nearest few. From all
 other vehicles it receives only the slow messages.
 
-Vehicles that are silent or have no position yet are not followed: their first slow message will
-give their position. A full radio channel may be the reason why their messages were lost, and
-following them all would fill it further.
+Vehicles that are silent or have no position yet are not followed. Their first slow message will
+give their position. Their messages may have been lost on a full radio channel, and following them
+all would fill it further.
 """
 
 from __future__ import annotations
@@ -18,15 +18,15 @@ from onboard.config.fleet import FleetConfig
 from onboard.tuples import Xyz
 
 FAR_PERIOD_TICKS = 10  # period of the slow messages: 5 Hz
-FAR_SILENT_S = 0.75  # a neighbour is silent after this time: three slow messages are missing
-FAR_UNSEEN_S = FAR_SILENT_S + 0.35  # after this time poses of its body should have come
+FAR_SILENT_S = 0.75  # a neighbour is silent after this time; three slow messages are then missing
+FAR_UNSEEN_S = FAR_SILENT_S + 0.35  # after this time, poses of its body should have arrived
 SELECT_TICKS = 10  # number of ticks between two choices
 ALWAYS_FOLLOWED = 4  # number of nearest neighbours that are followed at any distance
 
-# Time until a vehicle that comes into reach is avoided: a slow message, the choice, the
+# Time from when a vehicle comes within reach until it is avoided: a slow message, the choice, the
 # subscription, and the law's prediction over its lag.
 _NOTICE_S = 0.8
-_STAY_FRAC = 1.15  # a followed neighbour is dropped only beyond the reach times this
+_STAY_FRAC = 1.15  # a followed neighbour is dropped only beyond this multiple of the reach
 
 
 def is_slow(sequence: int) -> bool:
@@ -37,8 +37,8 @@ def is_slow(sequence: int) -> bool:
 def reach_m(fleet: FleetConfig, name: str) -> float:
     """Return the distance [m] within which a vehicle follows its neighbours.
 
-    Even if two vehicles fly at each other with the top speed of avoidance, they notice each other
-    and brake before they reach the safety distance.
+    Even if two vehicles fly at each other at the top speed of avoidance, they notice each other and
+    brake before they reach the safety distance.
     """
     own = fleet.vehicles[name]
     others = [vehicle for other, vehicle in fleet.vehicles.items() if other != name]
@@ -55,7 +55,7 @@ def reach_m(fleet: FleetConfig, name: str) -> float:
 
 
 def _noticed_and_braked_m(speed_m_s: float, brake_m_s2: float) -> float:
-    """Return how far [m] a vehicle flies until it has noticed another vehicle and has stopped."""
+    """Return how far [m] a vehicle flies until it has noticed another vehicle and stopped."""
     return speed_m_s * (_NOTICE_S + 0.5 * speed_m_s / brake_m_s2)
 
 
@@ -65,18 +65,17 @@ def select(
     """Select the neighbours to follow from now on.
 
     Args:
-        distances_m: neighbour -> distance, for all neighbours that ever published a position.
-        followed: neighbours that are followed at present. They are dropped at a larger distance
-            than others are added, so that the choice does not alternate.
-        reach_m: reach, from :func:`reach_m`.
-        most: largest number of neighbours in reach that are followed, the nearest ones. The law
-            uses no more, and the radio may not carry more.
+        distances_m: neighbour -> distance, for all neighbours that have ever published a position.
+        followed: neighbours followed now. They are dropped at a larger distance than new ones are
+        added, so that the choice does not oscillate. reach_m: reach, from :func:`reach_m`. most: at
+        most this many neighbours within reach are followed: the nearest. The law uses no more,
+            and the radio may not carry more.
     Returns:
         Names of the selected neighbours.
     """
     by_distance = sorted(distances_m, key=distances_m.__getitem__)
 
-    # distances, reduced for the neighbours that are followed already
+    # distances, reduced for neighbours that are already followed
     reduced_m = {}
     for name, distance_m in distances_m.items():
         reduced_m[name] = distance_m

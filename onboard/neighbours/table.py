@@ -2,16 +2,16 @@
 
 Usually a neighbour is avoided at the position of its newest message. There are two exceptions:
 
-    An overdue neighbour, from which no message has come for some periods: the poses of its body
-    are requested, and after a moment its row holds its newest mocap pose. It counts as not
-    cooperative. If its messages do not come again, it becomes silent a little later, whatever its
-    poses say: silence is the age of its last message.
+    An overdue neighbour has sent no message for some periods. The poses of its body are requested,
+    and soon its row holds its newest mocap pose. It counts as not cooperative. If its messages do
+    not return, it becomes silent a little later, whatever its poses say, because silence is the age
+    of its last message.
 
-    A contradicted neighbour: the nearer of its own and the mocap's position counts (judged.py).
+    For a contradicted neighbour, the nearer of its own and the mocap's position counts (judged.py).
 
-In a large fleet a vehicle follows only the neighbours in reach: it receives their states at full
-rate. Of all others it receives the slow states (subscription.py). The age beyond which a neighbour
-counts as silent depends on whether it is followed.
+In a large fleet, a vehicle follows only the neighbours within reach, and receives their states at
+full rate. From all others it receives the slow states (subscription.py). The age beyond which a
+neighbour counts as silent depends on whether it is followed.
 """
 
 from __future__ import annotations
@@ -50,24 +50,25 @@ from onboard.neighbours.state_arrays import (
 from onboard.neighbours.watched_bodies import OVERDUE_S, WatchedBodies
 from onboard.tuples import Xyz
 
-# Ages beyond which a followed neighbour is silent or stale. Both are larger if [radio] of the fleet
+# Ages beyond which a followed neighbour is silent or stale. Both are larger if [radio] in the fleet
 # file expects later states.
-SILENT_S = 0.25  # with two ticks of confirmation, a reaction follows within 0.3 s
+SILENT_S = 0.25  # with two ticks of confirmation, the reaction comes within 0.3 s
 STALE_S = 0.15
 
-# a tracker starts with the velocity of the neighbour's last message, if it is not older than this
+# a tracker starts with the velocity of the neighbour's last message, unless the message is older
+# than this
 _VELOCITY_KNOWN_S = 1.0
-_ON_FLOOR_M = 0.15  # a body lower than this above its start or the ground may stand there
-_MISSING_AFTER_S = 2.0  # a required vehicle without messages for this time is missing
-_LEFT_NS = 5_000_000_000  # an agent without telemetry for this time has ended
+_ON_FLOOR_M = 0.15  # a body less than this above its start or the ground may stand there
+_MISSING_AFTER_S = 2.0  # a required vehicle is missing after this time without messages
+_LEFT_NS = 5_000_000_000  # an agent has ended after this time without telemetry
 _START_UP_NS = 2_000_000_000  # an agent that has just started has not heard all others yet
 
 
 @dataclass(slots=True)
 class _Ages:
-    """Ages of the newest states at one time, which several callers need at each tick.
+    """Ages of the newest states at one time. Several callers need them at each tick.
 
-    They are lists, because for a few neighbours a loop is faster than calls of numpy.
+    They are lists, because for a few neighbours a loop is faster than numpy calls.
     """
 
     all_s: list[float]  # age of each of K neighbours; inf: never heard
@@ -80,8 +81,8 @@ class _Ages:
 class NeighbourTable:
     """The other vehicles of the fleet file, in its order, so that their indices never change.
 
-    A vehicle that publishes a state is avoided, even if the file disables it. But an absent
-    vehicle that the file disables is not reported as missing.
+    A vehicle that publishes a state is avoided, even if the file disables it. But an absent vehicle
+    is not reported as missing if the file disables it.
     """
 
     def __init__(self, fleet: FleetConfig, own_name: str) -> None:
@@ -89,7 +90,7 @@ class NeighbourTable:
         self.own_name = own_name
         self.names = tuple(name for name in fleet.vehicles if name != own_name)
         self.indices = {name: index for index, name in enumerate(self.names)}
-        # by the index of the law: these vehicles, and after them the persons (people.py)
+        # in the order of the law's indices: these vehicles, then the persons (people.py)
         self.avoided_names = (*self.names, *fleet.people)
 
         self.watched_bodies = WatchedBodies(fleet.expected_radio.lateness_s)
@@ -111,7 +112,7 @@ class NeighbourTable:
                 self._bodies[body] = index
         self._trackers: dict[int, BodyTracker] = {}  # index -> tracker of a watched body
         self._telemetry: dict[str, Telemetry] = {}
-        self._replaced: frozenset[str] = frozenset()  # vehicles for which another one stands in
+        self._replaced: frozenset[str] = frozenset()  # vehicles that another one stands in for
         self._started_ns = 0  # time of the first tick; 0 before it
 
         self._reach_m = subscription.reach_m(fleet, own_name)
@@ -131,14 +132,15 @@ class NeighbourTable:
 
     @property
     def _is_settled(self) -> BoolArray:
-        """Whether each neighbour (K,) is settled: followed, and its fast states already come.
+        """Whether each neighbour (K,) is settled: it is followed, and its fast states already
+        arrive.
 
-        Only settled neighbours have the short limit of silence: see :meth:`_follow`.
+        Only settled neighbours have the short limit of silence (see :meth:`_follow`).
         """
         return np.asarray(self.arrays.silent_after_s <= self.silent_s)
 
     def select_followed(self, position_enu_m: Xyz, now_ns: int) -> bool:
-        """Select anew the neighbours to follow; return whether that changed anything."""
+        """Select the neighbours to follow again; return whether the selection changed."""
         if len(self.names) <= subscription.ALWAYS_FOLLOWED:
             return False
 
@@ -160,7 +162,7 @@ class NeighbourTable:
         before = self.followed
         selected = subscription.select(distances_m, before, self._reach_m, self._most_followed)
 
-        # settled: followed before, and with fast states that already come
+        # settled: already followed, and fast states already arrive
         settled = set()
         sends_fast = self._is_settled | (np.array(ages_s) <= self.silent_s)
         for name, is_fast in zip(self.names, sends_fast.tolist(), strict=True):
@@ -175,8 +177,8 @@ class NeighbourTable:
 
         Args:
             names: neighbours to follow.
-            settled: those of them whose fast states already come. The newest state of the others is
-                still a slow one.
+            settled: those of them whose fast states already arrive. The newest state of the others
+            is still a slow one.
         """
         self._followed = [name for name in self.names if name in names]
         self._followed_indices = [self.indices[name] for name in self._followed]
@@ -202,7 +204,7 @@ class NeighbourTable:
         """
         index = self.indices.get(message.vehicle)
         if index is None:
-            # a message under our own name comes from a second agent, which the others report
+            # a message under our own name comes from a second agent; the others report it
             if message.vehicle != self.own_name:
                 self.counts.refused += 1
             return False
@@ -213,7 +215,7 @@ class NeighbourTable:
         return self._hear_state(index, message, received_ns)
 
     def _hear_telemetry(self, message: Telemetry) -> bool:
-        """Keep a telemetry; return whether it was used."""
+        """Keep a telemetry message; return whether it was used."""
         if not is_plausible(message.position_enu_m, message.goal_position_enu_m):
             self.counts.malformed += 1
             return False
@@ -231,8 +233,8 @@ class NeighbourTable:
             return False
 
         # The stamp decides whether a state is repeated, out of order, or from before a restart. The
-        # sequence number does not: a false number could exclude all later messages. A false stamp
-        # cannot, because it is limited to now.
+        # sequence number is not used, because a false number could exclude all later messages. A
+        # false stamp cannot, because it is limited to now.
         arrays = self.arrays
         stamp_ns = min(message.stamp_ns, received_ns)
         if stamp_ns <= arrays.newest_ns[index]:
@@ -242,8 +244,8 @@ class NeighbourTable:
         arrays.newest_ns[index] = stamp_ns
         arrays.is_lost[index] = not message.is_valid
         if not message.is_valid:
-            # The sender does not know its position. Its last valid state ages, so that it is
-            # avoided like a silent vehicle.
+            # The sender does not know its position. Its last valid state ages, so it is avoided
+            # like a silent vehicle.
             return True
 
         announces = message.is_cooperative
@@ -256,7 +258,7 @@ class NeighbourTable:
         return True
 
     def hear_pose(self, pose: MocapPose, received_ns: int) -> bool:
-        """Take a neighbour's mocap pose; return whether its body is watched and the pose usable.
+        """Take a neighbour's mocap pose. Return whether its body is watched and the pose is usable.
 
         The pose becomes the neighbour's state only while the neighbour is overdue.
         """
@@ -287,7 +289,7 @@ class NeighbourTable:
         return True
 
     def _may_stand(self, index: int, height_m: float) -> bool:
-        """Return whether a body at a height may stand on the ground, or on what it started from."""
+        """Return whether a body at a height may stand on the ground, or on its starting surface."""
         _, _, start_m = self.fleet.vehicles[self.names[index]].start_enu_m
         is_at_start = abs(height_m - start_m) <= _ON_FLOOR_M
         return is_at_start or height_m <= self._floor_m + _ON_FLOOR_M
@@ -307,12 +309,12 @@ class NeighbourTable:
     def forget_replaced(self, own_slot_owner: str, now_ns: int) -> None:
         """Forget where replaced vehicles stood, unless they still publish a position.
 
-        At a swap a person carries the replaced vehicle away, and its stand-in stands on its spot.
+        In a swap, a person carries the replaced vehicle away, and its stand-in stands on its spot.
         So a replaced vehicle that is silent, or does not know its position, must not be avoided at
         its last position.
 
         Args:
-            own_slot_owner: vehicle whose start and slots the own vehicle uses; usually itself.
+            own_slot_owner: vehicle whose start and slots our own vehicle uses; usually itself.
             now_ns: present time.
         """
         if not self._replaced and own_slot_owner == self.own_name:
@@ -343,10 +345,10 @@ class NeighbourTable:
             self._forget_ages()
 
     def claim(self, name: str) -> tuple[Claim | None, MocapPosition | None]:
-        """Return a neighbour's motion by its messages, and its mocap position; None: not known.
+        """Return a neighbour's motion from its messages, and its mocap position; None: not known.
 
-        The mocap position is None for a neighbour that flies by satellites. Its messages may err by
-        more than they say, so they are not compared with the mocap.
+        The mocap position is None for a neighbour that uses satellite positioning. Its messages may
+        err by more than they say, so they are not compared with the mocap.
         """
         index = self.indices[name]
         claim = self.judged.claim(self.arrays, index)
@@ -364,12 +366,12 @@ class NeighbourTable:
     def bodies_to_watch(self, now_ns: int, own_age_s: float) -> tuple[str, ...] | None:
         """Return the mocap bodies whose poses are needed from now on; None: the same as before.
 
-        These are the bodies of vehicles that are overdue, or watched and in reach, now or in the
-        last seconds.
+        These are the bodies of vehicles that are overdue, or watched and within reach, now or in
+        the last seconds.
 
         Args:
             now_ns: our clock.
-            own_age_s: age of the own position.
+            own_age_s: age of our own position.
         """
         if not self._started_ns:
             self._started_ns = now_ns
@@ -526,12 +528,14 @@ class NeighbourTable:
     # -- neighbours with a problem -----------------------------------------------------------------
 
     def missing(self, now_ns: int) -> tuple[str, ...]:
-        """Return vehicles that are required (enabled = true) and send no messages."""
+        """Return vehicles that are required (enabled = true) but send no messages."""
         names = self._named(self.heard_ages_s(now_ns) > _MISSING_AFTER_S)
         return tuple(name for name in names if self.fleet.vehicles[name].enabled is True)
 
     def silent(self, now_ns: int) -> tuple[str, ...]:
-        """Return vehicles that were in the air when last heard and have been silent too long."""
+        """Return vehicles that were in the air when last heard, and have been silent for too
+        long.
+        """
         self.ages_s(now_ns)
         if not self._ages.has_silent and not self.watched_bodies.located:
             return ()
@@ -539,10 +543,10 @@ class NeighbourTable:
         return self._named(self.arrays.flags[AIRBORNE] & is_old)
 
     def unseen(self, now_ns: int) -> tuple[str, ...]:
-        """Return silent vehicles without mocap poses, so that their position is not known.
+        """Return silent vehicles without mocap poses. Their position is not known.
 
-        The poses of a vehicle that was not followed are requested only after it has become silent.
-        So it gets more time until it counts as unseen.
+        The poses of a vehicle that was not followed are requested only once it is silent. So it
+        gets more time before it counts as unseen.
         """
         far_s = subscription.FAR_UNSEEN_S + self.watched_bodies.late_s
         limit_s = np.where(self._is_settled, self.arrays.silent_after_s, far_s)

@@ -1,8 +1,8 @@
 """``covey mocap --check``: whether each vehicle has the right body, axes and time stamps.
 
 A person removes the propellers and tilts a vehicle by hand, while its PX4 and the mocap both
-measure the tilt. The check finds the body whose tilt equals that of PX4. It only listens on the
-bus, so the agents and the source of the mocap's poses must run.
+measure the tilt. The check finds the body with the same tilt as PX4. It only listens on the bus, so
+the agents and the source of the mocap's poses must be running.
 """
 
 from __future__ import annotations
@@ -32,9 +32,9 @@ from onboard.security.credentials import credentials_of
 from onboard.security.node_roles import NodeRole
 from onboard.tuples import Wxyz
 
-GOOD_LAG_S = 0.015  # stamps with at most this lag need no correction
-_MAX_SAMPLES = 6000  # number of samples that are kept of each body and each vehicle
-_QUARTERS_DEG = (90, 180, 270)  # rotations of a body's axes that are tried
+GOOD_LAG_S = 0.015  # stamps with a lag of at most this need no correction
+_MAX_SAMPLES = 6000  # number of samples kept for each body and each vehicle
+_QUARTERS_DEG = (90, 180, 270)  # rotations of a body's axes to try
 
 Samples = deque[tuple[float, Wxyz]]  # time [s] on this host's clock, attitude
 Curve = tuple[Array, Array]  # times (n,) [s], and latency.gravity (n, 2) at these times
@@ -45,7 +45,7 @@ class BodyFinding:
     """Result for one vehicle's body."""
 
     vehicle: str
-    is_ok: bool | None  # None: not known, for instance before the vehicle has been tilted enough
+    is_ok: bool | None  # None: unknown, for instance before the vehicle has been tilted enough
     sentence: str
 
 
@@ -119,7 +119,7 @@ def _judge_one(
 
 
 def _sentence_of_axes(body: str, curve: Curve, px4: Curve, own: latency.TiltFit) -> str:
-    """Return the sentence about a body that does not tilt as its vehicle's PX4 does."""
+    """Return the sentence about a body that does not tilt like its vehicle's PX4."""
     quarter_deg = _turned_deg(curve, px4)
     if quarter_deg is not None:
         return (
@@ -135,7 +135,7 @@ def _sentence_of_axes(body: str, curve: Curve, px4: Curve, own: latency.TiltFit)
 
 
 def _turned_deg(body: Curve, px4: Curve) -> int | None:
-    """Return by how many degrees about up the body's axes are rotated against the vehicle's.
+    """Return the rotation in degrees about up of the body's axes relative to the vehicle's.
 
     The result is None if no multiple of 90 degrees explains the difference.
     """
@@ -151,7 +151,7 @@ def _turned_deg(body: Curve, px4: Curve) -> int | None:
 
 
 def _curve(samples: Samples) -> Curve:
-    """Return samples as a curve of tilt with rising times; of equal times only one remains."""
+    """Return samples as a curve of tilt with increasing times. Of equal times, only one is kept."""
     rows = sorted(samples)
     times_s = np.array([time_s for time_s, _ in rows], dtype=np.float64)
     gravity = latency.gravity([quaternion for _, quaternion in rows])
@@ -259,7 +259,7 @@ class MocapCheck:
     def _on_host_clock_s(self, node: str, stamp_ns: int) -> float | None:
         """Convert a stamp [ns] of a node to this host's clock [s].
 
-        The result is None while the offset of the node's clock is not measured.
+        The result is None until the offset of the node's clock is measured.
         """
         if not node:  # the stamp is by this host's clock
             return stamp_ns * 1e-9

@@ -1,10 +1,10 @@
-"""Compares a body's tilt with PX4's: is it the vehicle's body, and how late are its stamps?
+"""Compares a body's tilt with PX4's, to find the vehicle's body and the lag of its stamps.
 
-PX4 measures with a gyroscope, so its attitude is late only by the few milliseconds that the link
-takes. Mocap and PX4 both yield the direction of gravity in the body's own axes, which depends
-neither on a heading nor on the frame of the room. If this direction changes over time in the same
-way for a body and for PX4, the body belongs to this PX4. The time shift at which the two curves fit
-best is the lag of the stamps.
+PX4 measures with a gyroscope, so its attitude is late only by the link's few milliseconds. Mocap
+and PX4 both give the direction of gravity in the body's own axes. This direction does not depend on
+a heading or on the frame of the room. If this direction changes over time in the same way for a
+body and for PX4, the body belongs to this PX4. The time shift at which the two curves fit best is
+the lag of the stamps.
 """
 
 from __future__ import annotations
@@ -17,13 +17,13 @@ import numpy as np
 from onboard.arrays import Array
 from onboard.tuples import Wxyz
 
-_STEP_S = 0.004  # time between two samples of a curve, and between two lags that are tried
-_EARLIEST_S = -0.1  # smallest lag that is tried
-_LATEST_S = 0.3  # largest lag that is tried
-_SHORTEST_S = 2.0  # least time in which both curves must have samples
+_STEP_S = 0.004  # time between two samples of a curve, and between two candidate lags
+_EARLIEST_S = -0.1  # smallest candidate lag
+_LATEST_S = 0.3  # largest candidate lag
+_SHORTEST_S = 2.0  # both curves must overlap for at least this time
 _FEWEST_SAMPLES = 10  # least number of samples of each curve
-_SMALLEST_TILT_RAD = 0.008  # half a degree: ten times the noise of a mocap
-_SAME_CORRELATION = 0.85  # least correlation of two curves that belong to one body
+_SMALLEST_TILT_RAD = 0.008  # half a degree, which is ten times the noise of a mocap
+_SAME_CORRELATION = 0.85  # least correlation of two curves of the same body
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,17 +49,16 @@ def fit(body_s: Array, body: Array, px4_s: Array, px4: Array) -> TiltFit | None:
     """Fit a body's tilt to PX4's.
 
     Args:
-        body_s: times (n,) [s] of the body's samples, rising.
-        body: :func:`gravity` (n, 2) at those times.
-        px4_s: times (m,) [s] of PX4's samples, rising.
-        px4: :func:`gravity` (m, 2) at those times.
+        body_s: times (n,) [s] of the body's samples, increasing. body: :func:`gravity` (n, 2) at
+        those times. px4_s: times (m,) [s] of PX4's samples, increasing. px4: :func:`gravity` (m, 2)
+        at those times.
     Returns:
         the best fit; None if there are too few samples or too little motion.
     """
     if body_s.size < _FEWEST_SAMPLES or px4_s.size < _FEWEST_SAMPLES:
         return None
 
-    # the time in which both curves have samples, for every lag that is tried
+    # the time span in which both curves have samples, for every candidate lag
     begin_s = max(body_s.min() - _EARLIEST_S, px4_s.min() + _LATEST_S)
     end_s = min(body_s.max() - _LATEST_S, px4_s.max())
     if end_s - begin_s < _SHORTEST_S:
@@ -99,9 +98,10 @@ def _correlation(one: Array, other: Array) -> float:
 
 
 def _vertex(values: Array, index: int) -> float:
-    """Return by how many steps the true maximum lies after ``index``, where the largest value is.
+    """Return by how many steps the true maximum lies after ``index``, the index of the largest
+    value.
 
-    The true maximum is that of the parabola through the largest value and its two neighbours.
+    The true maximum is taken from the parabola through the largest value and its two neighbours.
     """
     if not 0 < index < values.size - 1:
         return 0.0

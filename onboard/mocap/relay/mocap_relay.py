@@ -1,8 +1,8 @@
 """``covey mocap``: one process that reads the motion capture and publishes its bodies on the bus.
 
-It publishes all bodies, whether they are vehicles or not; agents use only those of the fleet file.
-It does not check the poses, because the agents do. It listens at the emulator's endpoint, so that a
-relay and an emulator cannot run at the same time.
+It publishes all bodies, whether they are vehicles or not. Agents use only the bodies in the fleet
+file. It does not check the poses, because the agents do. It listens at the emulator's endpoint, so
+a relay and an emulator cannot run at the same time.
 """
 
 from __future__ import annotations
@@ -40,7 +40,8 @@ def bodies_of(fleet: FleetConfig) -> dict[str, str]:
 
 
 def mock_options(fleet: FleetConfig) -> dict[str, str]:
-    """Return the options of package ``motioncapture`` for its type ``mock``; else none.
+    """Return the options of the package ``motioncapture`` for its type ``mock``; none for other
+    types.
 
     With these options each vehicle has a body that stands still at the vehicle's take-off spot.
     """
@@ -57,13 +58,12 @@ def mock_options(fleet: FleetConfig) -> dict[str, str]:
 def report_times(
     clock: ClockNode, *, seconds: float | None, every_s: float, stopped: threading.Event
 ) -> Iterator[None]:
-    """Yield whenever a report is due, and at the end; keep this node's clock published.
+    """Yield whenever a report is due, and at the end. Meanwhile, publish this node's clock.
 
     Args:
         clock: publishes the clock of this node.
-        seconds: time after which the reports end; None: never.
-        every_s: time from one report to the next.
-        stopped: event that ends the reports at once.
+        seconds: the reports end after this time; None: never. every_s: time from one report to the
+        next. stopped: event that ends the reports at once.
     """
     began_s = time.monotonic()
     reported_s = began_s
@@ -113,12 +113,12 @@ class MocapRelay:
             fleet.mocap,
             "*",
             self._pass_on,
-            lambda: None,  # no bytes from outside arrive, which could be malformed
+            lambda: None,  # no bytes arrive from outside, so none can be malformed
             node=NODE,
             default_options=mock_options(fleet),
         )
 
-        self._lock = threading.Lock()  # for the statistics, which the source's thread updates
+        self._lock = threading.Lock()  # protects the statistics, which the source's thread updates
         self._unnameable: set[str] = set()  # bodies whose names cannot be keys on the bus
         self._withheld: set[str] = set()  # bodies that are not published: the emulator sends them
 
@@ -211,7 +211,7 @@ class MocapRelay:
 
 
 def with_source(fleet: FleetConfig, *, type_: str | None, hostname: str | None) -> FleetConfig:
-    """Return the fleet with another motion-capture system than its fleet file has.
+    """Return the fleet with a motion-capture system other than the one in its file.
 
     Raises:
         msgspec.ValidationError: there is no such type.

@@ -9,13 +9,14 @@ from dataclasses import dataclass, field
 from onboard.bus.schema import MocapPose
 from onboard.tuples import Wxyz, Xyz
 
-# Between two samples a vehicle moves at most by _STEP_M plus _STEP_M_S times the time between them.
-# A body that moves more has jumped.
+# Between two samples, a vehicle moves by at most _STEP_M plus _STEP_M_S times the time between
+# them. A body that moves more has jumped.
 _STEP_M = 0.05
 _STEP_M_S = 10.0
 
-# Between two samples a vehicle rotates at most by _TURN_RAD plus _TURN_RAD_S times the time between
-# them. A body that rotates more has flipped: its markers look alike from several sides.
+# Between two samples, a vehicle rotates by at most _TURN_RAD plus _TURN_RAD_S times the time
+# between them. A body that rotates more has flipped, because its markers look alike from several
+# sides.
 _TURN_RAD = 0.5
 _TURN_RAD_S = 12.0
 
@@ -136,7 +137,7 @@ class MocapStatistics:
         return True
 
     def rows(self) -> Iterator[str]:
-        """Yield a line for each body, those of vehicles first, and a line for each fault."""
+        """Yield a line for each body, with vehicles first, and a line for each fault."""
         vehicle_of = {body: vehicle for vehicle, body in self.vehicles.items()}
         person_of = {body: person for person, body in self.people.items()}
         of_vehicles = sorted(name for name in self.bodies if name in vehicle_of)
@@ -166,7 +167,7 @@ class MocapStatistics:
         """Yield a sentence for each fault."""
         for statistics in self.bodies.values():
             is_person = statistics.name in self.people.values()
-            if statistics.flips and not is_person:  # the heading of a person is not used
+            if statistics.flips and not is_person:  # a person's heading is not used
                 yield (
                     f"body '{statistics.name}' has turned faster than a vehicle can, "
                     f"{statistics.flips} times: its markers look alike from several sides. Move "
