@@ -19,8 +19,7 @@ def plain_line(text: str) -> str:
         text: Text of an event, a reply or a name.
 
     Returns:
-        The text, with one space in place of each run of white space or of characters that cannot
-        be printed.
+        The text, with each run of white space or unprintable characters replaced by one space.
     """
     return " ".join(plain_lines(text).split())
 
@@ -40,13 +39,13 @@ def listed(names: Sequence[str], most: int) -> str:
 
 
 def plain_lines(text: str) -> str:
-    """Return text from outside without control characters; its lines and indentation stay.
+    """Return text from outside without control characters, but with its lines and indentation.
 
     Args:
         text: Text of several lines, for instance a traceback.
 
     Returns:
-        The text, with a space in place of each character that cannot be printed.
+        The text, with each unprintable character replaced by a space.
     """
     lines = text.split("\n")
     if all(map(str.isprintable, lines)):  # the usual case, quickly

@@ -3,8 +3,8 @@
 These are the bodies of vehicles whose next message is overdue, and of vehicles whose messages are
 watched (judged.py).
 
-Poses of other vehicles are not requested while our own position is late. On a full radio each
-request would delay our own poses further.
+Poses of other vehicles are not requested while our own position is late. On a full radio channel,
+each request would delay our own poses further.
 """
 
 from __future__ import annotations
@@ -16,10 +16,10 @@ from dataclasses import dataclass, field
 from onboard.neighbours.subscription import FAR_SILENT_S
 
 # A followed vehicle whose newest message is older than this is overdue, and is tracked by the
-# mocap. It counts as silent later (table.py), when its mocap poses have come.
+# mocap. It counts as silent later (table.py), once its mocap poses have arrived.
 OVERDUE_S = 0.12
 _OWN_LATE_S = 0.1  # our own position is late if it is older than this
-_KEPT_NS = 5_000_000_000  # a body is watched for this time after the last reason for it
+_KEPT_NS = 5_000_000_000  # a body is watched for this time after the last reason to do so
 
 
 @dataclass(slots=True)
@@ -27,9 +27,9 @@ class WatchedBodies:
     """Memory of the vehicles whose bodies are watched, by index."""
 
     late_s: float = 0.0  # delay that the radio adds to states
-    # index of a watched vehicle -> last time at which there was a reason to watch it
+    # index of a watched vehicle -> when there was last a reason to watch it
     reason_ns: dict[int, int] = field(default_factory=dict)
-    # indices of vehicles whose newest state comes from the mocap and not from a message
+    # indices of vehicles whose newest state comes from the mocap, not from a message
     located: set[int] = field(default_factory=set)
 
     def update(
@@ -39,9 +39,8 @@ class WatchedBodies:
 
         Args:
             overdue: indices of overdue vehicles, see :meth:`is_overdue`.
-            watched: indices of vehicles in reach whose messages are watched.
-            now_ns: our clock.
-            own_age_s: age of the own position.
+            watched: indices of vehicles within reach whose messages are watched. now_ns: our clock.
+            own_age_s: age of our own position.
         """
         before = set(self.reason_ns)
 
@@ -68,7 +67,7 @@ class WatchedBodies:
         is_expected: bool,
         is_airborne: bool,
     ) -> bool:
-        """Return whether a vehicle's message is so late that its body is watched.
+        """Return whether a vehicle's message is late enough that its body is watched.
 
         A vehicle that is not followed counts only if it was in the air.
 

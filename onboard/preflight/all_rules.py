@@ -1,8 +1,8 @@
 """The preflight check: all rules that must be passed before a take-off. Pure.
 
-Each rule checks the facts. It is passed, it cannot be checked yet, or it finds one of its faults. A
+Each rule checks the facts. The rule passes, cannot be checked yet, or finds one of its faults. A
 fault refuses a take-off, unless it is only advice. Sentences and remedies are in preflight.toml.
-docs/preflight.md is printed from them, so a refused order has the same words as that page.
+docs/preflight.md is generated from them, so a refused order uses the same words as that page.
 """
 
 from __future__ import annotations
@@ -56,7 +56,7 @@ def reasons(
         if only is not None and rule.name not in only:
             continue
 
-        # this runs ten times a second, so sentences are composed for faults only
+        # this runs ten times a second, so sentences are composed only for faults
         key, _ = rule.judge(facts, fleet, vehicle)
         if key not in (OK, SKIP) and not rule.faults[key].is_advice:
             check = rule.check(facts, fleet, vehicle)

@@ -1,4 +1,4 @@
-"""Checks PX4's attitude on the ground: its rate, and its tilt against the mocap's."""
+"""Checks PX4's attitude on the ground: its rate, and its tilt compared with the mocap's."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from onboard.tuples import Wxyz, Xyz
 
 _RATE_OVER_NS = 1_000_000_000  # time over which attitudes are counted
 _TILT_TIME_S = 0.5  # time constant of the low-pass
-_IN_HANDS_RAD = math.radians(12.0)  # a vehicle that is tilted more is held by a person
+_IN_HANDS_RAD = math.radians(12.0)  # a vehicle tilted more than this is held by a person
 _WRONG_TILT_RAD = math.radians(10.0)  # largest difference of the two tilts while it is held
 _UP: Xyz = (0.0, 0.0, 1.0)
 
@@ -22,7 +22,7 @@ class AttitudeRate:
     rate_hz: float | None = None  # None until a second has passed
     _attitude_ns: int = 0  # arrival of the newest counted attitude
     _count: int = 0
-    _count_from_ns: int | None = None  # begin of the present second
+    _count_from_ns: int | None = None  # start of the present second
 
     def update(self, now_ns: int, attitude_ns: int) -> None:
         """Count one tick; ``attitude_ns`` is the arrival of the newest attitude, 0: none yet."""
@@ -47,17 +47,17 @@ class AttitudeRate:
 
 @dataclass(slots=True)
 class TiltComparison:
-    """Compares the direction of up in the body's axes, by the mocap and by PX4.
+    """Compares the up direction in body axes measured by the mocap with the one estimated by PX4.
 
-    The comparison needs no common heading. If a person tilts the vehicle, the comparison also shows
-    whether the mocap's body is on this vehicle at all.
+    No common heading is needed. If a person tilts the vehicle, the comparison also shows whether
+    the mocap's body belongs to this vehicle at all.
     """
 
     difference_rad: float = 0.0  # angle between both directions, low-passed
     # whether the directions differed when a person last tilted the vehicle
     differed_when_tilted: bool = False
-    _by_mocap: Xyz | None = None  # direction by the mocap, low-passed; None before the first tick
-    _by_px4: Xyz | None = None  # direction by PX4, low-passed; None before the first tick
+    _by_mocap: Xyz | None = None  # direction from the mocap, low-passed; None before the first tick
+    _by_px4: Xyz | None = None  # direction from PX4, low-passed; None before the first tick
 
     def update(self, mocap_wxyz: Wxyz, snapshot: Snapshot, dt_s: float) -> None:
         """Take one tick on the ground; ``mocap_wxyz`` is the newest sample's attitude."""
@@ -81,13 +81,13 @@ class TiltComparison:
 
 
 def _body_up(quaternion_wxyz: Wxyz) -> Xyz:
-    """Return the fleet's up in the body's axes: the last row of the rotation."""
+    """Return the fleet's up direction in body axes: the last row of the rotation."""
     w, x, y, z = quaternion_wxyz
     return 2.0 * (x * z - w * y), 2.0 * (y * z + w * x), 1.0 - 2.0 * (x * x + y * y)
 
 
 def _mixed(old: Xyz, new: Xyz, weight: float) -> Xyz:
-    """Return the weighted mean of two directions; ``weight`` is that of the new direction."""
+    """Return the weighted mean of two directions; ``weight`` is the weight of the new direction."""
     x, y, z = (a + weight * (b - a) for a, b in zip(old, new, strict=True))
     return x, y, z
 

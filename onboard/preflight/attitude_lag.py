@@ -1,6 +1,6 @@
 """Computes the lag of PX4's attitude control from its version and parameters. Pure.
 
-A preflight rule compares the lags of the fleet file's PX4 version and of the PX4 that flies.
+A preflight rule compares the lag for the fleet file's PX4 version with the lag of the actual PX4.
 """
 
 from __future__ import annotations
@@ -10,7 +10,7 @@ from collections.abc import Mapping
 from onboard.autopilot import Version
 
 GAINS = ("MC_ROLL_P", "MC_PITCH_P")
-# default of the gains [1/s], before PX4 1.17 and since then
+# default gains [1/s] before PX4 1.17, and since then
 _DEFAULT_CHANGED_SINCE: Version = (1, 17)
 _DEFAULT_BEFORE_1_S = 6.5
 _DEFAULT_SINCE_1_S = 4.0

@@ -1,7 +1,8 @@
 """Rules of preflight about PX4: link, health, arming, failsafes and parameters. Pure.
 
-Each rule returns a key and values for a sentence. The key names a sentence in ``preflight.toml``,
-under ``[RULE.refuses]`` if the fault refuses a take-off, under ``[RULE.advises]`` if it is advice.
+Each rule returns a key and values for a sentence. The key names a sentence in ``preflight.toml``.
+It is under ``[RULE.refuses]`` if the fault refuses a take-off, and under ``[RULE.advises]`` if it
+is advice.
 """
 
 from __future__ import annotations
@@ -20,7 +21,7 @@ from onboard.safety.limits import AUTOPILOT_SILENT_S
 LEAST_ATTITUDE_HZ = 20.0  # a lower rate of PX4's attitude refuses a take-off
 USUAL_ATTITUDE_HZ = 35.0  # a lower rate is reported as advice
 
-# reasons why a packet is refused that occur only if the vehicle signs
+# reasons for refusing a packet that occur only if the vehicle signs
 _OF_SIGNING = ("unsigned", "forged", "old")
 _REASONS = {
     "malformed": "no MAVLink",
@@ -57,7 +58,7 @@ _OF_OTHER_RULES = frozenset(
         Condition.FENCE_BREACH_LONG,
     }
 )
-# conditions that follow from a wrong clock; the rule "clock" reports them
+# conditions caused by a wrong clock; the rule "clock" reports them
 _OF_A_WRONG_CLOCK = frozenset({Condition.MOCAP_LATE, Condition.CLOCK_JUMPED})
 
 
@@ -125,7 +126,7 @@ def _link(facts: PreflightFacts, fleet: FleetConfig, vehicle: Vehicle) -> Judgem
 def _port(facts: PreflightFacts, fleet: FleetConfig, vehicle: Vehicle) -> Judgement:
     if facts.has_autopilot and facts.newest_refused:
         refused = facts.refused
-        source = "it"  # an unknown source: the sentence says "from it", from the port
+        source = "it"  # if the source is unknown, the sentence says "from it", meaning the port
         if refused.source:
             source = refused.source
         return "strangers", {

@@ -1,8 +1,8 @@
-"""The rule of preflight about RTK corrections: their source, their base, the fix. Pure.
+"""The preflight rule about RTK corrections: their source, their base, and the fix. Pure.
 
-The rule returns a key and values for a sentence. The key names a sentence in ``preflight.toml``,
-under ``[corrections.refuses]`` if the fault refuses a take-off, under ``[corrections.advises]`` if
-it is advice.
+The rule returns a key and values for a sentence. The key names a sentence in ``preflight.toml``. It
+is under ``[corrections.refuses]`` if the fault refuses a take-off, and under
+``[corrections.advises]`` if it is advice.
 """
 
 from __future__ import annotations

@@ -1,9 +1,10 @@
-"""Rules of preflight about the flight to come. Pure.
+"""Rules of preflight about the coming flight. Pure.
 
 The rules are about neighbours, fleet file, law, throttle, battery, loop and record.
 
-Each rule returns a key and values for a sentence. The key names a sentence in ``preflight.toml``,
-under ``[RULE.refuses]`` if the fault refuses a take-off, under ``[RULE.advises]`` if it is advice.
+Each rule returns a key and values for a sentence. The key names a sentence in ``preflight.toml``.
+It is under ``[RULE.refuses]`` if the fault refuses a take-off, and under ``[RULE.advises]`` if it
+is advice.
 """
 
 from __future__ import annotations
@@ -20,8 +21,8 @@ HOVER_ADVICE_SHARE = 0.10  # a larger difference of the hover throttle is report
 LOWEST_VOLTAGE_V = 2.5
 LATE_LOOP_MS = 30.0  # longest 99th percentile of the control loop's period
 
-# Allowed differences to the fleet file's expected delay and loss. States are sent and sampled at
-# ticks, and a hundred samples show a loss with an error of a tenth.
+# Allowed differences from the fleet file's expected delay and loss. States are sent and sampled at
+# ticks, and a loss measured from a hundred samples has an error of a tenth.
 DELAY_ALLOWANCE_S = 0.04
 LOSS_ALLOWANCE = 0.10
 
@@ -120,7 +121,7 @@ def _law(facts: PreflightFacts, fleet: FleetConfig, vehicle: Vehicle) -> Judgeme
         keys = ", ".join(f"law.{name}" for name in fleet.law.changed_policies)
         return "changed policies", {"keys": keys, "name": vehicle.name}
 
-    # the sentence names the source of a user's law, so that the record shows which one flew
+    # the sentence names the source of a user's law, so that the record shows which law flew
     if not facts.law_refusals:
         if fleet.own_law is None:
             return OK, {"law": facts.law}

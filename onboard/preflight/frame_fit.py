@@ -1,11 +1,11 @@
 """Finds a turned or shifted frame from the positions of vehicles on their take-off spots. Pure.
 
-All positions are measured in the fleet frame: that of the motion capture, or of a point on Earth.
-If this frame is turned by a few degrees, each vehicle is still seen near its spot, but a vehicle
-that flies far from the origin may hit a wall. Only all vehicles together show such an error. The
-fit gives the turn and the shift that map the spots of the fleet file to the seen positions (least
-squares in the plane; Arun, Huang and Blostein 1987). Turn and shift are compared with the accuracy
-with which people put vehicles on their spots.
+All positions are measured in the fleet frame, which belongs to the motion capture or to a point on
+Earth. If this frame is turned by a few degrees, each vehicle is still seen near its spot, but a
+vehicle that flies far from the origin may hit a wall. Only all vehicles together reveal such an
+error. The fit gives the turn and the shift that map the spots of the fleet file to the seen
+positions (least squares in the plane; Arun, Huang and Blostein 1987). Turn and shift are compared
+with how accurately people place vehicles on their spots.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from typing import NamedTuple
 
 XY = tuple[float, float]
 
-_SIGMAS = 3.0  # standard deviations beyond which a turn or a shift counts
+_SIGMAS = 3.0  # a turn or a shift counts if it exceeds this many standard deviations
 
 
 class FrameFit(NamedTuple):
@@ -30,9 +30,9 @@ class FrameFit(NamedTuple):
 
     @property
     def is_turned(self) -> bool:
-        """Whether the turn is larger than inaccurate placing of the vehicles explains.
+        """Whether the turn is too large to be explained by inaccurate placing.
 
-        It also has to move the fence's farthest corner by more than a vehicle may be off its spot.
+        It must also move the fence's farthest corner by more than a vehicle may be off its spot.
         """
         turn_rad = abs(self.turn_rad)
         is_certain = turn_rad > _SIGMAS * self.turn_std_rad
@@ -72,7 +72,7 @@ def fit_frame(
     planned_from_centre_m = [_minus(spot, planned_centre_m) for spot in planned_m]
     seen_from_centre_m = [_minus(spot, seen_centre_m) for spot in seen_m]
 
-    # sums of the scalar and of the vector products: their ratio is the tangent of the turn
+    # sums of the scalar and the vector products; their ratio is the tangent of the turn
     scalar_products = 0.0
     vector_products = 0.0
     squares_m2 = 0.0  # sum of the squared distances of the spots from their centre
@@ -91,8 +91,8 @@ def fit_frame(
         residual_m2 += math.dist(turned_m, seen_xy_m) ** 2
 
     # If the residuals show that the vehicles were placed less accurately than std_m, the residuals
-    # count instead of std_m. The degrees of freedom are two for each spot, minus one for the turn
-    # and two for the shift.
+    # are used instead of std_m. The degrees of freedom are two per spot, minus one for the turn and
+    # two for the shift.
     freedom = 2 * count - 3
     spot_std_m = max(std_m, math.sqrt(residual_m2 / freedom))
     return FrameFit(

@@ -19,7 +19,7 @@ _cache: dict[str, tuple[Refusal, ...]] = {}
 
 
 class LawRefusals:
-    """Refusals for one vehicle; the fleet file is checked only once, at their first use."""
+    """Refusals for one vehicle. The fleet file is checked only once, at the first use."""
 
     def __init__(self, fleet: FleetConfig, vehicle: str, neighbours: NeighbourTable) -> None:
         self._fleet = fleet
@@ -60,7 +60,7 @@ def _refusals_of_fleet(fleet: FleetConfig) -> tuple[Refusal, ...]:
     """Return the findings about a fleet file that refuse a take-off."""
     key = fleet.config_hash
     if key not in _cache:
-        _cache.clear()  # one entry is enough: the agents of one process fly one fleet
+        _cache.clear()  # one entry is enough, because the agents of one process fly one fleet
         _cache[key] = _refusals(fleet_findings(fleet))
     return _cache[key]
 
@@ -68,7 +68,7 @@ def _refusals_of_fleet(fleet: FleetConfig) -> tuple[Refusal, ...]:
 def _refusals(findings: Iterable[Finding]) -> tuple[Refusal, ...]:
     """Return the findings that refuse a take-off, with sentence and remedy separated.
 
-    The finding about px4_params is left out: the rule about parameters reports it.
+    The finding about px4_params is left out, because the rule about parameters reports it.
     """
     refusals = []
     for finding in findings:

@@ -2,8 +2,9 @@
 
 The rules are about freshness, clock, agreement with PX4, rest, take-off spot and geofence.
 
-Each rule returns a key and values for a sentence. The key names a sentence in ``preflight.toml``,
-under ``[RULE.refuses]`` if the fault refuses a take-off, under ``[RULE.advises]`` if it is advice.
+Each rule returns a key and values for a sentence. The key names a sentence in ``preflight.toml``.
+It is under ``[RULE.refuses]`` if the fault refuses a take-off, and under ``[RULE.advises]`` if it
+is advice.
 """
 
 from __future__ import annotations
@@ -29,7 +30,7 @@ from onboard.safety.failsafe_table import Condition
 from onboard.safety.limits import POSITION_STALE_S
 from onboard.tuples import Xyz
 
-# Largest values with which a rule is passed; preflight.toml describes each rule.
+# Largest values that pass a rule; preflight.toml describes each rule.
 WIDE_CLOCK_S = 0.02
 FAR_FROM_PX4_M = 0.3
 HEADING_MISS_DEG = 25.0
@@ -38,7 +39,7 @@ MOVING_M_S = 0.3
 OFF_SPOT_M = 0.5
 UNSEEN_TURN_DEG = 2.0
 
-# conditions with which samples arrive but are rejected; the rule "failsafe" reports them
+# conditions in which samples arrive but are rejected; the rule "failsafe" reports them
 _REJECTED = frozenset({Condition.MOCAP_FROZEN, Condition.MOCAP_SWAPPED, Condition.POSITION_JUMPED})
 
 

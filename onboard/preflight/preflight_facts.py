@@ -13,11 +13,11 @@ from onboard.safety.failsafe_table import Condition
 from onboard.safety.limits import AUTOPILOT_SILENT_S, POSITION_STALE_S
 from onboard.tuples import Xyz
 
-HEARTBEAT_SILENT_S = 3.0  # PX4 is silent without a heartbeat for this time
+HEARTBEAT_SILENT_S = 3.0  # without a heartbeat for this time, PX4 counts as silent
 REFUSED_LATELY_S = 5.0  # a refused packet counts for this time
 
-# Bounds of the delay of a mocap sample, from its stamp to its arrival. Beyond them two clocks
-# differ.
+# Bounds of a mocap sample's delay, from its stamp to its arrival. A delay outside these bounds
+# means that two clocks differ.
 OLDEST_SAMPLE_S = 0.5
 FUTURE_S = 0.005
 
@@ -47,7 +47,7 @@ class PreflightFacts:
     missing_neighbours: tuple[str, ...]  # required vehicles that are not heard on the bus
     other_hashes: Mapping[str, str]  # vehicle -> its configuration hash, if that differs
     config_hash: str
-    # sentences about wrong parameters of PX4; None while they are not read yet
+    # sentences about wrong parameters of PX4; None until they are read
     param_problems: tuple[str, ...] | None
     is_law_warm: bool  # whether the control pipeline has run once
     is_airborne: bool
@@ -73,36 +73,37 @@ class PreflightFacts:
     fuses_heading: bool = False  # whether PX4, by required parameters, uses the mocap's heading
 
     # satellites
-    fix_type: int | None = None  # fix of PX4's receiver; None: not reported lately
+    fix_type: int | None = None  # fix of PX4's receiver; None: not reported recently
     corrections: CorrectionsStatus | None = None  # None: the vehicle uses no corrections
 
     # mocap
     # arrival of the newest sample minus its stamp; None without a sample
     sample_delay_s: float | None = None
     sample_age_s: float = math.inf  # time since that arrival
-    pose_sources: int = 0  # number of programs that have sent poses of the own body lately
+    pose_sources: int = 0  # number of programs that have recently sent poses of our own body
     source_problem: str = ""  # problem of a mocap that this computer reads; empty: none
     heading_miss_rad: float = 0.0  # the mocap's heading minus PX4's
-    # angle between the directions of up in the body's axes, by the mocap and by PX4
+    # angle between the up direction measured by the mocap and the one estimated by PX4, both in
+    # body axes
     tilt_miss_rad: float = 0.0
-    # whether these directions differed when the vehicle was last tilted by hand
+    # whether these two directions differed when the vehicle was last tilted by hand
     differed_when_tilted: bool = False
 
     # the vehicle
     speed_m_s: float = 0.0  # highest speed of the last second
-    has_flown: bool = False  # True: it has flown since this agent started, and may stand anywhere
+    has_flown: bool = False  # True: it has flown since this agent started, so it may be anywhere
     hover_frac: float = math.nan  # hover throttle learned in flight
 
-    # bus and computers
-    # person that the mocap sees -> distance from this vehicle to that person's circle
+    # bus and computers person that the mocap sees -> distance from this vehicle to that person's
+    # circle
     people_m: Mapping[str, float] = field(default_factory=dict)
-    radio: RadioMeasured | None = None  # None until enough states have come
+    radio: RadioMeasured | None = None  # None until enough states have arrived
     has_duplicate: bool = False  # whether another agent publishes for this vehicle
     # node -> largest error of its clock; inf: not measured
     clock_bounds_s: Mapping[str, float] = field(default_factory=dict)
     # node whose certificate ends first, and seconds until then; None on a bus without keys
     certificate_left: tuple[str, float] | None = None
-    loop_p99_ms: float = 0.0  # 99 % of the control loop's periods are shorter
+    loop_p99_ms: float = 0.0  # 99th percentile of the control loop's period
     has_recorder: bool = False
     has_emulator: bool = False  # whether covey sitl is on the bus
 
@@ -115,7 +116,7 @@ class PreflightFacts:
     # vehicle on the ground that has not flown yet -> its seen position [m], ENU
     spots_seen_enu_m: Mapping[str, Xyz] = field(default_factory=dict)
     stands_in_for: str = ""  # vehicle that this one replaces in the fleet; empty: none
-    position_std_m: float = 0.0  # standard deviation of the own position, along one axis
+    position_std_m: float = 0.0  # standard deviation of our own position, per axis
 
     @property
     def has_autopilot(self) -> bool:
@@ -125,7 +126,7 @@ class PreflightFacts:
 
     @property
     def newest_refused(self) -> str:
-        """Reason of the newest refused packet; empty if no packet was refused lately."""
+        """Reason for the newest refused packet; empty if no packet was refused recently."""
         if self.refused_age_s >= REFUSED_LATELY_S:
             return ""
         return self.refused.newest

@@ -31,7 +31,7 @@ _POSE_SOURCE_NS = 500_000_000  # a program counts as a source for this time afte
 
 
 class MocapSample(NamedTuple):
-    """Newest mocap sample of the own body."""
+    """Newest mocap sample of our own body."""
 
     quaternion_enu_flu_wxyz: Wxyz
     received_ns: int
@@ -40,7 +40,7 @@ class MocapSample(NamedTuple):
 
 @dataclass(slots=True)
 class PreflightInputs:
-    """Newest input of each kind; pass every input of the agent to :meth:`hear`."""
+    """Newest input of each kind. Pass every input of the agent to :meth:`hear`."""
 
     vehicle: str
     body: str | None  # mocap body of this vehicle
@@ -72,11 +72,11 @@ class PreflightInputs:
         return self._has(EMULATOR)
 
     def _has(self, role: str) -> bool:
-        """Return whether a node whose name begins with this word is on the bus."""
+        """Return whether a node with a name that starts with this word is on the bus."""
         return any(_first_word(node) == role for node in self._nodes)
 
     def pose_sources(self, now_ns: int) -> int:
-        """Return the number of programs that have sent poses of the own body lately."""
+        """Return the number of programs that have recently sent poses of our own body."""
         return sum(
             1 for heard_ns in self._pose_sources.values() if now_ns - heard_ns < _POSE_SOURCE_NS
         )
@@ -86,7 +86,7 @@ class PreflightInputs:
         return self._duplicate_ns is not None and now_ns - self._duplicate_ns < _DUPLICATE_FOR_NS
 
     def hear(self, event: AgentInput) -> None:
-        """Take an input of any kind; many kinds change nothing here."""
+        """Take an input of any kind. Many kinds have no effect here."""
         match event:
             case PoseReceived(pose, received_ns):
                 if pose.body == self.body and pose.is_tracked:
@@ -145,6 +145,6 @@ class PreflightInputs:
 
 
 def _first_word(node: str) -> str:
-    """Return the first word of a node's name, which says what kind of node it is."""
+    """Return the first word of a node's name, which gives the kind of node."""
     word, _, _ = node.partition("-")
     return word

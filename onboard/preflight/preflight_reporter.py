@@ -37,7 +37,7 @@ from onboard.types import TICK_S
 
 _REPORT_EVERY_NS = 1_000_000_000
 _JUDGE_EVERY_NS = 90_000_000  # every fifth tick, because a check takes 0.1 ms
-_AT_REST_NS = 1_000_000_000  # time over which the highest speed is taken
+_AT_REST_NS = 1_000_000_000  # the highest speed is taken over this time
 _DROPPED_LATELY_S = 1.0  # impossible numbers of PX4 count for this time
 _BEFORE_FLIGHT = frozenset(("waiting", "ready", "armed"))
 
@@ -61,7 +61,7 @@ class PreflightReporter:
         self._neighbours = neighbours
         self._flight = flight
         self._config_hash = fleet.config_hash
-        self._fused = 0  # bits of EKF2_EV_CTRL: which values PX4 uses of the mocap
+        self._fused = 0  # bits of EKF2_EV_CTRL: which of the mocap's values PX4 uses
         if vehicle.mocap_required:
             self._fused = int(required_params(fleet, vehicle)["EKF2_EV_CTRL"].value)
 
@@ -103,16 +103,15 @@ class PreflightReporter:
         Args:
             view: what the flight knows of its vehicle.
             dt_s: time since the last tick.
-            is_airborne: whether the vehicle is in the air, by PX4 or by the flight.
-            hover_frac: hover throttle learned so far.
-            conditions: conditions of the failsafe table that hold.
-            corrections: status of the corrections; None: the vehicle uses none.
-            people_m: distance to the circle of each person that the mocap sees.
-            slot_owner: vehicle whose take-off spot this one uses; empty: itself.
+            is_airborne: whether the vehicle is in the air, according to PX4 or the flight.
+            hover_frac: hover throttle learned so far. conditions: conditions of the failsafe table
+            that hold. corrections: status of the corrections; None: the vehicle uses none.
+            people_m: distance to the circle of each person that the mocap sees. slot_owner: vehicle
+            whose take-off spot this one uses; empty: itself.
         """
         self._observe(view, dt_s)
         now_ns = view.now_ns
-        # a negative time since the last check comes from a clock that was set back
+        # a negative time since the last check means that a clock was set back
         if 0 <= now_ns - self._judged_ns < _JUDGE_EVERY_NS:
             return self.not_ready
 
@@ -153,7 +152,9 @@ class PreflightReporter:
         return all_rules.reasons(facts, self._fleet, self._vehicle, takeover.RULES)
 
     def due(self, now_ns: int) -> PreflightReport | None:
-        """Return the report if it is due: once a second, if there are new facts; else None."""
+        """Return the report if it is due, otherwise None. It is due once a second if there are new
+        facts.
+        """
         facts = self._facts
         self._facts = None
         if facts is None or now_ns - self._reported_ns < _REPORT_EVERY_NS:
@@ -269,9 +270,9 @@ class PreflightReporter:
         )
 
     def _spots_seen(self, view: FlightView) -> dict[str, Xyz]:
-        """Return the positions [m], ENU, of the vehicles that stand where people have put them.
+        """Return the positions [m], ENU, of the vehicles that are still where people placed them.
 
-        A vehicle that stands in for another one has the name of the replaced vehicle here. Vehicles
+        A vehicle that stands in for another one appears under the replaced vehicle's name. Vehicles
         out of service are left out, because they may have been carried away.
         """
         spots: dict[str, Xyz] = {}
@@ -289,7 +290,7 @@ class PreflightReporter:
         return spots
 
     def _missing(self, now_ns: int) -> tuple[str, ...]:
-        """Return required vehicles that send no messages, and that no other vehicle replaces."""
+        """Return required vehicles that send no messages and are not replaced."""
         stood_in_for = {self._slot_owner}
         for telemetry in self._neighbours.telemetries().values():
             if not telemetry.disabled_by:
@@ -299,7 +300,7 @@ class PreflightReporter:
 
 
 def _fix_type(snapshot: Snapshot, now_ns: int) -> int | None:
-    """Return the type of the newest fix; None if PX4 has reported none lately."""
+    """Return the type of the newest fix; None if PX4 has not reported one recently."""
     if snapshot.fix_ns == 0 or now_ns - snapshot.fix_ns > FIX_KNOWN_NS:
         return None
     return snapshot.fix_type

@@ -12,11 +12,11 @@ from onboard.tuples import Xyz
 
 _WORDS = package_table("onboard.preflight", "preflight.toml")
 
-# keys of results that are no fault
+# keys of results that are not faults
 OK = "ok"
 SKIP = "skip"
 
-# the key of the result (OK, SKIP or that of a fault), and the values for its sentence
+# the key of the result (OK, SKIP or a fault's key), and the values for its sentence
 Judgement = tuple[str, Mapping[str, object]]
 PreflightJudge = Callable[[PreflightFacts, FleetConfig, Vehicle], Judgement]
 
@@ -34,7 +34,7 @@ class PreflightCheck:
     name: str
     is_ok: bool  # False: the result refuses a take-off
     sentence: str
-    remedy: str = ""  # with is_ok, a remedy is advice
+    remedy: str = ""  # if is_ok, a remedy is advice
 
 
 @dataclass(frozen=True, slots=True)

@@ -7,11 +7,11 @@ from collections.abc import Mapping
 
 from onboard.preflight.preflight_facts import RadioMeasured
 
-# number of samples that are kept for each neighbour; there are eleven a second
+# number of samples kept for each neighbour; there are eleven a second
 _SAMPLES = 120
-_LEAST_SAMPLES = 60  # number of samples from which on delay and loss are known
-_MISSING_S = 1.0  # a neighbour that is silent for longer is missing, and does not count here
-# an age that exceeds the delay by this many periods shows that a state was lost, or is late
+_LEAST_SAMPLES = 60  # delay and loss are known from this number of samples on
+_MISSING_S = 1.0  # a neighbour that is silent for longer is missing and does not count here
+# if an age exceeds the delay by this many periods, a state was lost or is late
 _LATE_PERIODS = 0.99
 
 
@@ -19,7 +19,7 @@ class StateAges:
     """Ages of the newest state of each neighbour, sampled while the vehicle stands."""
 
     def __init__(self, period_s: float) -> None:
-        """Begin without samples; ``period_s`` is the time between two states of a neighbour."""
+        """Start without samples. ``period_s`` is the time between two states of a neighbour."""
         self._period_s = period_s
         self._ages_s: dict[str, deque[float]] = {}
 
@@ -34,8 +34,8 @@ class StateAges:
     def measured(self) -> RadioMeasured | None:
         """The largest delay and loss of all neighbours; None until there are enough samples.
 
-        The smallest age of a neighbour is its delay. A sample whose age is larger than that by a
-        period shows that a state was lost, or is late.
+        The smallest age of a neighbour is its delay. If a sample's age exceeds the delay by a
+        period, a state was lost or is late.
         """
         delays_s: dict[str, float] = {}
         losses: dict[str, float] = {}

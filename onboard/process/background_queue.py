@@ -8,20 +8,20 @@ from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor
 from typing import Any
 
-MAX_WAITING = 200  # calls, including the one that runs
+MAX_WAITING = 200  # largest number of calls, including the running one
 
 log = logging.getLogger("covey.agent")
 
 
 class BackgroundQueue:
-    """One thread that executes the submitted calls, one after the other.
+    """One thread that executes the submitted calls one by one.
 
-    :meth:`submit` never blocks. If too many calls wait already, the new call is dropped and
+    :meth:`submit` never blocks. If too many calls are already waiting, the new call is dropped and
     counted.
 
     Args:
         name: name of the thread.
-        most: largest number of calls that wait, including the one that runs.
+        most: largest number of waiting calls, including the running one.
     """
 
     def __init__(self, name: str, most: int = MAX_WAITING) -> None:
@@ -30,7 +30,9 @@ class BackgroundQueue:
         self._worker = ThreadPoolExecutor(1, thread_name_prefix=name)
 
     def submit(self, function: Callable[..., object], *args: Any) -> bool:
-        """Call ``function(*args)`` soon; return False if too many calls wait and it is dropped."""
+        """Call ``function(*args)`` soon. Return False if it is dropped because too many calls are
+        waiting.
+        """
         if not self._room.acquire(blocking=False):
             self.dropped += 1
             if self.dropped == 1:
@@ -41,7 +43,7 @@ class BackgroundQueue:
         return True
 
     def stop(self) -> None:
-        """Execute the calls that wait, and end the thread; a second call does nothing."""
+        """Execute the waiting calls, and end the thread. A second call does nothing."""
         self._worker.shutdown(wait=True)
 
     def _done(self, work: Future[object]) -> None:

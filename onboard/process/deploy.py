@@ -107,7 +107,7 @@ def _at(fleet: FleetConfig, name: str) -> str:
 
 
 def _check_keys_folder(fleet: FleetConfig) -> None:
-    """Refuse a fleet file whose folder of keys exists only on this computer."""
+    """Refuse a fleet file if its folder of keys exists only on this computer."""
     if PurePosixPath(fleet.fleet.keys).is_absolute():
         raise ConfigError(
             f"{fleet.path}: 'fleet.keys' is {fleet.fleet.keys!r}, a folder of this computer: no "
@@ -171,7 +171,7 @@ def deployment(fleet: FleetConfig, name: str, arguments: argparse.Namespace) -> 
         # the remote folder is quoted, because older versions of scp pass it to a shell
         commands.append(["scp", "-p", "--", *paths, f"{target}:{keys_folder}/"])
 
-    # copy the module of the user's own law to the same folder beside the fleet file as here
+    # copy the module of the user's own law to the same place relative to the fleet file as here
     if fleet.own_law is not None and fleet.own_law.file is not None:
         law_folder = shlex.quote(f"{_FOLDER}/{fleet.law.folder}")
         commands.append(["ssh", "--", target, f"mkdir -p {law_folder}"])
@@ -197,8 +197,8 @@ def deployment(fleet: FleetConfig, name: str, arguments: argparse.Namespace) -> 
 def _installation(wheel_path: str) -> str:
     """Return the shell line that installs the copied wheel.
 
-    The first pip installs the wheel with its libraries. The second pip installs only the wheel, by
-    force, because the first one does not replace an installed wheel of the same version.
+    The first pip installs the wheel with its libraries. The second pip forces the installation of
+    the wheel alone, because the first one does not replace an installed wheel of the same version.
     """
     wheel = shlex.quote(f"./{Path(wheel_path).name}")
     pip = ".venv/bin/pip install -q --find-links ."

@@ -1,6 +1,6 @@
 """Settings of the process that keep delays out of the control loop.
 
-Garbage is collected only while the vehicle stands on the ground. A separate thread writes the log
+Garbage is collected only while the vehicle is on the ground. A separate thread writes the log
 lines, because the program that reads them may hang. Python's lock passes quickly from one thread to
 the next. On a drone's companion computer the control loop's thread may have real-time priority.
 """
@@ -22,17 +22,17 @@ import threading
 
 from onboard.plain_text import PlainStream
 
-_MAX_LINES = 2000  # lines of the log that may wait for the thread that writes them
+_MAX_LINES = 2000  # largest number of log lines that wait for the writing thread
 
 # Time after which a thread must hand over Python's lock (GIL) to a waiting thread. It is longer
-# than the computation of a tick, so that no other thread interrupts a tick. It is short compared
-# with the period of the ticks, so that the loop soon gets the lock back from another thread.
+# than the computation of a tick, so that other threads do not interrupt a tick. It is short
+# compared with the tick period, so that the loop soon gets the lock back.
 _SWITCH_S = 0.002
 
 _REALTIME_PRIORITY = 10  # priority of the control loop's thread
 _HELPERS_PRIORITY = 5  # priority of the other threads
 _LEAST_FREE_BYTES = 50_000_000  # a disk with less free space is full
-_HUNG_US = 1_000_000  # longest computation without a pause; the control loop pauses in each tick
+_HUNG_US = 1_000_000  # longest computation without a pause; the control loop pauses at each tick
 
 
 class _LinesHandler(logging.handlers.QueueHandler):
@@ -46,11 +46,11 @@ class _LinesHandler(logging.handlers.QueueHandler):
 def log_elsewhere(name: str, level: str) -> logging.handlers.QueueListener:
     """Return a listener that writes the log to stderr in a separate thread.
 
-    Its ``stop()`` writes the lines that are left.
+    Its ``stop()`` writes the remaining lines.
 
     Args:
         name: name of the vehicle, which is in each line.
-        level: least level of the lines.
+        level: lowest level of the lines.
     """
     writer = logging.StreamHandler(PlainStream(sys.stderr))
     writer.setFormatter(logging.Formatter(f"%(asctime)s {name} %(levelname)s %(message)s"))
@@ -68,10 +68,10 @@ def log_elsewhere(name: str, level: str) -> logging.handlers.QueueListener:
 def settle() -> None:
     """Collect garbage once after everything is loaded, and switch automatic collections off.
 
-    A collection in flight would delay ticks. Without collections only objects that refer to each
-    other in a circle stay in memory, and the agent's ticks do not make such objects. No later
-    collection examines the objects that exist now. :func:`tidy` collects newer objects while the
-    vehicle is on the ground.
+    A collection in flight would delay ticks. Without collections, only objects in reference cycles
+    stay in memory, and the agent's ticks do not create such objects. Later collections do not
+    examine the objects that exist now. :func:`tidy` collects newer objects while the vehicle is on
+    the ground.
     """
     sys.setswitchinterval(_SWITCH_S)
     gc.collect()
@@ -80,7 +80,7 @@ def settle() -> None:
 
 
 def tidy() -> None:
-    """Collect the garbage since :func:`settle`. To be called only on the ground."""
+    """Collect the garbage since :func:`settle`. Call this only on the ground."""
     gc.collect()
 
 
@@ -104,7 +104,7 @@ def take_precedence() -> str:
 
     The other threads of the process get a lower real-time priority. Otherwise such a thread could
     hold Python's lock while it waits for a processor, and delay the loop. Threads that start later
-    get no real-time priority, since their work may wait.
+    get no real-time priority, because their work may wait.
     """
     try:
         threads = {int(name) for name in os.listdir("/proc/self/task")}
@@ -125,9 +125,9 @@ def take_precedence() -> str:
 def end_when_hung() -> None:
     """Let the kernel end this process when a real-time thread computes for too long.
 
-    A user's avoidance law that never returns would take a processor from all other programs on this
-    computer, for instance from the emulator. After a second the kernel ends the process, and the
-    stack of the law is written to stderr.
+    A user's avoidance law that never returns would block a processor for all other programs on this
+    computer, for instance the emulator. After a second, the kernel ends the process, and the law's
+    stack is written to stderr.
     """
     with contextlib.suppress(OSError, ValueError, AttributeError):  # only Linux has this limit
         faulthandler.register(signal.SIGXCPU, all_threads=False, chain=True)

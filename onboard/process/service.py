@@ -40,7 +40,7 @@ _IN_TRANSITION = {
     "start": "is starting: its first tick has not run yet",
     "stop-sigterm": "is stopping: in flight it lands first",
 }
-# systemd's property ``Result`` -> why a service does not run, in words
+# systemd's property ``Result`` -> why a service is not running, in words
 _ENDED_BECAUSE = {
     "watchdog": "its control loop hung",
     "oom-kill": "it took too much memory",
@@ -99,7 +99,7 @@ def unit_text(service: Service, arguments: Sequence[str] = ()) -> str:
         *arguments,
     ]
 
-    # lines that only a unit of the system has, and the target at which the service starts
+    # lines that only a system unit has, and the target that starts the service
     system_lines = ""
     target = "default"
     if not service.is_user:
@@ -118,7 +118,7 @@ def unit_text(service: Service, arguments: Sequence[str] = ()) -> str:
 
 
 def _user() -> str:
-    """Return the user as whom the agent runs: the one who calls this command, also with sudo."""
+    """Return the user that the agent runs as: the caller of this command, even with sudo."""
     caller = os.environ.get("SUDO_USER")
     if os.geteuid() == 0 and caller:
         return caller
@@ -131,7 +131,7 @@ def _template(name: str) -> Template:
 
 
 def _escaped(text: str) -> str:
-    """Return a text for a unit file, where % begins a specifier."""
+    """Return a text for a unit file, where % starts a specifier."""
     return text.replace("%", "%%")
 
 
@@ -186,7 +186,7 @@ def install(service: Service, arguments: Sequence[str], *, prints: bool, starts:
 
 
 def _write_unit(service: Service, text: str) -> str:
-    """Write the unit file; return why that is not possible, or an empty text."""
+    """Write the unit file. Return why this failed, or an empty text."""
     problems = verify(service, text)
     if problems:
         return (
@@ -333,7 +333,7 @@ def verify(service: Service, text: str) -> str:
         path = Path(folder) / service.unit
         path.write_text(text, encoding="utf-8")
 
-        # A unit of a user is also verified as a unit of the system: the syntax is the same, and the
+        # A user unit is also verified as a system unit, because the syntax is the same and the
         # user's systemd may not be running.
         command = ["systemd-analyze", "verify", "--man=no", "--recursive-errors=no", str(path)]
         verified = subprocess.run(command, capture_output=True, text=True, check=False)
@@ -355,7 +355,9 @@ def _run(command: Sequence[str]) -> str:
 
 
 def _reason(failed: subprocess.CompletedProcess[str]) -> str:
-    """Return what a failed program wrote to stderr, in one line; or else its exit status."""
+    """Return what a failed program wrote to stderr, in one line, or its exit status if it wrote
+    nothing.
+    """
     words = " ".join(failed.stderr.split()).rstrip(".")
     if words:
         return words

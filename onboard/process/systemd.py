@@ -1,6 +1,6 @@
 """Messages to systemd: READY once, WATCHDOG while the control loop ticks, STATUS in a few words.
 
-Only a completed tick sends them. So when the loop hangs, no message comes, and systemd restarts the
+Only completed ticks send them. So if the loop hangs, no message is sent, and systemd restarts the
 process. If systemd has not started the process, nothing is sent. See sd_notify(3).
 """
 
@@ -58,7 +58,7 @@ class Notifier:
         try:
             self._socket.sendto("\n".join(lines).encode(), self._address)
         except OSError:
-            return  # the socket's queue is full, or systemd is gone: the next tick tries again
+            return  # the socket's queue is full, or systemd is gone; the next tick tries again
 
         self._sent_ns = now_ns
         self._status = status

@@ -1,7 +1,7 @@
-"""Combines the reports of all battery monitors of a PX4 to those of one battery.
+"""Combines the reports of all battery monitors of a PX4 into those of one battery.
 
-Autopilots with two power ports have two monitors. A monitor without a battery is reported as often
-as the other monitor, with neither charge nor voltage.
+Autopilots with two power ports have two monitors. A monitor without a battery is also reported as
+often as the other, but without charge and voltage.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ class BatteryReports:
         """Take a report, and return the fields of a snapshot that it changes.
 
         The charge is that of the weakest battery. The voltage is always that of the first battery,
-        because a change between batteries would look like a fall of the voltage.
+        because switching between batteries would look like a voltage drop.
 
         Args:
             monitor: id of the monitor.

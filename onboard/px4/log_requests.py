@@ -1,11 +1,11 @@
 """Decides which requests for PX4's own logs an agent forwards to its PX4. Pure.
 
 A ground station sends the requests as whole MAVLink packets. MAVLink's file transfer can also
-write, delete, and read every file of PX4's card. The agent forwards only what fetching a log needs:
-requests that list or read below PX4's log folders, and the requests of LOG_DATA, which only read.
+write, delete and read every file on PX4's card. The agent forwards only what fetching a log needs:
+requests that list or read below PX4's log folders, and the LOG_DATA requests, which only read.
 
 Layout of a file transfer payload: three ids, sequence (2 bytes), session, operation, size,
-operation that is answered, end of the burst, padding, offset (4 bytes), data. Source: MAVLink's
+answered operation, end of the burst, padding, offset (4 bytes), data. Source: MAVLink's
 documentation, "File Transfer Protocol".
 """
 
@@ -24,7 +24,7 @@ _TARGET_AT = {
     119: 10,  # LOG_REQUEST_DATA
     122: 0,  # LOG_REQUEST_END
 }
-_MOST_BYTES = 255  # largest payload; MAVLink cuts off the zeros at its end
+_MOST_BYTES = 255  # largest payload; MAVLink removes zeros at its end
 
 # offsets in a file transfer payload
 _OPERATION_AT = 6
@@ -38,7 +38,7 @@ _LIST = 3
 _OPEN_TO_READ = 4
 _READ = 5
 _BURST = 15
-# These operations read or close the file that is open, which is a log.
+# These operations read or close the open file, which is a log.
 _WITHOUT_PATH = (_TERMINATE, _RESET, _READ, _BURST)
 
 

@@ -1,8 +1,8 @@
 """Relays MAVLink packets between an agent and its PX4.
 
 The relay signs the packets that it sends, and accepts only packets from this PX4. A thread of the
-agent's process receives packets. A packet is sent in the call that makes it: the relay has no queue
-and repeats nothing.
+agent's process receives packets. A packet is sent in the call that makes it. The relay has no queue
+and never repeats packets.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from onboard.px4.transport import Address, Transport, open_transport
 from onboard.security.mavlink_key import signing_time
 
 _HEARTBEAT = 0
-_ANOTHER_NS = 3_000_000_000  # silence after which PX4 may send from another address
+_ANOTHER_NS = 3_000_000_000  # after this silence, PX4 may send from another address
 _GREET_NS = 900_000_000  # shortest time between two greetings
 # a greeting is a HEARTBEAT of an onboard controller (type 18); this is its payload
 _GREETING = bytes((0, 0, 0, 0, 18, 8, 0, 4, 3))
@@ -66,21 +66,21 @@ class MavlinkRelay:
         self._thread: threading.Thread | None = None
         # protects sequence, transport and signer, because several threads send
         self._sending = threading.Lock()
-        self._sequence = 0  # sequence of the next packet that is sent
+        self._sequence = 0  # sequence of the next packet to send
 
-        # the first bytes of a packet whose other bytes a serial device has not delivered yet
+        # the first bytes of a packet that a serial device has not delivered completely
         self._begun = b""
         self._peer: Address | None = None  # address from which PX4 sends
         self._peer_ns = 0  # time of PX4's newest packet
         self._greeted_ns = 0  # time of the last greeting
 
-        self.other_system_id: int | None = None  # system id of another autopilot that is heard
+        self.other_system_id: int | None = None  # system id of another autopilot that was heard
         self.refused = Refused()  # counts of refused packets
         self.is_signed = False  # whether the newest accepted packet had a signature
         self.has_wrong_clock = False  # whether PX4's timestamps are far ahead of our clock
 
     def start(self) -> None:
-        """Open the endpoint, and receive from now on.
+        """Open the endpoint, and start receiving.
 
         Raises:
             LinkError: The endpoint cannot be opened.
@@ -154,13 +154,13 @@ class MavlinkRelay:
                 else:
                     remainder = piece
 
-            # a serial device delivers the rest of a packet later; a datagram has no rest
+            # a serial device delivers the rest of a packet later; a datagram is always complete
             if is_serial and not remainder.is_junk:
                 self._begun = remainder.data
             elif remainder.data:
                 self._refuse("malformed", address)
 
-            # on a serial device more packets may follow after junk
+            # on a serial device, more packets may follow after junk
             pending = b""
             if is_serial and remainder.is_junk:
                 pending = _from_next_magic(remainder.data)
@@ -194,7 +194,7 @@ class MavlinkRelay:
             self._on_packet(packet)
 
     def _is_fresh(self, packet: Packet, address: Address | None) -> bool:
-        """Return whether a packet's signature is right and new; True for a vehicle without a key.
+        """Return whether a packet's signature is valid and new; True for a vehicle without a key.
 
         A packet with a wrong signature is counted.
         """
@@ -208,7 +208,8 @@ class MavlinkRelay:
             return True
 
         self._refuse(_BY_VERDICT[verdict], address)
-        # After its start PX4's timestamps are old, until it has received those of another system.
+        # After its start, PX4's timestamps are old until it has received another system's
+        # timestamps.
         if verdict is SignatureVerdict.OLD:
             self._greet(address)
         return False
@@ -233,7 +234,7 @@ class MavlinkRelay:
 
 
 def _from_next_magic(data: bytes) -> bytes:
-    """Return the bytes from the next possible begin of a packet on; empty if there is none."""
+    """Return the bytes from the next possible start of a packet; empty if there is none."""
     indices = (data.find(b"\xfd", 1), data.find(b"\xfe", 1))
     begins = [index for index in indices if index > 0]
     if not begins:

@@ -1,12 +1,12 @@
 """The agent's link to its PX4; the only file of onboard that imports mavsdk.
 
 Setpoints, poses and commands go through the relay (mavlink_relay.py), in the call that makes them.
-MAVSDK's offboard plugin is not used, because it cannot sign, and because it repeats the last
-setpoint from its own thread, so that PX4 would not notice a hung loop. MAVSDK finds PX4, and reads
-and sets its parameters, through the same relay.
+MAVSDK's offboard plugin is not used, because it cannot sign. It would also repeat the last setpoint
+from its own thread, so PX4 would not notice a hung loop. MAVSDK finds PX4, and reads and sets its
+parameters, through the same relay.
 
-Modes and arming are plain commands. No answer is awaited, because PX4 may accept a command and not
-execute it; HEARTBEAT shows the result. Only the calls about parameters block; call them on an
+Modes and arming are plain commands. No answer is awaited, because PX4 may accept a command without
+executing it. HEARTBEAT shows the result. Only the calls about parameters block; call them on an
 executor (:meth:`Px4Link.apply_params`).
 """
 
@@ -57,7 +57,8 @@ _ONE_AT_A_TIME = threading.Lock()
 # sends no origin.
 _RESTARTED_MS = 500
 
-# PX4's messages have come back if nothing came for longer than this. A cable may have been pulled.
+# A silence longer than this counts as an interruption of PX4's messages. A cable may have been
+# unplugged.
 _SILENT_NS = 1_000_000_000
 
 # Numbers of messages.
@@ -79,13 +80,13 @@ _RATES_HZ = {
     _EXTENDED_SYS_STATE: 10.0,
     _BATTERY_STATUS: 2.0,
     _ESTIMATOR_STATUS: 5.0,
-    # The sticks that PX4 has selected, of a radio control or of a joystick. PX4 sends this message
-    # while it receives the sticks, and once more when it has lost them. RC_CHANNELS is no
-    # substitute, because PX4 also sends it while the transmitter is lost.
+    # The sticks that PX4 has selected, from a radio control or a joystick. PX4 sends this message
+    # while it receives sticks, and once more when it loses them. RC_CHANNELS is not a substitute,
+    # because PX4 also sends it while the transmitter is lost.
     _MANUAL_CONTROL: 5.0,
 }
 
-# Two thirds of the messages that PX4 sends to a companion by itself are not used, and each costs
+# Two thirds of the messages that PX4 sends to a companion by default are not used, and each costs
 # time: ATTITUDE, GLOBAL_POSITION_INT, SERVO_OUTPUT_RAW, VFR_HUD, targets, HIGHRES_IMU,
 # DISTANCE_SENSOR, ALTITUDE, ODOMETRY.
 _UNUSED = (30, 33, 36, 74, 83, 85, 87, 105, 132, 141, 331)
@@ -101,12 +102,12 @@ _ATTITUDE_VARIANCE_RAD2 = 1e-4  # variance of roll, of pitch and of yaw
 
 _TUNE = "MFT180O4L8CEGO5CP4O4CEGO5C"  # a rising chord, twice; at most 29 characters
 
-# Indoors any latitude and longitude are right, because only PX4's global frame uses them. The
-# altitude must be 0: PX4 treats heights of a mocap as altitudes, and its local height would be
-# wrong by the altitude of the origin.
+# Indoors, any latitude and longitude will do, because only PX4's global frame uses them. The
+# altitude must be 0, because PX4 treats a mocap's heights as altitudes, and its local height would
+# be wrong by the altitude of the origin.
 _ORIGIN = (47.397742, 8.545594, 0.0)  # latitude [deg], longitude [deg], altitude [m]
 _ORIGIN_TOLERANCE_M = 0.01  # of the altitude that PX4 confirms
-_PAUSE_NS = 1_000_000_000  # time without poses before an origin is set
+_PAUSE_NS = 1_000_000_000  # an origin is set only after this time without poses
 
 _NAN = math.nan
 _UNKNOWN_VELOCITY = (_NAN,) * 6  # linear and angular
@@ -130,12 +131,12 @@ def _pose_covariance(std_m: float) -> list[float]:
 
 
 def _silent(*_: Any) -> bool:
-    """Take a line of MAVSDK's log; with True MAVSDK does not print it to stdout."""
+    """Take a line of MAVSDK's log. Returning True keeps MAVSDK from printing it to stdout."""
     return True
 
 
 def _ignored(_: Packet) -> None:
-    """Take a packet that nobody has requested."""
+    """Ignore a packet that was not requested."""
 
 
 class Px4Link:
@@ -177,8 +178,8 @@ class Px4Link:
         self._system: Any = None  # MAVSDK's system; None before PX4 has been heard
         self._param: Param | None = None  # MAVSDK's parameters; None before PX4 has been heard
 
-        # (name of a message, id of its battery monitor or empty) -> (newest payload that is not yet
-        # parsed, its arrival); instead of the payload of a STATUSTEXT, its whole text
+        # (name of a message, id of its battery monitor or empty) -> (newest payload not yet parsed,
+        # its arrival); for a STATUSTEXT, its whole text replaces the payload
         self._unread: dict[tuple[str, bytes], tuple[bytes, int]] = {}
         self._batteries = BatteryReports()
         self._texts = StatusTexts()
@@ -190,12 +191,12 @@ class Px4Link:
         self._clock_ms = 0  # PX4's clock in its newest messages; 0 before the first
 
         self._std_m = math.nan  # standard deviation of the last pose
-        self._covariance: list[float] = []  # covariance that follows from it
+        self._covariance: list[float] = []  # covariance for that standard deviation
         self._start_ns = 0
-        # time of the last pose that was sent to PX4; at first the start, because another program
-        # may have sent poses before
+        # time of the last pose sent to PX4; at first the start time, because another program may
+        # have sent poses before
         self._poses_ns = 0
-        # whether a disarmed PX4 gets no poses, see settle_global_origin
+        # whether poses are withheld from a disarmed PX4, see settle_global_origin
         self.withholds_poses = False
         # called on the relay's thread with PX4's replies to requests for its logs
         self.on_log_answer: Callable[[Packet], object] = _ignored
@@ -203,7 +204,7 @@ class Px4Link:
     # -- life --------------------------------------------------------------------------------------
 
     def start(self) -> None:
-        """Open the endpoint; PX4 need not run yet.
+        """Open the endpoint. PX4 need not be running yet.
 
         Raises:
             LinkError: The port is taken, or the endpoint cannot be used.
@@ -233,7 +234,7 @@ class Px4Link:
     def connect(self, timeout_s: float) -> bool:
         """Wait until PX4 has been heard, then request all messages that the agent needs.
 
-        It blocks: call it on an executor.
+        It blocks, so call it on an executor.
 
         Args:
             timeout_s: longest time to wait.
@@ -297,7 +298,7 @@ class Px4Link:
     def _receive(self, packet: Packet) -> None:
         """Keep a message, on the relay's thread; :meth:`snapshot` parses it.
 
-        MAVSDK gets the messages that it needs.
+        MAVSDK receives the messages that it needs.
         """
         name = NAMES.get(packet.number)
         if name is not None:
@@ -321,11 +322,11 @@ class Px4Link:
             self.on_log_answer(packet)
 
     def _read(self, known: Snapshot) -> Snapshot:
-        """Return the snapshot with all messages that have come since the known one."""
+        """Return the snapshot, updated with all messages that have arrived since."""
         changes: dict[str, Any] = {}
         arrivals_ns = []
         clocks_ms = []  # PX4's clock in the messages that carry it
-        while self._unread:  # the relay's thread may add messages meanwhile
+        while self._unread:  # the relay's thread may add messages in the meantime
             (name, _), (payload, arrived_ns) = self._unread.popitem()
             try:
                 fields: dict[str, Any]
@@ -356,10 +357,10 @@ class Px4Link:
         return replace(known, system_id=self.system_id, **changes)
 
     def _has_restarted(self, clock_ms: int) -> bool:
-        """Return whether PX4's clock has restarted; then the known origin is no longer valid.
+        """Return whether PX4's clock has restarted. If so, the known origin is no longer valid.
 
-        PX4's local positions are then relative to a new origin. With the known origin, a vehicle
-        that was carried while it was off would seem to be at its old position.
+        PX4's local positions are then relative to a new origin. With the old origin, a vehicle that
+        was carried while off would seem to be at its old position.
         """
         before_ms = self._clock_ms
         self._clock_ms = clock_ms
@@ -394,19 +395,19 @@ class Px4Link:
         self._command(modes.CMD_LAND)
 
     def arm(self) -> None:
-        """Command to arm, never by force."""
+        """Command PX4 to arm, never by force."""
         self._command(modes.CMD_ARM, 1.0)
 
     def disarm(self) -> None:
-        """Command to disarm; in the air PX4 refuses it."""
+        """Command PX4 to disarm. In the air, PX4 refuses."""
         self._command(modes.CMD_ARM, 0.0)
 
     def kill(self) -> None:
-        """Disarm by force: the motors stop at once, also in the air."""
+        """Disarm by force. The motors stop at once, even in the air."""
         self._command(modes.CMD_ARM, 0.0, modes.FORCE_DISARM_MAGIC)
 
     def request_heartbeat(self) -> None:
-        """Request one HEARTBEAT (REQUEST_MESSAGE), because PX4 does not let its rate be raised."""
+        """Request one HEARTBEAT (REQUEST_MESSAGE), because its rate cannot be raised in PX4."""
         self._command(modes.CMD_REQUEST_MESSAGE, float(_HEARTBEAT))
 
     def reboot(self) -> None:
@@ -432,7 +433,8 @@ class Px4Link:
         std_m: float,
         reset_count: int = 0,
     ) -> None:
-        """Send ODOMETRY in the fleet's axes as NED, without velocity: a mocap measures none.
+        """Send ODOMETRY in the fleet's axes as NED, without velocity, which a mocap does not
+        measure.
 
         Nothing is sent to a disarmed PX4 that does not have its global origin yet.
         """
@@ -467,7 +469,7 @@ class Px4Link:
     def set_global_origin(self) -> None:
         """Give PX4 a global origin.
 
-        Without one PX4 refuses its position modes, for instance its hold and land.
+        Without it, PX4 refuses its position modes, for instance hold and land.
         """
         latitude_deg, longitude_deg, altitude_m = _ORIGIN
         self._send(
@@ -486,11 +488,12 @@ class Px4Link:
 
         PX4 sends its origin by itself only when it sets it, and that datagram may be lost. If PX4
         v1.18 gets an origin while it fuses poses, its local position moves by thousands of
-        kilometres and stays there: it counts the move as an error of the poses. Therefore no poses
-        are sent until PX4 has our origin, and our origin is set only after a second without poses.
+        kilometres and stays there, because PX4 treats the move as an error of the poses. Therefore
+        no poses are sent until PX4 has our origin, and our origin is set only after a second
+        without poses.
 
         Args:
-            sets_ours: whether PX4 needs our origin: a height from a mocap needs altitude 0.
+            sets_ours: whether PX4 needs our origin, because a height from a mocap needs altitude 0.
 
         Returns:
             Whether PX4 has an origin; with ``sets_ours``, whether it has ours.
@@ -516,7 +519,7 @@ class Px4Link:
     def request_rates(self) -> None:
         """Request the rates of all messages that the agent reads, and PX4's version.
 
-        PX4's default rates are too low for flight close to others.
+        PX4's default rates are too low for flying close to others.
         """
         for number, rate_hz in self._rates_hz.items():
             interval_us = _STOP_US
@@ -530,7 +533,7 @@ class Px4Link:
         self.request_version()
 
     def request_version(self) -> None:
-        """Request PX4's version, which PX4 sends on request only."""
+        """Request PX4's version, which PX4 sends only on request."""
         self._command(modes.CMD_REQUEST_MESSAGE, float(_AUTOPILOT_VERSION))
 
     # -- parameters: blocking, for an executor -----------------------------------------------------
@@ -585,7 +588,7 @@ class Px4Link:
                 return read()
             except ParamError as error:
                 # PX4 does not know the parameter (v1.18 and later say so), or was silent for
-                # seconds: another type would not help
+                # seconds; another type would not help
                 if error.result in (ParamResult.DOES_NOT_EXIST, ParamResult.TIMEOUT):
                     return None
         return None
@@ -618,7 +621,7 @@ class Px4Link:
         )
 
     def _send(self, name: str, *values: float | bytes) -> None:
-        """Send a message of SENT with these values, in the order of the wire."""
+        """Send a message of SENT with these values, in wire order."""
         message = SENT[name]
         self._relay.send(message.number, message.layout.pack(*values))
 

@@ -1,8 +1,8 @@
-"""Parsers of PX4's messages: from the fields of a message to the fields of a snapshot.
+"""Parsers of PX4's messages. They convert the fields of a message to fields of a snapshot.
 
 A parser takes the fields of a message and its arrival [ns]. It returns the fields of
-:class:`onboard.autopilot.Snapshot` that the message changes: an empty dictionary if the message's
-numbers cannot be used.
+:class:`onboard.autopilot.Snapshot` that the message changes. The dictionary is empty if the
+message's numbers cannot be used.
 """
 
 from __future__ import annotations
@@ -16,13 +16,13 @@ from onboard.frames import enu_flu_from_ned_frd
 from onboard.px4 import modes
 
 # AUTOPILOT_VERSION.uid of a PX4 that was built for simulation and has system id 1; the next system
-# id has the next uid. The number comes from the letters SIMULATIONID0000, which are
-# BOARD_OVERRIDE_UUID of PX4's board px4_sitl.
+# id has the next uid. The number comes from the letters SIMULATIONID0000: BOARD_OVERRIDE_UUID of
+# PX4's board px4_sitl.
 _SIMULATION_UID = 0x4954414C44494E4F
 _MOST_SYSTEM_IDS = 255
 _FIX_3D = 3  # GPS_FIX_TYPE of a three-dimensional fix; larger values are better fixes
 _SATELLITES_UNKNOWN = 255
-_NO_CELL_MV = 65535  # voltage that stands for an absent cell
+_NO_CELL_MV = 65535  # marks an absent cell
 
 
 def _attitude(fields: dict[str, Any], arrival_ns: int) -> dict[str, Any]:
@@ -59,7 +59,7 @@ def _estimator_status(fields: dict[str, Any], arrival_ns: int) -> dict[str, Any]
 
 
 def _accuracy_m(value: object) -> float:
-    """Return a standard deviation; infinite for a value that cannot be one."""
+    """Return a standard deviation; infinite for an impossible value."""
     if isinstance(value, float) and math.isfinite(value) and value >= 0.0:
         return value
     return math.inf
@@ -137,7 +137,7 @@ def _sys_status(fields: dict[str, Any], arrival_ns: int) -> dict[str, Any]:
 
 
 def _version(fields: dict[str, Any], _: int) -> dict[str, Any]:
-    # four bytes, from the highest: major, minor, patch, kind of release; 0: not known
+    # four bytes, most significant first: major, minor, patch, kind of release; 0: not known
     number = int(fields["flight_sw_version"])
     version: tuple[int, int] | None = None
     if number != 0:

@@ -13,7 +13,7 @@ CMD_ARM = 400
 CMD_SET_MESSAGE_INTERVAL = 511
 CMD_REQUEST_MESSAGE = 512
 
-FORCE_DISARM_MAGIC = 21196.0  # second parameter of CMD_ARM, which disarms in the air, too
+FORCE_DISARM_MAGIC = 21196.0  # second parameter of CMD_ARM; it disarms even in the air
 
 # bits of base_mode
 BASE_MODE_CUSTOM_ENABLED = 1
@@ -33,7 +33,7 @@ _MAIN = {
     8: "RATTITUDE",
     11: "ALTITUDE_CRUISE",
 }
-_AUTO_MAIN = 4  # main mode that has the following submodes
+_AUTO_MAIN = 4  # main mode with the following submodes
 _AUTO = {
     1: "READY",
     2: "TAKEOFF",

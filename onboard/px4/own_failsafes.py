@@ -1,6 +1,6 @@
 """PX4's own failsafes that may act in OFFBOARD, and how the fleet treats each of them.
 
-The table is the file ``own_failsafes.toml``. The preflight check demands its values, and
+The table is the file ``own_failsafes.toml``. The preflight check requires its values, and
 docs/px4.md prints it.
 """
 
@@ -23,20 +23,20 @@ LAST: Version = (99, 0)  # newer than every PX4
 
 
 class Treatment(Enum):
-    """Treatment of one of PX4's failsafes by the fleet."""
+    """How the fleet treats one of PX4's failsafes."""
 
-    DEMANDED = "demanded"  # PX4's parameters have to be set so that it does not interfere
+    DEMANDED = "demanded"  # PX4's parameters must be set so that it does not interfere
     NET = "net"  # it stays active, as a safety net
     ROW = "row"  # it has no parameter; the agent's failsafe table reacts to its action
 
 
 @dataclass(frozen=True, slots=True)
 class OwnParameter:
-    """One parameter of a failsafe; without ``demand`` it may have any value."""
+    """One parameter of a failsafe. Without ``demand``, it may have any value."""
 
     name: str  # PX4's name of the parameter
     since: Version = FIRST  # first version of PX4 that has it
-    before: Version = LAST  # first version of PX4 that does not have it any more
+    before: Version = LAST  # first version of PX4 that no longer has it
     demand: Value | None = None  # value that replaces a wrong value
     reason: str = ""  # effect of the demanded value
 
@@ -45,9 +45,9 @@ class OwnParameter:
     least: Value | None = None  # every value between least and most
     most: Value | None = None
     without_bits: int = 0  # every value that has none of these bits
-    bound: str = ""  # name of the vehicle's limit from which least or most follows
+    bound: str = ""  # name of the vehicle's limit that determines least or most
 
-    # range of values that a fleet file may demand instead
+    # range of values that a fleet file may require instead
     file_least: Value | None = None
     file_most: Value | None = None
     is_optional: bool = False  # whether a PX4 of these versions may lack it
@@ -61,7 +61,7 @@ class OwnFailsafe:
     holds: str  # condition under which it acts
     acts: str  # reaction of PX4 in OFFBOARD
     treated: Treatment
-    rows: tuple[Condition, ...]  # conditions of the agent's failsafe table that follow from it
+    rows: tuple[Condition, ...]  # resulting conditions of the agent's failsafe table
     parameters: tuple[OwnParameter, ...]
     why: str = ""  # why it is left as a safety net
     since: Version = FIRST
@@ -69,7 +69,7 @@ class OwnFailsafe:
 
 
 def _version(text: str | None, otherwise: Version) -> Version:
-    """Return the version that a text like "1.16" names; ``otherwise`` without a text."""
+    """Return the version in a text like "1.16"; without a text, return ``otherwise``."""
     if text is None:
         return otherwise
     major, _, minor = text.partition(".")
@@ -79,7 +79,7 @@ def _version(text: str | None, otherwise: Version) -> Version:
 def _parameter(
     name: str, entry: Mapping[str, Any], since: Version, before: Version
 ) -> OwnParameter:
-    """Return a parameter of the file; without versions of its own it has those of its failsafe."""
+    """Return a parameter of the file. Without its own versions, it has those of its failsafe."""
     fields = dict(entry)
     since = _version(fields.pop("since", None), since)
     before = _version(fields.pop("before", None), before)
@@ -119,7 +119,7 @@ FLAGS_WITHOUT_ACTION: frozenset[str] = frozenset(_TABLE["no_action"]["flags"])
 
 
 def demanded_parameters() -> Iterator[OwnParameter]:
-    """Yield every parameter for which certain values are demanded."""
+    """Yield every parameter for which certain values are required."""
     for failsafe in OWN_FAILSAFES:
         for parameter in failsafe.parameters:
             if parameter.demand is not None:

@@ -1,7 +1,7 @@
 """MAVLink packets as bytes: headers, checksums, and the messages that the agent reads. Pure.
 
-https://mavlink.io/en/guide/serialization.html describes the format. Fields are listed in the order
-of the wire, with the largest types first. MAVLink's XML files have another order.
+https://mavlink.io/en/guide/serialization.html describes the format. Fields are listed in wire
+order, with the largest types first. MAVLink's XML files use a different order.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ class MessageLayout(NamedTuple):
 
     number: int  # id of the kind
     checksum_seed: int  # CRC_EXTRA of the kind
-    layout: struct.Struct  # layout of its values, in the order of the wire
+    layout: struct.Struct  # layout of its values, in wire order
     # name of each field, index of its first value, number of its values
     fields: tuple[tuple[str, int, int], ...]
 
@@ -43,7 +43,7 @@ def _message(number: int, seed: int, layout: str, fields: str = "") -> MessageLa
         number: id of the kind.
         seed: CRC_EXTRA of the kind.
         layout: layout of its values, in the notation of :mod:`struct`.
-        fields: names of the fields in the order of the wire; ``NAME*10`` is an array of ten values.
+        fields: names of the fields in wire order; ``NAME*10`` is an array of ten values.
     """
     indexed: list[tuple[str, int, int]] = []
     index = 0
@@ -114,8 +114,8 @@ SENT = {
     "ODOMETRY": _message(331, 91, "Q55fBBBBb"),
 }
 
-# Messages that are passed to MAVSDK, and messages of MAVSDK that are sent: number -> CRC_EXTRA. All
-# other messages of MAVSDK are dropped.
+# Messages that are passed to MAVSDK, and messages from MAVSDK that are sent: number -> CRC_EXTRA.
+# All other messages from MAVSDK are dropped.
 MAVSDK_READS = {
     0: 50,  # HEARTBEAT
     22: 220,  # PARAM_VALUE
@@ -159,11 +159,11 @@ class Packet(NamedTuple):
     number: int  # kind of the message
     payload: bytes
     is_signed: bool
-    data: bytes  # all of the packet
+    data: bytes  # the whole packet
 
     @property
     def has_right_checksum(self) -> bool:
-        """Whether the checksum is right; False for a kind that is neither read nor sent here."""
+        """Whether the checksum is correct; False for a kind that is neither read nor sent here."""
         seed = _SEEDS.get(self.number)
         if seed is None:
             return False
@@ -178,7 +178,7 @@ class Remainder(NamedTuple):
     """Bytes after the last whole packet."""
 
     data: bytes
-    is_junk: bool  # True: they cannot be the begin of a packet
+    is_junk: bool  # True: they cannot be the start of a packet
 
 
 def is_read(number: int) -> bool:
@@ -189,8 +189,8 @@ def is_read(number: int) -> bool:
 def checksum(data: bytes, seed: int) -> bytes:
     """Return the two bytes of MAVLink's checksum.
 
-    The checksum is CRC-16/MCRF4XX. The standard library has the CRC with mirrored bits, so bytes
-    are mirrored before and after.
+    The checksum is CRC-16/MCRF4XX. The standard library's CRC has mirrored bits, so bytes are
+    mirrored before and after.
 
     Args:
         data: bytes of a packet, without its first byte and its checksum.
@@ -204,9 +204,8 @@ def cut(data: bytes) -> Iterator[Packet | Remainder]:
     """Cut bytes into packets.
 
     Args:
-        data: a datagram, or bytes from a serial device, which may begin anywhere.
-    Yields:
-        Each packet, and at last the bytes after the last packet, if there are any.
+        data: a datagram, or bytes from a serial device, which may begin anywhere. Yields: Each
+        packet, and finally any bytes after the last packet.
     """
     start = 0
     while start < len(data):
@@ -284,10 +283,9 @@ def packed(
     Args:
         number: id of the message's kind.
         payload: payload; zeros at its end are removed.
-        sequence: number of the packet among those of its sender, 0 to 255.
-        system_id: system id of the sender.
-        component_id: component id of the sender.
-        is_signed: whether the caller appends a signature.
+        sequence: sequence number of the sender's packets, 0 to 255. system_id: system id of the
+        sender. component_id: component id of the sender. is_signed: whether the caller appends a
+        signature.
     """
     payload = payload.rstrip(b"\0")
     if not payload:  # MAVLink 2 keeps at least one byte

@@ -1,8 +1,8 @@
 """Ensures that only one agent uses an autopilot's endpoint.
 
-Two programs at one port, or at one serial device, would each get a part of its packets. A lock file
-in the temporary folder prevents that. Ports belong to a network namespace, but serial devices do
-not: containers that share a temporary folder have separate ports and common serial devices.
+Two programs at one port or serial device would each get only part of its packets. A lock file in
+the temporary folder prevents that. Ports belong to a network namespace, but serial devices do not.
+Containers that share a temporary folder have separate ports but common serial devices.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ _NAMESPACE = "/proc/self/ns/net"  # its inode identifies the network namespace, 
 class PortClaim:
     """Claim of an autopilot's endpoint for this process, until :meth:`release`.
 
-    A file lock excludes other agents. Binding the UDP port once detects other programs.
+    A file lock excludes other agents. Briefly binding the UDP port detects other programs.
     """
 
     def __init__(self, endpoint: str) -> None:
@@ -67,7 +67,7 @@ class PortClaim:
 
 
 def _is_bound(endpoint: str) -> bool:
-    """Return whether another socket is bound to the UDP port at which an endpoint listens."""
+    """Return whether another socket is bound to the UDP port of an endpoint."""
     udp = _UDP.fullmatch(endpoint)
     if udp is None:
         return False
@@ -82,7 +82,7 @@ def _is_bound(endpoint: str) -> bool:
     except OSError as error:
         # all other errors are reported by the relay when it opens the endpoint
         return error.errno == errno.EADDRINUSE
-    except ValueError:  # the host cannot be a name
+    except ValueError:  # this cannot be a host name
         return False
     return False
 
@@ -107,7 +107,7 @@ def _key(endpoint: str) -> str:
     if kind.startswith("serial"):
         device, _, rate = address.rpartition(":")
         if not device or not rate.isdigit():
-            device = address  # without a baud rate
+            device = address  # the device without its baud rate
         return _as_file_name(f"{kind}-{os.path.realpath(device)}")
     return _as_file_name(f"{kind}-{address}-{_network_namespace()}")
 

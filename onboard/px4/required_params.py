@@ -1,4 +1,4 @@
-"""PX4 parameters that the fleet requires, with their reasons, and the differences of a vehicle.
+"""PX4 parameters that the fleet requires, with their reasons, and how a vehicle differs from them.
 
 The parameters of PX4's own failsafes come from ``own_failsafes.toml``. The preflight check refuses
 a take-off with wrong values, and ``covey px4 params`` lists and sets the parameters.
@@ -27,8 +27,8 @@ BATTERY_FLOOR = "SIM_BAT_MIN_PCT"
 _SILENCE = "COM_OF_LOSS_T"
 # the agent's landing level is above PX4's critical level by at least this
 _BATTERY_GAP_FRAC = 0.005
-# PX4's tilt limit is above max_tilt_deg by at least this. After a commanded step the tilt
-# overshoots by a tenth; the rest is for gusts.
+# PX4's tilt limit is above max_tilt_deg by at least this. After a commanded step, the tilt
+# overshoots by a tenth. The rest is for gusts.
 _TILT_MARGIN_DEG = 15
 
 
@@ -40,11 +40,11 @@ class RequiredParam:
     value: Value  # required value
     reason: str  # effect of the value
     needs_restart: bool = False  # whether PX4 reads it only at its start
-    # whether another value affects quality, not safety: it does not refuse a take-off, and only
-    # `covey px4 params --apply` sets it
+    # whether another value affects only quality, not safety; it then does not refuse a take-off,
+    # and only `covey px4 params --apply` sets it
     is_advice: bool = False
 
-    # other values that are as good
+    # other acceptable values
     tolerance: float = 0.0  # every value that differs from the required value by at most this
     accepts: tuple[Value, ...] = ()  # each of these values
     least: Value | None = None  # every value between least and most
@@ -53,16 +53,18 @@ class RequiredParam:
 
     is_optional: bool = False  # whether a PX4 may lack this parameter
     since: Version = FIRST  # first version of PX4 that has it
-    before: Version = LAST  # first version of PX4 that does not have it any more
+    before: Version = LAST  # first version of PX4 that no longer has it
 
     def is_for(self, version: Version | None) -> bool:
-        """Whether a PX4 of this version has it; for an unknown version, whether every PX4 does."""
+        """Whether a PX4 of this version has it. For an unknown version, whether every PX4 has
+        it.
+        """
         if version is None:
             return self.since == FIRST and self.before == LAST
         return self.since <= version < self.before
 
     def is_met(self, value: Value | None) -> bool:
-        """Whether PX4's value is as required, or as good; False for None."""
+        """Whether PX4's value is the required one or another acceptable one; False for None."""
         if value is None:
             return False
         if any(_is_close(value, good, self.tolerance) for good in (self.value, *self.accepts)):
@@ -84,7 +86,7 @@ class RequiredParam:
 
     @property
     def words(self) -> str:
-        """The required value and the values that are as good, in words."""
+        """The required value and the other acceptable values, in words."""
         others = [f"{value:g}" for value in self.accepts]
         if self.without_bits:
             others.append(f"any without bit {self.without_bits}")
@@ -172,8 +174,8 @@ def all_params(
 ) -> tuple[RequiredParam, ...]:
     """Return all values that this vehicle's PX4 should have.
 
-    The fleet file's ``px4_params`` replace built-in values, unless they weaken a value that keeps
-    one of PX4's own failsafes from interfering (:func:`weakened`).
+    The fleet file's ``px4_params`` replace built-in values. But they must not weaken a value that
+    keeps one of PX4's own failsafes from interfering (:func:`weakened`).
 
     Args:
         fleet: the fleet file.
@@ -183,7 +185,7 @@ def all_params(
     version = plausible_version(version)
     hover_throttle = RequiredParam(
         "MPC_THR_HOVER",
-        min(max(vehicle.hover_thrust_frac, 0.1), 0.8),  # PX4's own bounds of it
+        min(max(vehicle.hover_thrust_frac, 0.1), 0.8),  # PX4's own bounds
         "PX4's own hold and land begin with this throttle",
         is_advice=True,
         tolerance=0.1,
@@ -204,7 +206,7 @@ def all_params(
 
 
 def _bounded(param: RequiredParam, fleet: FleetConfig, vehicle: Vehicle) -> RequiredParam:
-    """Return a parameter with the bound that follows from the fleet file for this vehicle.
+    """Return a parameter with this vehicle's bound from the fleet file.
 
     ``OwnParameter.bound`` names the limit of the fleet file.
     """
@@ -263,7 +265,7 @@ def weakened(fleet: FleetConfig, vehicle: Vehicle) -> tuple[str, ...]:
 def required_params(
     fleet: FleetConfig, vehicle: Vehicle, version: Version | None = None
 ) -> dict[str, RequiredParam]:
-    """Return the parameters without which take-off is refused, by name.
+    """Return by name the parameters that are required for take-off.
 
     These are the built-in parameters and those of the fleet file.
     """
@@ -272,7 +274,7 @@ def required_params(
 
 
 def silence_s(vehicle: Vehicle) -> float:
-    """Return the time [s] for which PX4 follows the last setpoint before it lands."""
+    """Return how long [s] PX4 follows the last setpoint before it lands."""
     demand = _OWN[_SILENCE].demand
     assert demand is not None
     return float(vehicle.px4_params.get(_SILENCE, demand))
@@ -281,7 +283,7 @@ def silence_s(vehicle: Vehicle) -> float:
 def unmet(
     required: Iterable[RequiredParam], actual: Mapping[str, Value | None]
 ) -> list[RequiredParam]:
-    """Return the parameters whose value in PX4 is wrong; those that PX4 did not send are left out.
+    """Return the parameters with a wrong value in PX4. Those that PX4 did not send are left out.
 
     Args:
         required: required parameters.

@@ -8,8 +8,8 @@ _RC_RECEIVER = 0x10000
 
 # Each row: bit of MAV_SYS_STATUS_SENSOR, name, whether a flight with a mocap requires the sensor,
 # whether a flight without a mocap requires it. None: the sensor is not even reported. The prearm
-# bit is left out: in HOLD without satellites PX4 keeps it low, but arms nevertheless when setpoints
-# arrive.
+# bit is left out, because PX4 keeps it low in HOLD without satellites, but still arms when
+# setpoints arrive.
 _SENSORS: tuple[tuple[int, str, bool | None, bool], ...] = (
     (0x1, "gyroscope", True, True),
     (0x2, "accelerometer", True, True),
@@ -33,9 +33,9 @@ def unhealthy(snapshot: Snapshot, has_mocap: bool) -> tuple[tuple[str, bool], ..
 
     Args:
         snapshot: newest snapshot of PX4.
-        has_mocap: whether the vehicle flies by a mocap.
+        has_mocap: whether the vehicle flies with a mocap.
     Returns:
-        The name of each of them, and whether this flight requires it.
+        Each sensor's name, and whether this flight requires the sensor.
     """
     if snapshot.sensors_ns == 0:
         return ()

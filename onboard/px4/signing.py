@@ -15,7 +15,7 @@ from onboard.px4.packets import SIGNATURE_BYTES, Packet
 _DIGEST_BYTES = 6
 _STAMP_BYTES = 6
 _MINUTE_STEPS = 60 * 100_000  # a minute in steps of 10 us
-_NEW_STREAM_STEPS = _MINUTE_STEPS  # a new sender's first timestamp may be behind by this
+_NEW_STREAM_STEPS = _MINUTE_STEPS  # a new sender's first timestamp may be this far behind
 _WRONG_CLOCK_STEPS = _MINUTE_STEPS  # our clock is wrong if another sender is further ahead
 
 
@@ -31,7 +31,7 @@ class SignatureVerdict(Enum):
 class Signer:
     """Signs packets of one sender, and checks packets that others signed with the same key.
 
-    The timestamps that it writes are greater than all before, and greater than every timestamp that
+    Every timestamp that it writes is greater than all earlier ones, and than every timestamp that
     it has checked. So PX4 accepts its packets even if this computer's clock is behind.
 
     Args:
@@ -46,14 +46,13 @@ class Signer:
 
         # (system, component, link id) of a sender -> its newest timestamp
         self._streams: dict[tuple[int, int, int], int] = {}
-        self.behind = 0  # steps by which our clock was behind the last checked sender's
+        self.behind = 0  # how many steps our clock was behind that of the last checked sender
 
     def sign(self, packet: bytes, clock: int) -> bytes:
         """Return a packet with its signature.
 
         Args:
-            packet: packet with the flag of a signed one.
-            clock: present time [10 us since 2015].
+            packet: packet with the flag of a signed packet. clock: present time [10 us since 2015].
         """
         self._newest = max(clock, self._newest + 1)
         data = packet + bytes((self._link_id,)) + self._newest.to_bytes(_STAMP_BYTES, "little")

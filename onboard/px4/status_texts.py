@@ -1,7 +1,7 @@
-"""Joins the pieces of PX4's texts: one STATUSTEXT has room for 50 characters only.
+"""Joins the pieces of PX4's texts, because one STATUSTEXT has room for only 50 characters.
 
-PX4's usual reason for not arming, "Arming denied: Resolve system health failures first", is two
-pieces. The second one holds the last letter.
+PX4's usual reason for not arming, "Arming denied: Resolve system health failures first", takes two
+pieces. The second holds only the last letter.
 """
 
 from __future__ import annotations
@@ -12,17 +12,17 @@ _MOST_PIECES = 4  # PX4's texts have up to 127 characters, three pieces
 
 
 class StatusTexts:
-    """The pieces of the newest text that have come."""
+    """The pieces of the newest text that have arrived."""
 
     def __init__(self) -> None:
-        self._id = -1  # id of the newest text, which all of its pieces carry
+        self._id = -1  # id of the newest text; all of its pieces carry it
         self._pieces: list[bytes] = []
 
     def joined(self, fields: dict[str, Any]) -> bytes:
-        """Return the text to which a piece belongs, with the pieces that have come so far.
+        """Return the text that a piece belongs to, with the pieces that have arrived so far.
 
-        A piece that does not continue the newest text begins a new text. So the rest of a text is
-        shown alone if its begin was lost.
+        A piece that does not continue the newest text starts a new text. So if the start of a text
+        was lost, the rest is shown alone.
 
         Args:
             fields: fields of the STATUSTEXT.

@@ -1,6 +1,6 @@
 """The transport to one autopilot: a UDP socket or a serial device.
 
-Sending never waits: bytes that cannot be sent at once are lost.
+Sending never waits. Bytes that cannot be sent at once are lost.
 """
 
 from __future__ import annotations
@@ -20,10 +20,10 @@ from onboard.config.endpoints import LAST_PORT
 from onboard.serial_device import open_serial
 
 Address = tuple[str, int]  # host and port
-_LARGEST_BYTES = 65_535  # number of bytes that are received at once
+_LARGEST_BYTES = 65_535  # largest number of bytes received at once
 _SOCKET_WAIT = struct.pack("ll", 1, 0)  # one second, as C's struct timeval (s, us)
 _SERIAL_WAIT_MS = 200  # short, because closing a serial device does not end a waiting read
-_CLOSED = -1  # in place of a descriptor
+_CLOSED = -1  # stands for a closed descriptor
 
 log = logging.getLogger("covey.agent")
 
@@ -36,7 +36,7 @@ class Transport(Protocol):
 
         Returns:
             The bytes, and the address of their sender if the transport knows it. After a second
-            without any, and after :meth:`stop`, the bytes are empty.
+            without bytes, and after :meth:`stop`, they are empty.
         """
 
     def send(self, data: bytes, address: Address | None) -> bool:
@@ -56,8 +56,7 @@ def open_transport(endpoint: str) -> Transport:
     Args:
         endpoint: ``udpin://HOST:PORT``, ``udpout://HOST:PORT`` or ``serial://DEVICE:BAUD``.
     Raises:
-        ValueError: The endpoint is written wrongly.
-        OSError: The endpoint cannot be opened.
+        ValueError: The endpoint is malformed. OSError: The endpoint cannot be opened.
     """
     match = re.fullmatch(r"(?P<kind>udpin|udpout)://(?P<host>.+):(?P<port>\d+)", endpoint)
     if match is None:
@@ -92,7 +91,7 @@ class _Datagrams:
     def receive(self) -> tuple[bytes, Address | None]:
         try:
             data, address = self._socket.recvfrom(_LARGEST_BYTES)
-        except OSError:  # nothing came, the peer does not exist (ICMP), or the socket was closed
+        except OSError:  # nothing arrived, the peer does not exist (ICMP), or the socket was closed
             return b"", None
         if self._is_connected or not address:
             return data, None
@@ -111,20 +110,20 @@ class _Datagrams:
         return True
 
     def stop(self) -> None:
-        # an error only says that the socket is not connected; a waiting receive ends nevertheless
+        # an error only means that the socket is not connected; a waiting receive still ends
         with contextlib.suppress(OSError):
             self._socket.shutdown(socket.SHUT_RDWR)
         self._socket.close()
 
 
 class _Serial:
-    """A serial device, which is opened again when it was unplugged and is back."""
+    """A serial device. It is reopened when it comes back after it was unplugged."""
 
     def __init__(self, endpoint: str) -> None:
         self._endpoint = endpoint
         self._descriptor = open_serial(endpoint)
-        # No thread closes or replaces the descriptor while another one writes to it: the number of
-        # a closed descriptor may belong to another file.
+        # No thread may close or replace the descriptor while another writes to it, because the
+        # number of a closed descriptor may belong to another file.
         self._lock = threading.Lock()
         self._is_stopped = False
 
@@ -136,7 +135,7 @@ class _Serial:
             if not poll.poll(_SERIAL_WAIT_MS):
                 return b"", None
             data = os.read(descriptor, _LARGEST_BYTES)
-        except BlockingIOError:  # nothing has come after all
+        except BlockingIOError:  # nothing has arrived after all
             return b"", None
         except (OSError, ValueError):  # unplugged; ValueError: closed
             data = b""
@@ -160,7 +159,7 @@ class _Serial:
 
     def _open_again(self) -> None:
         """Open the device again, unless it is still unplugged or this transport was stopped."""
-        # closed first, because a device that is in use comes back under another name
+        # close it first, because a device in use comes back under another name
         if self._close():
             log.warning("%s is unplugged", self._endpoint)
         try:
@@ -178,7 +177,7 @@ class _Serial:
             os.close(descriptor)
 
     def _close(self) -> bool:
-        """Close the device; return False if it is closed already."""
+        """Close the device; return False if it is already closed."""
         with self._lock:
             descriptor = self._descriptor
             self._descriptor = _CLOSED

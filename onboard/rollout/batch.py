@@ -4,9 +4,9 @@ Arrays are (F, N): F flights of N vehicles. Each vehicle has one row of floats
 (:mod:`onboard.rollout.rows`), and a neighbour of a vehicle has one too: (F, N, K).
 
 Only this module compiles code, with numba. If numba is not installed, or with ``COVEY_NUMBA=0``,
-the same functions are interpreted: the results are the same, but some hundred times slower. numba
-keeps compiled code on disk beside the source, or in the user's cache folder if the source is
-read-only.
+the same functions are interpreted. The results are the same, but computing them takes some hundred
+times longer. numba keeps compiled code on disk beside the source, or in the user's cache folder if
+the source is read-only.
 """
 
 from __future__ import annotations
@@ -214,7 +214,7 @@ class FleetPipeline:
 
 
 class FleetEstimator:
-    """The filters of all vehicles. They begin with vehicles that hover.
+    """The filters of all vehicles. At the start, the vehicles hover.
 
     Args:
         params: parameters of the N filters.
@@ -246,12 +246,9 @@ class FleetEstimator:
 
         Args:
             quaternion_wxyz: flown attitudes (F, N, 4), FLU to ENU.
-            thrust_frac: throttles that were sent last (F, N).
-            hover_thrust_frac: throttles that carry the weight (F, N).
-            sample_enu_m: positions (F, N, 3) that were measured ``age_s`` ago.
-            yaw_rad: headings (F, N).
-            age_s: age of the samples.
-            dt_s: length of the tick.
+            thrust_frac: last throttles sent (F, N). hover_thrust_frac: hover throttles (F, N).
+            sample_enu_m: positions (F, N, 3) that were measured ``age_s`` ago. yaw_rad: headings
+            (F, N). age_s: age of the samples. dt_s: length of the tick.
         """
         shape = self._memories.shape
         inputs = np.empty((*shape, 10))
@@ -291,7 +288,7 @@ def step(memories: Rows, inputs: PassRows, obstacles: Rows, params: Rows, dt_s: 
     size = ticks.size
     neighbour_count = inputs.neighbours.shape[-1]
 
-    # writable arrays, because numba would compile the code once more for read-only ones
+    # writable arrays, because numba would compile the code again for read-only ones
     is_present = np.require(inputs.is_present, requirements=["C", "W"])
     modes = np.require(inputs.modes, np.int64, ["C", "W"])
     flat_inputs = (
@@ -361,7 +358,7 @@ def received(inbox: Rows, age_s: Array, senders: IntArray, is_cooperative: BoolA
     neighbours: Rows = floats(inbox)[index].view(NEIGHBOUR.dtype)[..., 0]
     neighbours["age_s"] = age_s[index]
     neighbours["is_cooperative"] = is_cooperative[index]
-    # by the paper's law each vehicle avoids the next vehicle, and the last vehicle the first
+    # with the paper's law, each vehicle avoids the next one, and the last vehicle avoids the first
     neighbours["is_paper_obstacle"] = sender == (receiver + 1) % vehicle_count
     neighbours["table_index"] = np.arange(senders.shape[-1])
     return neighbours
@@ -375,7 +372,7 @@ def is_compiled() -> bool:
 def warm_up() -> bool:
     """Compile all functions of batches, or load them from numba's cache.
 
-    Loading takes about a second, compiling some twenty.
+    Loading takes about a second, and compiling about twenty.
 
     Returns:
         False if nothing is compiled.
@@ -383,7 +380,8 @@ def warm_up() -> bool:
     if not is_compiled():
         return False
 
-    # numba compiles by types, not by sizes: zero flights of one vehicle with one neighbour suffice
+    # numba compiles by types, not by sizes, so zero flights of one vehicle with one neighbour are
+    # enough
     no_numbers = np.zeros((0, 1))
     no_vectors = np.zeros((0, 1, 1))
 
@@ -455,7 +453,7 @@ def _estimate_rows(
     is_on_ground = False
     for m in range(memories.shape[0]):
         own_params = _read_filter_params(params[m % params.shape[0]])
-        row = inputs[m]  # columns as they are filled in FleetEstimator.step
+        row = inputs[m]  # columns as filled in FleetEstimator.step
         quaternion = (row[0], row[1], row[2], row[3])
         thrust_frac = row[4]
         hover_frac = row[5]
@@ -476,7 +474,7 @@ def _estimate_rows(
 
 @lru_cache(maxsize=1)
 def _numba() -> Any:
-    """Return the module numba, or None if nothing is to be compiled."""
+    """Return the module numba, or None if nothing should be compiled."""
     if os.environ.get("COVEY_NUMBA", "") == "0":
         return None
     try:
@@ -493,7 +491,7 @@ def _loops() -> _Loops:
     if numba is None:
         return _Loops(step=_step_rows, estimate=_estimate_rows)
 
-    # Python calls none of these functions, and without wrappers they compile faster
+    # Python never calls these functions, and without wrappers they compile faster
     register = numba.extending.register_jitable(no_cpython_wrapper=True, no_cfunc_wrapper=True)
     for function in _functions():
         register(function)
@@ -510,7 +508,7 @@ def _jit(numba: Any, function: Compiled, version: int) -> Compiled:
 
     def run(*arguments: Any) -> int:
         function(*arguments)
-        # numba's cache depends on the values of the closure, so the closure has to use the version
+        # numba's cache depends on the values in the closure, so the closure must use the version
         return version
 
     options = {"nogil": True, "fastmath": False}
@@ -538,7 +536,7 @@ def _functions() -> list[FunctionType]:
 def _digest() -> int:
     """Return a number that changes with any function or constant that compiled code uses.
 
-    numba's cache by itself notices only changes of the file of the compiled function.
+    On its own, numba's cache notices only changes to the file of the compiled function.
     """
     constants = []
     for module in _MODULES:
@@ -554,8 +552,8 @@ def _digest() -> int:
 def _code_parts(code: CodeType) -> list[object]:
     """Return the content of a function's code, which is equal in every process.
 
-    ``marshal`` is not used: it gives different bytes for code from a .pyc file and for the same
-    code that was just compiled. So the law would be compiled twice on a new machine.
+    ``marshal`` is not used, because it gives different bytes for code from a .pyc file and for the
+    same code just compiled. The law would then be compiled twice on a new machine.
     """
     parts: list[object] = [code.co_code, code.co_names, code.co_freevars]
     for constant in code.co_consts:

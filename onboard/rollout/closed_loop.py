@@ -1,6 +1,6 @@
 """Flies the pipeline in a closed loop with vehicle models, for many flights and vehicles at once.
 
-Each vehicle flies by its own estimate from noisy, late mocap samples. It receives the messages of
+Each vehicle flies with its own estimate from noisy, late mocap samples. It receives the messages of
 the other vehicles late and with losses. Each flight draws its random numbers from its own seed, so
 it gives the same result alone and in a batch.
 """
@@ -29,9 +29,9 @@ from onboard.types import TICK_S
 
 @dataclass(frozen=True, slots=True)
 class Scenario:
-    """Legs that F flights of N vehicles fly one after the other.
+    """Legs that F flights of N vehicles fly in sequence.
 
-    A leg ends when all vehicles have arrived, or when its time is over.
+    A leg ends when all vehicles have arrived, or when its time is up.
     """
 
     start_enu_m: Array  # (F, N, 3) starts
@@ -47,19 +47,19 @@ class Scenario:
 
 @dataclass(frozen=True, slots=True)
 class FleetModel:
-    """The vehicles of a fleet as :func:`fly` takes them."""
+    """The vehicles of a fleet, in the form that :func:`fly` takes."""
 
     params: Sequence[pipeline.PipelineParams]  # parameters of the N pipelines
     plants: Sequence[Plant]  # dynamics of the N vehicles
     obstacles: tuple[Capsule, ...] = ()
-    height_share: float = 0.0  # separation [m] that one metre of height counts as
+    height_share: float = 0.0  # metres of separation that one metre of height counts for
 
 
 @dataclass(frozen=True, slots=True)
 class RolloutResult:
     """Outcome of F flights."""
 
-    # (F, L) time from the begin of a leg to the last vehicle's arrival; inf: not in time
+    # (F, L) time from the start of a leg to the last vehicle's arrival; inf: not in time
     arrival_s: Array
 
     # (T, F, N, 3) true positions after each tick, until the last flight has ended
@@ -76,7 +76,7 @@ class RolloutResult:
         """Smallest true separation of any two vehicles (F,); infinite for a single vehicle."""
         first, second = np.triu_indices(self.trace_enu_m.shape[2], 1)
 
-        # computed tick by tick, because the pairs of all ticks would fill the computer's memory
+        # computed tick by tick, because the pairs of all ticks would fill the memory
         least_m = []
         for position_enu_m in self.trace_enu_m:
             gap_m = position_enu_m[:, first] - position_enu_m[:, second]
@@ -179,7 +179,7 @@ class _Sensing:
         depth = errors.mocap_delay_ticks + 1
         self._samples = deque([start_enu_m] * depth, depth)  # newest first
 
-        # throttle that was sent last, and throttle that carries the weight (F, N)
+        # last throttle sent, and hover throttle (F, N)
         hover_frac = [params.hover_thrust.configured_frac for params in model.params]
         self._hover = np.broadcast_to(hover_frac, start_enu_m.shape[:2])
         self._throttle = self._hover
@@ -221,7 +221,7 @@ class _Legs:
         self._time_s = np.zeros(flights)  # time since the present leg began
         self._is_open = np.ones(flights, bool)  # whether a flight has not ended
 
-        # time for which each vehicle has been near its goal (F, N)
+        # how long each vehicle has been near its goal (F, N)
         self._near_s = np.zeros((flights, vehicles))
 
     def goals(self) -> Rows:
@@ -234,7 +234,9 @@ class _Legs:
         return goals
 
     def advance(self, position_enu_m: Array) -> bool:
-        """Update the legs by the positions after a tick, and return whether any flight goes on."""
+        """Update the legs with the positions after a tick, and return whether any flight
+        continues.
+        """
         scenario = self._scenario
         leg = np.minimum(self._leg, self._leg_count - 1)
         goal_enu_m = scenario.legs_enu_m[self._flights, leg]
@@ -247,8 +249,8 @@ class _Legs:
         has_arrived = np.asarray(has_settled[:, ~self.is_parked].all(-1))
         is_late = self._time_s >= scenario.timeout_s
 
-        # For the flights whose leg ends at this tick, record the arrival. A vehicle arrived when it
-        # began to settle.
+        # Record the arrival for the flights whose leg ends at this tick. A vehicle has arrived when
+        # it starts to settle.
         ended = np.flatnonzero(self._is_open & (has_arrived | is_late))
         arrival_s = np.where(has_arrived[ended], self._time_s[ended] - scenario.settle_s, np.inf)
         self.arrival_s[ended, self._leg[ended]] = arrival_s

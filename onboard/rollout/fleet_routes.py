@@ -22,8 +22,8 @@ _NEIGHBOUR = Layout(zero(Neighbour))
 class FleetRoutes:
     """The routes of all vehicles of F flights.
 
-    To save time, the router does not run for every vehicle at every tick. Without static obstacles
-    it runs at every tick only for vehicles that follow a route around parked vehicles. Now and then
+    To save time, the router does not run for every vehicle at every tick. Without static obstacles,
+    it runs at every tick only for vehicles that follow a route around parked vehicles. Occasionally
     it also runs for vehicles that stand away from their goal.
 
     Args:
@@ -47,7 +47,7 @@ class FleetRoutes:
     def goals(
         self, states: Rows, goals: Rows, neighbours: Rows, is_present: BoolArray, dt_s: float
     ) -> Rows:
-        """Return the goals (F, N) after routing: a vehicle may first have to fly to a corner.
+        """Return the goals (F, N) after routing, since a vehicle may first have to fly to a corner.
 
         Args:
             states, goals: estimates and goals (F, N).

@@ -49,10 +49,10 @@ class OwnLawFleet:
                 memory = pipeline.initial(own_params, Vec3(*position))
                 vehicles.append((OwnLawRunner(law), memory))
             self._flights.append(vehicles)
-        # number of each flight in the whole batch, before :meth:`keep` removed flights
+        # number of each flight in the whole batch, before :meth:`keep` removed any
         self._numbers = list(range(len(self._flights)))
 
-        # number of a flight -> why its first vehicle changed from the own law to Covey's law
+        # number of a flight -> why its first vehicle changed from the user's own law to Covey's law
         self.refusals: dict[int, str] = {}
 
     def step(

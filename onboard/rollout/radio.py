@@ -16,8 +16,8 @@ from onboard.types import TICK_S
 class Radio:
     """The newest message that each vehicle has received from each other vehicle, and its age.
 
-    In each tick call first :meth:`receive`, and then :meth:`publish`. So a message is received at
-    the earliest one tick after it was published.
+    At each tick, call first :meth:`receive`, then :meth:`publish`. So a message is received at
+    least one tick after it was published.
     """
 
     def __init__(self, states: Rows, is_parked: BoolArray, errors: Perturbation) -> None:
@@ -25,8 +25,8 @@ class Radio:
 
         Args:
             states: states (F, N) of the vehicles.
-            is_parked: (N,) whether a vehicle never moves, and so avoids nobody.
-            errors: delay and share of lost messages.
+            is_parked: (N,) whether a vehicle never moves, and so avoids no one. errors: delay and
+            share of lost messages.
         """
         first = batch.message(states, None)
         flights, count = first.shape

@@ -18,7 +18,7 @@ from onboard.arrays import Array
 from onboard.vectors import Vec2, Vec3
 
 Rows = NDArray[np.void]  # structured: one row per vehicle
-_UNROLLED = 4  # longer lists and tuples are written in a loop, which keeps the text short
+_UNROLLED = 4  # longer lists and tuples are written in a loop, to keep the text short
 
 
 class Layout:
@@ -26,7 +26,7 @@ class Layout:
 
     Args:
         example: a value of the type. In all values, lists and tuples must be as long as in the
-            example. No list may be inside another list.
+            example. Lists must not be nested.
 
     Attributes:
         dtype: names and shapes of the numbers; every number is a float.
@@ -53,7 +53,7 @@ class Layout:
             ]
         )
 
-        # the types are the globals of the two functions, which exec adds to the same dict
+        # the types are the globals of the two functions; exec adds the functions to the same dict
         exec(compile(text, f"<rows of {type(example).__name__}>", "exec"), types)
         self.read: Callable[[Sequence[float]], Any] = types["read"]
         self.write: Callable[[Any, Any], None] = types["write"]
@@ -85,7 +85,7 @@ def floats(rows: Rows) -> Array:
 
 
 def zero(kind: Any) -> Any:
-    """Return the value of a NamedTuple type in which all numbers are zero.
+    """Return a value of a NamedTuple type with all numbers zero.
 
     The type must have a fixed length.
     """
@@ -133,7 +133,7 @@ def _width(example: Any) -> int:
 def _read_expression(
     example: Any, start: int, offset: str, types: dict[str, Any]
 ) -> tuple[str, int]:
-    """Return the expression that makes a value from a row, beginning at ``row[start + offset]``.
+    """Return the expression that makes a value from a row, starting at ``row[start + offset]``.
 
     Args:
         example: a value of the same type.
@@ -175,7 +175,7 @@ def _number_expression(example: bool | int | float, number: str) -> str:
 
 
 def _write_lines(example: Any, value: str, start: int, offset: str) -> tuple[list[str], int]:
-    """Return the lines that write ``value`` to a row, beginning at ``row[start + offset]``.
+    """Return the lines that write ``value`` to a row, starting at ``row[start + offset]``.
 
     Args:
         example: a value of the same type.

@@ -1,8 +1,8 @@
 """Model of the vehicles' motion in rollouts, with errors drawn at random from a seed.
 
-Each vehicle is a point mass that its thrust moves. The direction of the thrust follows the
-attitude setpoint through a dead time and a second-order lag, with a static gain and a bias that the
-control does not know. The magnitude of the thrust follows the throttle through the motors' lag.
+Each vehicle is a point mass moved by its thrust. The direction of the thrust follows the attitude
+setpoint through a dead time and a second-order lag, with a static gain and a bias that the control
+does not know. The magnitude of the thrust follows the throttle through the motors' lag.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from onboard.rollout.rows import Rows
 from onboard.types import TICK_S
 
 _SUBSTEPS = 4  # integration steps of the motion in one control tick
-_NOISE_BLOCK_TICKS = 100  # ticks for which random numbers are drawn at once
+_NOISE_BLOCK_TICKS = 100  # random numbers are drawn for this many ticks at once
 
 # indices of a vehicle's constant random numbers; the last two are not used, but drawing fewer
 # would change all later numbers of a seed
@@ -39,7 +39,7 @@ class Plant:
 
     drag_1_s: float  # deceleration divided by speed
     hover_thrust_frac: float
-    static_gain: float = 1.0  # slope of the thrust in the steady state, divided by its setpoint
+    static_gain: float = 1.0  # steady-state slope of the thrust, divided by its setpoint
     tilt_bias_deg: float = 0.0
     motor_lag_s: float = 0.05  # time constant of the motors
 
@@ -67,7 +67,7 @@ class Perturbation:
 
 
 def plant_of(vehicle: Vehicle) -> Plant:
-    """Return the plant that the fleet file describes for a vehicle, with its table ``sitl``."""
+    """Return the plant that the fleet file, with its table ``sitl``, describes for a vehicle."""
     return Plant(
         wn_rad_s=vehicle.attitude_wn_rad_s,
         zeta=vehicle.attitude_zeta,
@@ -81,7 +81,7 @@ def plant_of(vehicle: Vehicle) -> Plant:
 
 
 class Noise:
-    """Random numbers of F flights with N vehicles each; every flight draws from its own seed."""
+    """Random numbers of F flights with N vehicles each. Every flight draws from its own seed."""
 
     def __init__(self, seeds: Sequence[int], count: int) -> None:
         self.generators = [np.random.default_rng(seed) for seed in seeds]
@@ -92,7 +92,7 @@ class Noise:
         self.starts = np.stack(
             [rng.normal(size=(count, 2)) for rng in self.generators]
         )  # (F, N, 2)
-        # index of the next tick in the block of drawn numbers; at its end a new block is drawn
+        # index of the next tick in the block of random numbers; a new block is drawn at its end
         self.tick = _NOISE_BLOCK_TICKS
 
     def constant(self, index: int) -> Array:
@@ -200,7 +200,7 @@ class VehicleModels:
             self._substep(sent, dt_s / _SUBSTEPS)
 
     def _substep(self, sent: Array, step_s: float) -> None:
-        """Move all vehicles by a part of a tick.
+        """Move all vehicles by part of a tick.
 
         Args:
             sent: slopes and throttle (F, N, 3).

@@ -1,6 +1,6 @@
-"""Distances of many positions at once to the areas that a fleet stays in or out of. Pure.
+"""Distances of many positions at once to allowed and forbidden areas. Pure.
 
-The geometry is that of :mod:`onboard.config.areas`, over arrays, because paths and simulated
+The geometry is that of :mod:`onboard.config.areas`, but for arrays, because paths and simulated
 flights have thousands of positions.
 """
 
@@ -27,8 +27,8 @@ def rooms_m(area: Area, positions_enu_m: Array) -> Array:
         area: any area.
         positions_enu_m: positions (..., 3).
     Returns:
-        Distances (...). They are negative outside an area to stay in and inside an area to stay out
-        of, at any height.
+        Distances (...). They are negative outside an allowed area and inside a forbidden one, at
+        any height.
     """
     x = positions_enu_m[..., 0]
     y = positions_enu_m[..., 1]
@@ -43,7 +43,7 @@ def rooms_m(area: Area, positions_enu_m: Array) -> Array:
     for (x1, y1), (x2, y2) in areas.edges_of(area.corners_enu_m):
         along_x = x2 - x1
         along_y = y2 - y1
-        # the nearest point of the edge, as a share of the way from its begin to its end
+        # the nearest point of the edge, as a share of the way from its start to its end
         share = ((x - x1) * along_x + (y - y1) * along_y) / (along_x**2 + along_y**2)
         share = np.clip(share, 0.0, 1.0)
         distance_m = np.hypot(x - x1 - share * along_x, y - y1 - share * along_y)
@@ -59,7 +59,7 @@ def rooms_m(area: Area, positions_enu_m: Array) -> Array:
 
 
 def clearances_m(fleet_areas: Sequence[Area], positions_enu_m: Array) -> Array:
-    """Return the distance [m] of each position to the nearest space that an area or buffer takes.
+    """Return the distance [m] of each position to the nearest space closed by an area or buffer.
 
     Args:
         fleet_areas: areas of a fleet.
@@ -76,7 +76,7 @@ def clearances_m(fleet_areas: Sequence[Area], positions_enu_m: Array) -> Array:
 
 
 def is_breached(fleet_areas: Sequence[Area], positions_enu_m: Array) -> BoolArray:
-    """Return whether each position lies where no vehicle may be.
+    """Return whether each position lies where vehicles must not be.
 
     Args:
         fleet_areas: areas of a fleet.
@@ -93,8 +93,7 @@ def way_beyond_m(fleet_areas: Sequence[Area], begin_enu_m: Xyz, end_enu_m: Xyz) 
 
     Args:
         fleet_areas: areas of a fleet.
-        begin_enu_m: begin of the line.
-        end_enu_m: end of the line.
+        begin_enu_m: start of the line. end_enu_m: end of the line.
     """
     length_m = math.dist(begin_enu_m, end_enu_m)
     count = min(_MOST_SAMPLES, 2 + int(length_m / _SAMPLE_M))
@@ -107,11 +106,11 @@ def way_beyond_m(fleet_areas: Sequence[Area], begin_enu_m: Xyz, end_enu_m: Xyz) 
 
 
 def _clearance_m(area: Area, positions_enu_m: Array, buffer_m: float) -> Array:
-    """Return the distance [m] of each position to the space that an area and its buffer take.
+    """Return the distance [m] of each position to the space closed by an area and its buffer.
 
-    It is negative inside that space. An area to stay in has a buffer only at its edge, and none at
-    its ceiling and its floor, where vehicles stand. An area to stay out of also has a buffer above
-    and below.
+    It is negative inside that space. An allowed area has a buffer only at its edge, not at its
+    ceiling or at its floor, where vehicles stand. A forbidden area also has a buffer above and
+    below.
     """
     beside_m = rooms_m(area, positions_enu_m) - buffer_m
     z = positions_enu_m[..., 2]
@@ -120,6 +119,6 @@ def _clearance_m(area: Area, positions_enu_m: Array, buffer_m: float) -> Array:
         above_floor_m = z - area.low_m + areas.BELOW_FLOOR_M  # a measured height may be lower
         return np.minimum(beside_m, np.minimum(below_ceiling_m, above_floor_m))
 
-    # a position beside the area, or above it, or below it, is free
+    # a position beside, above or below the area is free
     above_or_below_m = np.maximum(z - area.high_m, area.low_m - z) - buffer_m
     return np.maximum(beside_m, above_or_below_m)
