@@ -13,7 +13,7 @@ from dataclasses import dataclass
 class MessageCounts:
     """Numbers of unused messages, by reason."""
 
-    malformed: int = 0  # bytes that are no message of their topic, or numbers that are not finite
+    malformed: int = 0  # bytes that do not form a message of their topic, or non-finite numbers
     # sent in another node's name, sent by a node that is not in the fleet file, or not plausible;
     # refused orders are counted elsewhere
     refused: int = 0

@@ -13,12 +13,12 @@ def open_serial(endpoint: str) -> int:
     """Open the device of an endpoint.
 
     Args:
-        endpoint: The endpoint as the fleet file has it, ``serial://DEVICE:BAUD``.
+        endpoint: The endpoint as written in the fleet file, ``serial://DEVICE:BAUD``.
     Returns:
         The file descriptor of the device.
     Raises:
-        ValueError: The endpoint is written wrongly.
-        OSError: The device does not exist, is no serial device, or must not be used.
+        ValueError: The endpoint is malformed. OSError: The device does not exist, is not a serial
+        device, or must not be used.
     """
     device, _, baud = endpoint.removeprefix(_PREFIX).rpartition(":")
     speed = getattr(termios, f"B{baud}", None)  # termios has a constant for each possible speed

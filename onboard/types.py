@@ -24,8 +24,9 @@ class LawStatus(IntEnum):
 
     INACTIVE = 0  # the baseline thrust already satisfies every row
     SATURATED = 1  # the thrust was changed, and satisfies all hard rows
-    RELAXED = 2  # no thrust satisfies all hard rows: they got the smallest common slack
-    # the inputs cannot be used (for instance coincident vehicles): the thrust is a bounded fallback
+    RELAXED = 2  # no thrust satisfies all hard rows, so they got the smallest common slack
+    # the inputs cannot be used (for instance coincident vehicles), so the thrust is a bounded
+    # fallback
     INFEASIBLE = 3
 
 
@@ -46,7 +47,7 @@ class Goal(NamedTuple):
 
     position_enu_m: Vec3
     duration_s: float  # time for the flight to the position; 0: as fast as the limits allow
-    sequence: int  # changes with each new goal, so that the trajectory is planned again
+    sequence: int  # changes with each new goal, so that a new trajectory is planned
 
     is_on_path: bool = False  # whether the position is the present point of a followed path
     # motion of the path at a clock rate of 1; zero for a position to fly to
@@ -80,7 +81,7 @@ class AttitudeSetpoint(NamedTuple):
 
 
 class Neighbour(NamedTuple):
-    """One neighbour as received; NaN: not known. The law extrapolates its motion over the age."""
+    """One neighbour as received; NaN: not known. The law extrapolates its motion over its age."""
 
     position_enu_m: Vec3  # estimate without prediction, which the paper's law uses
     velocity_enu_m_s: Vec3
@@ -97,7 +98,7 @@ class Neighbour(NamedTuple):
     velocity_std_m_s: float
 
     crowd_count: float  # number of vehicles near the neighbour
-    is_cooperative: bool  # False: it avoids nobody, so that this vehicle does all the avoiding
+    is_cooperative: bool  # False: it does not avoid others, so this vehicle does all the avoiding
     # whether it is the only vehicle that the paper's law avoids: the next one in the fleet's order
     is_paper_obstacle: bool
     table_index: int  # index among all neighbours that this vehicle knows, for the record
@@ -108,12 +109,12 @@ class LawOutput(NamedTuple):
     """Result of the avoidance law: a thrust, and values that are published and recorded."""
 
     thrust: Thrust
-    predicted_position_enu_m: Vec3  # own position predicted over the own lag; published
+    predicted_position_enu_m: Vec3  # our own position, predicted over our lag; published
     predicted_velocity_enu_m_s: Vec3  # published
     commanded_acceleration_enu_m_s2: Vec3  # published
 
     status: int  # a LawStatus
-    intervention_m_s2: float  # |u - u_0|: by how much the baseline thrust was changed
+    intervention_m_s2: float  # |u - u_0|: how much the baseline thrust was changed
     slack_m_s2: float  # slack of the hard rows; 0 unless RELAXED
     crowd_count: float  # number of vehicles near this one; published
     # index of the neighbour whose row limits the thrust most; -1: none; -2: an obstacle or a fence

@@ -30,8 +30,8 @@ from onboard.mocap.bus_source import BusMocap
 from onboard.mocap.factory import source_of
 from onboard.mocap.source import MocapSource
 
-_MOST_EVENTS = 2000  # number of messages that may wait for a tick
-_MOST_CORRECTIONS = 32  # number of frames of corrections that may wait for a tick
+_MOST_EVENTS = 2000  # largest number of messages that wait for a tick
+_MOST_CORRECTIONS = 32  # largest number of frames that wait for a tick
 _NODES_PER_TICK = 50  # one tick handles at most this many changes of nodes
 # if more states than this are missing, the neighbour was silent or not followed, and none counts as
 # lost

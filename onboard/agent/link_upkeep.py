@@ -178,7 +178,7 @@ class LinkUpkeep:
         required = self._required()
         values = _values(required)
         if px4.is_simulated:
-            values[BATTERY_FLOOR] = 0.0  # any float: only the type says how to read the parameter
+            values[BATTERY_FLOOR] = 0.0  # any float, because only its type matters for the reading
         actual = await self._in_thread(self._link.read_params, values)
 
         for param in required:

@@ -50,7 +50,7 @@ class Own(NamedTuple):
     compensation_m_s2: Vec2  # added to the command against drag and disturbance
     radius_m_s2: float  # largest horizontal thrust
     climb: Climb  # its vertical motion
-    has_motion: bool  # whether the baseline's thrust and the own motion are finite
+    has_motion: bool  # whether the baseline's thrust and our own motion are finite
     is_usable: bool  # whether these and the compensation are finite
 
 

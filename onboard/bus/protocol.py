@@ -13,7 +13,7 @@ from onboard.bus.topics import Topic
 # Zenoh closes a connection that has been silent for this time. Over QUIC the time is longer
 # (onboard/bus/zenoh_settings.py).
 LEASE_MS = 1000
-MAX_COLLECTED = 1000  # default for the messages of one collected topic that wait for delivery
+MAX_COLLECTED = 1000  # by default, most waiting messages of a collected topic
 
 RefusalCode = Literal[
     "unsigned", "forged", "foreign", "role", "replayed", "late", "other start", "flood"

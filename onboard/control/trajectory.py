@@ -121,7 +121,7 @@ def moving(position_enu_m: Vec3, velocity_enu_m_s: Vec3) -> TrajectoryMemory:
         start_acceleration_enu_m_s2=ZERO_3,
         via_position_enu_m=position_enu_m,
         goal_position_enu_m=position_enu_m,
-        first_duration_s=1.0,  # any but 0: at its begin the setpoint is the motion of the start
+        first_duration_s=1.0,  # any but 0: at time 0 the setpoint is the motion of the start
         second_duration_s=0.0,
         elapsed_s=0.0,
         clock_rate=1.0,

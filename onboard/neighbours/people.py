@@ -6,8 +6,8 @@ does not cooperate, with two differences:
     The distance is measured from a circle around the person (``radius_m``) that contains arms and
     legs.
 
-    A person counts as as tall as the fence, so that no vehicle flies over a person, even if the
-    fleet file allows vehicles to fly above each other.
+    A person counts as being as tall as the fence, so that no vehicle flies over a person, even if
+    the fleet file allows vehicles to fly above each other.
 
 A person whose poses have stopped is unseen, and is avoided at the last known position. After a
 longer time, the person counts as gone. Perhaps the person has left the room or taken the markers

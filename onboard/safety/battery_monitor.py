@@ -1,6 +1,6 @@
 """Detects a battery that will not last until the vehicle has landed, from PX4's reports. Pure.
 
-The supervision calls it in flight; a battery that is falling lets the vehicle land at once.
+The supervision calls it in flight. If the battery is falling, the vehicle lands at once.
 """
 
 from __future__ import annotations
@@ -11,11 +11,11 @@ from dataclasses import dataclass, field
 from typing import NamedTuple
 
 _WINDOW_S = 10.0  # time over which the battery's trend is measured
-_LEAST_S = 1.0  # the trend is not judged before the window spans this time
+_LEAST_S = 1.0  # the trend is not judged until the window spans this time
 _LEAST_FALL_FRAC = 0.03  # a smaller loss within the window may be one step of PX4's percentage
 _RESERVE_S = 15.0  # time in the air that must be left after the descent
 _SAG_SHARE = 0.12  # a loss of this share of the voltage within the window is a fall, too
-_LEAST_VOLTAGE_V = 1.0  # a lower voltage is no measurement
+_LEAST_VOLTAGE_V = 1.0  # a lower voltage is not a measurement
 _LANDING_SHARE = 0.5  # share of the landing level that must be left after descent and reserve
 
 
@@ -29,11 +29,11 @@ class _BatterySample(NamedTuple):
 class BatteryMonitor:
     """Memory of one battery.
 
-    Call :meth:`update` some times a second in flight, :meth:`reset` on the ground.
+    Call :meth:`update` a few times a second in flight, and :meth:`reset` on the ground.
 
     The battery counts as falling if, at the present rate, less than half of the landing level would
     be left after the descent and a reserve. PX4's simulated battery falls fast, but only down to a
-    floor, which will be left in any case.
+    floor, so that charge always remains.
     """
 
     is_falling: bool = False  # once True, it stays True until the reset
@@ -76,14 +76,14 @@ class BatteryMonitor:
         if over_s < _LEAST_S:
             return
 
-        # over a short window one step of a percentage would look like a steep fall
+        # over a short window, one step of a percentage would look like a steep fall
         fallen_frac = oldest.remaining_frac - remaining_frac
         rate_1_s = fallen_frac / max(over_s, 0.5 * _WINDOW_S)
         left_frac = remaining_frac - rate_1_s * (descent_s + _RESERVE_S)
         if remaining_frac >= floor_frac:
             left_frac = max(left_frac, floor_frac)
 
-        # comparisons with NaN are False: a charge that is not reported does not run out
+        # comparisons with NaN are False, so an unreported charge does not run out
         runs_out = left_frac < _LANDING_SHARE * land_frac and fallen_frac > _LEAST_FALL_FRAC
         if runs_out or _sags(oldest.voltage_v, voltage_v):
             self.is_falling = True

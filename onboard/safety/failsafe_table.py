@@ -3,9 +3,9 @@
 Of all conditions that hold, the one with the strongest action counts. The action is kept until a
 stronger action or an operator's order replaces it (:func:`latched`).
 
-A strong action takes much of the flight away from the agent. It is used only where a part of the
-agent that a weaker action needs may have failed. For example, PX4's own landing does not avoid the
-other vehicles, so it is used only if the agent's landing cannot be trusted.
+A strong action takes much control away from the agent. It is used only if a weaker action needs a
+part of the agent that may have failed. For example, PX4's own landing does not avoid the other
+vehicles, so it is used only if the agent's landing cannot be trusted.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from enum import Enum, IntEnum
 
 
 class Situation(Enum):
-    """State of the flight, as coarsely as the failsafe table distinguishes it."""
+    """State of the flight, as coarsely as the failsafe table needs."""
 
     __hash__ = object.__hash__  # faster: Enum's own hash is a Python function
 
@@ -123,7 +123,7 @@ class Action(IntEnum):
 
     GO_ON = 0  # at most reported
     REFUSE = 1  # no take-off while it lasts
-    SLOW = 2  # the order goes on at reduced speed
+    SLOW = 2  # the order continues at reduced speed
     HOLD = 3  # stop here; the order has failed
     LEVEL = 4  # while ticks give no usable setpoint: level attitude at hover thrust
     LAND = 5  # land by setpoint, under the avoidance law
@@ -162,107 +162,113 @@ _ROWS: dict[Condition, tuple[Action, ...]] = {
     #                                                                          LANDING
 
     # -- own motion
-    # For some seconds the agent's dead reckoning is better than PX4's landing, which avoids nobody.
-    # Meanwhile the vehicle brakes and sinks (docs/flight.md). If the poses are back in time, its
-    # order goes on.
+    # For some seconds, the agent's dead reckoning is better than PX4's landing, which avoids no
+    # other vehicles. During this time the vehicle brakes and sinks (docs/flight.md). If the poses
+    # return in time, its order continues.
     C.POSITION_STALE:          (REFUSE,  GO_ON,  GO_ON,    GO_ON,    GO_ON,    GO_ON, GO_ON),
     C.POSITION_LOST:           (REFUSE,  DISARM, LAND,     LAND,     LAND,     GO_ON, GO_ON),
     C.POSITION_LOST_LONG:      (REFUSE,  DISARM, PX4_LAND, PX4_LAND, PX4_LAND, GO_ON, GO_ON),
-    # On the ground somebody may have carried the vehicle. In the air the samples after a jump are
-    # not used: the vehicle brakes, with an estimate by attitude and thrust, until the estimate
-    # counts as stale.
+    # On the ground, somebody may have carried the vehicle. In the air, samples after a jump are not
+    # used. The vehicle brakes, with an estimate from attitude and thrust, until the estimate counts
+    # as stale.
     C.POSITION_JUMPED:         (REFUSE,  DISARM, LAND,     HOLD,     GO_ON,    GO_ON, GO_ON),
     C.MOCAP_SWAPPED:           (REFUSE,  DISARM, LAND,     HOLD,     GO_ON,    GO_ON, GO_ON),
     C.MOCAP_FROZEN:            (REFUSE,  GO_ON,  LAND,     HOLD,     GO_ON,    GO_ON, GO_ON),
     # The estimate compensates the age, but its error grows with the speed.
     C.MOCAP_LATE:              (REFUSE,  GO_ON,  GO_ON,    SLOW,     GO_ON,    GO_ON, GO_ON),
-    # From now on PX4's position drifts away. The vehicle goes down by dead reckoning, out of the
+    # From now on, PX4's position drifts. The vehicle descends by dead reckoning, away from the
     # heights of the others.
     C.SATELLITES_LOST:         (REFUSE,  DISARM, LAND,     LAND,     GO_ON,    GO_ON, GO_ON),
-    # The error is larger than the margins that the others keep. The vehicle lands before the error
-    # grows, under the law, by the position that it has.
+    # The error is larger than the margins that the others keep. The vehicle lands under the law
+    # with its present position, before the error grows.
     C.POSITION_INACCURATE:     (REFUSE,  DISARM, LAND,     LAND,     GO_ON,    GO_ON, GO_ON),
     # Late positions make a vehicle circle. Counting them as half a second old stops the circling,
     # but how late they really are is not known.
     C.POSITION_UNFIT:          (REFUSE,  DISARM, LAND,     LAND,     GO_ON,    GO_ON, GO_ON),
     # The others receive the new standard deviation at once, and keep larger margins. If it is
-    # larger than the fleet was planned with, the vehicle stops: its goal may be elsewhere now.
+    # larger than planned for the fleet, the vehicle stops, because its goal may now be elsewhere.
     C.FIX_COARSE:              (REFUSE,  DISARM, LAND,     HOLD,     GO_ON,    GO_ON, GO_ON),
     C.FIX_FELL_BACK:           (REFUSE,  DISARM, GO_ON,    SLOW,     GO_ON,    GO_ON, GO_ON),
-    # PX4 does not get the corrections of this base any more. Their absence shows in the fix.
+    # PX4 no longer gets this base's corrections. The fix shows their absence.
     C.BASE_FAULT:              (REFUSE,  DISARM, GO_ON,    GO_ON,    GO_ON,    GO_ON, GO_ON),
     C.CORRECTIONS_OLD:         (GO_ON,   GO_ON,  GO_ON,    GO_ON,    GO_ON,    GO_ON, GO_ON),
 
     # -- PX4
     # A pilot whose sticks PX4 hears is not overruled, not even during a landing.
     C.FLOWN_BY_HAND:           (GO_ON,   DISARM, STOP,     STOP,     STOP,     STOP,  GO_ON),
-    # Somebody has taken the controls. A landing by PX4 that this ended is not commanded again.
+    # Somebody has taken the controls. If this ended a landing by PX4, the landing is not commanded
+    # again.
     C.LEFT_OFFBOARD:           (GO_ON,   DISARM, STOP,     STOP,     STOP,     STOP,  GO_ON),
     C.PX4_FAILSAFE:            (GO_ON,   DISARM, STOP,     STOP,     STOP,     GO_ON, GO_ON),
-    # The kill switch was used: the agent does not arm again. At the end of a landing PX4 disarms.
+    # The kill switch was used, so the agent does not arm again. At the end of a landing, PX4
+    # disarms.
     C.DISARMED:                (GO_ON,   GO_ON,  STOP,     STOP,     GO_ON,    GO_ON, GO_ON),
-    # PX4 has forgotten its mode, parameters that were not saved, and its local origin.
+    # PX4 has lost its mode, its unsaved parameters and its local origin.
     C.REBOOTED:                (REFUSE,  DISARM, STOP,     STOP,     STOP,     STOP,  GO_ON),
     C.AUTOPILOT_SILENT:        (REFUSE,  STOP,   STOP,     STOP,     STOP,     STOP,  GO_ON),
-    # The agent cannot fly by such numbers. PX4's own failsafe has to act, as for a silent PX4.
+    # The agent cannot fly with such numbers. PX4's own failsafe must act, as for a silent PX4.
     C.AUTOPILOT_IMPOSSIBLE:    (REFUSE,  STOP,   STOP,     STOP,     STOP,     STOP,  GO_ON),
     # PX4 would execute the present setpoints later, all at once.
     C.AUTOPILOT_FROZEN:        (REFUSE,  STOP,   STOP,     STOP,     STOP,     STOP,  GO_ON),
-    # PX4 has flown on its last setpoint meanwhile. Its own failsafe has not acted, because PX4's
-    # clock stood still.
+    # PX4 has been flying its last setpoint. Its own failsafe has not acted, because PX4's clock
+    # stood still.
     C.AUTOPILOT_BACK:          (GO_ON,   DISARM, LAND,     HOLD,     GO_ON,    GO_ON, GO_ON),
-    # PX4's attitude still arrives, so PX4 follows setpoints. But its mode is not known any more.
+    # PX4's attitude still arrives, so PX4 follows setpoints. But its mode is no longer known.
     C.HEARTBEAT_LOST:          (REFUSE,  DISARM, LAND,     LAND,     GO_ON,    GO_ON, GO_ON),
-    # One wrong datagram ends no flight. After several it is not clear which of two senders is PX4.
+    # One wrong datagram does not end a flight. After several, it is unclear which of two senders is
+    # PX4.
     C.REPORTS_CONTRADICT:      (REFUSE,  DISARM, GO_ON,    GO_ON,    GO_ON,    GO_ON, GO_ON),
     C.REPORTS_CONTRADICT_LONG: (REFUSE,  DISARM, LAND,     LAND,     GO_ON,    GO_ON, GO_ON),
     # A landing under the law ends by its own signs of contact, and when PX4 reports that it is
     # disarmed.
     C.LANDED_UNKNOWN:          (REFUSE,  DISARM, GO_ON,    GO_ON,    GO_ON,    GO_ON, GO_ON),
-    # A PX4 that reports the ground disarms soon: the lower the vehicle is by then, the better.
+    # A PX4 that reports the ground soon disarms, so the vehicle should be as low as possible by
+    # then.
     C.LANDED_WRONG:            (GO_ON,   GO_ON,  GO_ON,    LAND,     GO_ON,    GO_ON, GO_ON),
     # Our setpoints do not reach the motors. PX4's own landing does not depend on them.
     C.ATTITUDE_NOT_FOLLOWED:   (GO_ON,   GO_ON,  PX4_LAND, PX4_LAND, PX4_LAND, GO_ON, GO_ON),
     C.THRUST_SATURATED:        (GO_ON,   GO_ON,  GO_ON,    SLOW,     GO_ON,    GO_ON, GO_ON),
     C.NOT_CLIMBING:            (GO_ON,   GO_ON,  GO_ON,    LAND,     GO_ON,    GO_ON, GO_ON),
-    # A vehicle lies like this after a collision or with a failed motor. Thrust does not help.
-    # PX4's failsafe for lost setpoints disarms.
+    # A collision or a failed motor leaves a vehicle like this. Thrust does not help. PX4's failsafe
+    # for lost setpoints disarms.
     C.FALLEN:                  (GO_ON,   GO_ON,  GO_ON,    STOP,     GO_ON,    GO_ON, GO_ON),
 
     # -- own process
     C.LOOP_LATE:               (GO_ON,   GO_ON,  GO_ON,    GO_ON,    GO_ON,    GO_ON, GO_ON),
     C.LOOP_STALLED:            (GO_ON,   DISARM, LAND,     HOLD,     GO_ON,    GO_ON, GO_ON),
-    # PX4 has begun to land meanwhile: new setpoints would interrupt its landing.
+    # PX4 has started to land by now, and new setpoints would interrupt its landing.
     C.LOOP_STALLED_LONG:       (GO_ON,   DISARM, PX4_LAND, PX4_LAND, PX4_LAND, GO_ON, GO_ON),
     # Data that look old after a jump have rows of their own.
     C.CLOCK_JUMPED:            (REFUSE,  GO_ON,  GO_ON,    GO_ON,    GO_ON,    GO_ON, GO_ON),
     C.NOT_FINITE:              (REFUSE,  GO_ON,  LAND,     LEVEL,    LEVEL,    GO_ON, GO_ON),
     C.NOT_FINITE_LONG:         (REFUSE,  DISARM, PX4_LAND, PX4_LAND, PX4_LAND, GO_ON, GO_ON),
-    # Covey's law takes over at once. The next flight begins with the user's own law again.
+    # Covey's law takes over at once. The next flight starts with the user's own law again.
     C.OWN_LAW_REFUSED:         (GO_ON,   GO_ON,  GO_ON,    GO_ON,    GO_ON,    GO_ON, GO_ON),
-    # No flight begins without a record. A flight that has begun goes on without one.
+    # No flight starts without a record. A flight that has started continues without one.
     C.DISK_FULL:               (REFUSE,  GO_ON,  GO_ON,    GO_ON,    GO_ON,    GO_ON, GO_ON),
-    # On the ground neither agent takes off. An agent in the air goes on, since the second one sends
-    # nothing.
+    # On the ground, neither agent takes off. An agent in the air continues, because the second one
+    # sends nothing.
     C.TWIN:                    (REFUSE,  DISARM, LAND,     GO_ON,    GO_ON,    GO_ON, GO_ON),
     C.SHUTDOWN:                (REFUSE,  DISARM, LAND,     LAND,     GO_ON,    GO_ON, GO_ON),
 
     # -- bus and ground
     C.BUS_LOST:                (REFUSE,  DISARM, LAND,     HOLD,     GO_ON,    GO_ON, GO_ON),
     C.BUS_LOST_LONG:           (REFUSE,  DISARM, LAND,     LAND,     GO_ON,    GO_ON, GO_ON),
-    # Without a ground no start is completed. In flight a lost ground is no emergency: the vehicle
-    # finishes its order, and holds.
+    # Without a ground, no start is completed. In flight, a lost ground is not an emergency. The
+    # vehicle finishes its order, and then holds.
     C.GROUND_LOST:             (GO_ON,   DISARM, LAND,     GO_ON,    GO_ON,    GO_ON, GO_ON),
-    # The ground does not come back. So the vehicles land now, under the law: PX4's failsafe for an
-    # empty battery would land all of them at once, without avoidance.
+    # The ground has not come back. So the vehicles land now, under the law, because PX4's failsafe
+    # for an empty battery would land all of them at once, without avoidance.
     C.GROUND_LOST_LONG:        (GO_ON,   DISARM, LAND,     LAND,     GO_ON,    GO_ON, GO_ON),
-    # A take-off has time limits of its own. A landing that does not come down is left to PX4.
+    # A take-off has its own time limits. A landing that does not come down is left to PX4.
     C.ORDER_OVERDUE:           (GO_ON,   GO_ON,  GO_ON,    HOLD,     PX4_LAND, GO_ON, GO_ON),
 
     # -- other vehicles
-    # The landing is under the law: PX4's landing would not keep away from the other vehicle.
+    # The landing is under the law, because PX4's landing would not keep away from the other
+    # vehicle.
     C.COLLISION_SUSPECTED:     (REFUSE,  DISARM, LAND,     LAND,     GO_ON,    GO_ON, GO_ON),
-    # The law already separates the vehicles as hard as it can: a stop would only interrupt that.
+    # The law already separates the vehicles as hard as it can, and a stop would only interrupt
+    # this.
     C.SEPARATION_BREACHED:     (REFUSE,  DISARM, GO_ON,    SLOW,     GO_ON,    GO_ON, GO_ON),
     C.SEPARATION_PREDICTED:    (GO_ON,   GO_ON,  GO_ON,    SLOW,     GO_ON,    GO_ON, GO_ON),
     # No goal is pursued without avoidance.
@@ -270,48 +276,48 @@ _ROWS: dict[Condition, tuple[Action, ...]] = {
     # The neighbour's position is not known. A vehicle that holds is at least where the others
     # expect it.
     C.NEIGHBOUR_UNSEEN:        (REFUSE,  DISARM, LAND,     HOLD,     GO_ON,    GO_ON, GO_ON),
-    # The neighbour is avoided where the mocap measures it, by this vehicle alone.
+    # This vehicle alone does the avoiding, at the neighbour's position from the mocap.
     C.NEIGHBOUR_SILENT:        (REFUSE,  GO_ON,  GO_ON,    GO_ON,    GO_ON,    GO_ON, GO_ON),
     # The neighbour is treated like a silent one.
     C.NEIGHBOUR_INVALID:       (REFUSE,  GO_ON,  GO_ON,    GO_ON,    GO_ON,    GO_ON, GO_ON),
-    # The neighbour brakes and sinks, and when it touches the ground it stands still at once. A
-    # vehicle that follows it at full speed could not stop then, and leaves it no room to brake.
+    # The neighbour brakes and sinks, and stops at once when it touches the ground. A vehicle that
+    # follows it at full speed could not stop in time, and leaves it no room to brake.
     C.NEIGHBOUR_BLIND:         (REFUSE,  GO_ON,  GO_ON,    SLOW,     GO_ON,    GO_ON, GO_ON),
-    # This vehicle alone avoids, and it cannot predict the neighbour's next motion.
+    # This vehicle alone does the avoiding, and cannot predict the neighbour's next motion.
     C.NEIGHBOUR_UNCOOPERATIVE: (REFUSE,  GO_ON,  GO_ON,    SLOW,     GO_ON,    GO_ON, GO_ON),
-    # This vehicle alone avoids, too. It avoids the position that the neighbour reports or the one
-    # that the mocap measures, whichever is nearer.
+    # Here, too, this vehicle alone does the avoiding. It avoids the position from the neighbour or
+    # the position from the mocap, whichever is nearer.
     C.NEIGHBOUR_IMPLAUSIBLE:   (REFUSE,  DISARM, GO_ON,    SLOW,     GO_ON,    GO_ON, GO_ON),
     C.NEIGHBOUR_STALE:         (GO_ON,   GO_ON,  GO_ON,    SLOW,     GO_ON,    GO_ON, GO_ON),
     # The neighbour's newest message gives its position, which is used at once.
     C.NEIGHBOUR_BACK:          (GO_ON,   GO_ON,  GO_ON,    GO_ON,    GO_ON,    GO_ON, GO_ON),
-    # The neighbour refuses to take off, too. In flight nobody knows by which rules it avoids, so
-    # this vehicle alone avoids.
+    # The neighbour also refuses to take off. In flight, its avoidance rules are unknown, so this
+    # vehicle alone does the avoiding.
     C.CONFIG_DIFFERS:          (REFUSE,  DISARM, GO_ON,    SLOW,     GO_ON,    GO_ON, GO_ON),
 
     # -- energy and space
     C.BATTERY_WARNING:         (REFUSE,  GO_ON,  GO_ON,    GO_ON,    GO_ON,    GO_ON, GO_ON),
     C.BATTERY_LOW:             (REFUSE,  DISARM, LAND,     LAND,     GO_ON,    GO_ON, GO_ON),
-    # If the landing waited for the landing level, the battery would be empty before the vehicle is
-    # down.
+    # If the vehicle waited for the landing level, the battery would be empty before it is down.
     C.BATTERY_FALLING:         (REFUSE,  DISARM, LAND,     LAND,     GO_ON,    GO_ON, GO_ON),
-    # Nobody knows for how long the battery lasts, so the flight does not go on.
+    # It is unknown how long the battery lasts, so the flight does not continue.
     C.BATTERY_UNKNOWN:         (REFUSE,  DISARM, LAND,     LAND,     GO_ON,    GO_ON, GO_ON),
     C.FENCE_NEAR:              (GO_ON,   GO_ON,  GO_ON,    SLOW,     GO_ON,    GO_ON, GO_ON),
-    # The vehicle holds at a point inside.
+    # The vehicle holds at a point inside the fence.
     C.FENCE_BREACH:            (REFUSE,  DISARM, LAND,     HOLD,     GO_ON,    GO_ON, GO_ON),
     C.FENCE_BREACH_LONG:       (REFUSE,  DISARM, LAND,     LAND,     GO_ON,    GO_ON, GO_ON),
     C.CEILING:                 (GO_ON,   GO_ON,  LAND,     HOLD,     GO_ON,    GO_ON, GO_ON),
 
     # -- air
-    # The vehicle lands while it can still choose where it goes. A hold would use up the tilt that
-    # is left, and a wind that rises further would carry the vehicle away.
+    # The vehicle lands while it can still choose where it goes. A hold would use up the remaining
+    # tilt, and a further rise of the wind would carry the vehicle away.
     C.WIND_ABOVE:              (GO_ON,   GO_ON,  LAND,     LAND,     GO_ON,    GO_ON, GO_ON),
-    # The margins that the others keep do not cover such gusts, and a hold would scatter as much.
+    # The margins that the others keep do not cover such gusts, and a holding vehicle would scatter
+    # as much.
     C.PUSHED_ABOUT:            (GO_ON,   GO_ON,  GO_ON,    LAND,     GO_ON,    GO_ON, GO_ON),
-    # The slower the vehicle flies, the more of the tilt is left against the wind.
+    # Flying more slowly leaves more tilt against the wind.
     C.WIND_NEAR:               (GO_ON,   GO_ON,  GO_ON,    SLOW,     GO_ON,    GO_ON, GO_ON),
-    # The observer has learned as much as it may. The rest of the push moves the vehicle.
+    # The observer has reached its limit. The rest of the push moves the vehicle.
     C.DISTURBANCE_BOUND:       (GO_ON,   GO_ON,  GO_ON,    SLOW,     GO_ON,    GO_ON, GO_ON),
 }
 # fmt: on
@@ -324,22 +330,22 @@ TABLE: dict[tuple[Situation, Condition], Action] = {
 
 _INDEX = {condition: index for index, condition in enumerate(Condition)}
 
-# Action -> what is left of it at the next tick; all others stay. After LEVEL the order has failed,
-# so the vehicle holds. REFUSE lasts only as long as its condition.
+# Action -> what remains of it at the next tick; all other actions stay. After LEVEL the order has
+# failed, so the vehicle holds. REFUSE lasts only as long as its condition.
 _NEXT_TICK = {Action.REFUSE: Action.GO_ON, Action.LEVEL: Action.HOLD}
 
 
 def decide(
     situation: Situation, conditions: Collection[Condition]
 ) -> tuple[Action, Condition | None]:
-    """Return the strongest action, and the condition that demands it.
+    """Return the strongest action, and the condition that requires it.
 
     Args:
         situation: situation of the vehicle.
         conditions: all conditions that hold.
     Returns:
-        The action and its condition. If several conditions demand it, the first one in
-        :class:`Condition`. Without conditions GO_ON and None.
+        The action and its condition. If several conditions require it, the first one in
+        :class:`Condition`. Without conditions, GO_ON and None.
     """
     if not conditions:
         return Action.GO_ON, None
@@ -365,13 +371,13 @@ def needs_level(situation: Situation, conditions: Iterable[Condition]) -> bool:
 
 
 def latched(before: Action, demanded: Action) -> Action:
-    """Return the action of this tick, if no order has come since the last tick.
+    """Return the action of this tick, if no order has arrived since the last tick.
 
     It is never weaker than the last action, except after REFUSE and LEVEL.
 
     Args:
         before: action of the last tick.
-        demanded: action that the present conditions demand.
+        demanded: action that the present conditions require.
     """
     lasting = _NEXT_TICK.get(before, before)
     return max(lasting, demanded)

@@ -1,7 +1,7 @@
 """Geofence: whether a vehicle is outside of it, above it, or about to leave it. Pure.
 
 The fence is evaluated at every tick, in plain floats. It is a box in fleet ENU. Its floor does not
-count as a wall, since vehicles stand there. Areas to stay in or out of are further fences inside
+count as a wall, because vehicles stand there. Allowed and forbidden areas are further fences inside
 the box. A vehicle is about to leave an area if it would cross an edge before it stops.
 """
 
@@ -18,8 +18,8 @@ from onboard.config.fleet import Geofence, Vehicle
 from onboard.constants import GRAVITY_M_S2
 from onboard.tuples import Xyz
 
-# Decelerations that are assumed for braking before the fence: horizontally this share of the
-# acceleration at the largest tilt, vertically this share of g.
+# Assumed decelerations for braking before the fence: horizontally this share of the acceleration at
+# the largest tilt, vertically this share of g.
 _BRAKE_SHARE = 0.6
 _VERTICAL_BRAKE_G = 0.5
 
@@ -39,7 +39,7 @@ class FenceBox:
     low_enu_m: Xyz  # west, south and floor
     high_enu_m: Xyz  # east, north and top
     brake_m_s2: Xyz  # deceleration along each axis
-    reaction_s: float  # time for which the vehicle keeps its velocity before it brakes
+    reaction_s: float  # how long the vehicle keeps its velocity before it brakes
 
     def status(self, position_enu_m: Xyz, velocity_enu_m_s: Xyz) -> FenceStatus:
         """Return where a vehicle is relative to the box.
@@ -111,7 +111,7 @@ class FenceBox:
         return (x + horizontal_s * vx, y + horizontal_s * vy, z + vertical_s * vz)
 
     def _equivalent_s(self, speed_m_s: float, brake_m_s2: float) -> float:
-        """Return the time in which the speed, if it were kept, would cover the stopping distance.
+        """Return the time that the stopping distance would take at the present speed.
 
         The stopping distance is v t for the reaction and v^2 / 2a for the braking.
         """
@@ -120,7 +120,7 @@ class FenceBox:
     def _is_near(self, distance_m: float, speed_m_s: float, brake_m_s2: float) -> bool:
         """Return whether a vehicle inside the fence cannot stop before a wall at that distance.
 
-        A vehicle at or beyond the wall counts as outside, and not as near.
+        A vehicle at or beyond the wall counts as outside, not as near.
         """
         return 0.0 < distance_m < self._stopping_m(speed_m_s, brake_m_s2)
 
@@ -128,7 +128,7 @@ class FenceBox:
         return speed_m_s * self._equivalent_s(speed_m_s, brake_m_s2)
 
     def farthest_m(self, speed_m_s: float) -> tuple[float, float]:
-        """Return how far a vehicle that brakes at the fence can be from any point inside.
+        """Return how far from any point inside a vehicle can be if it brakes only at the fence.
 
         Args:
             speed_m_s: speed at which it crosses the fence.

@@ -1,7 +1,7 @@
 """The margin that two vehicles keep in gusts, on top of the safety distance. Pure.
 
-A gust moves a vehicle before the vehicle compensates it. This counts as an error of the velocity
-that the vehicle publishes, and the law's margin grows with the errors of both vehicles.
+A gust moves a vehicle before the vehicle compensates it. This counts as an error of the published
+velocity, and the law's margin grows with the errors of both vehicles.
 """
 
 from __future__ import annotations
@@ -16,12 +16,12 @@ from onboard.estimation.wind import COVERED_M_S2
 
 
 def gust_margin_m(gust_m_s2: float, lag_s: float, law: LawConfig) -> float:
-    """Return the margin [m] of two vehicles in gusts; it is at least the one in calm air.
+    """Return the margin [m] of two vehicles in gusts. It is at least the margin in calm air.
 
     Args:
         gust_m_s2: standard deviation of the gusts per axis, as an acceleration.
         lag_s: lag of both vehicles, from a command to its acceleration.
-        law: the fleet's ``[law]``; its margin and its factors kappa count.
+        law: the fleet's ``[law]``; its margin and its kappa gains are used.
     """
     beyond_m_s2 = max(0.0, gust_m_s2 - COVERED_M_S2)
     velocity_std_m_s = kalman.gust_time_s(lag_s) * beyond_m_s2

@@ -1,6 +1,6 @@
-"""Counts for how long, and in how many checks in a row, a condition has held. Pure.
+"""Counts how long, and for how many checks in a row, a condition has held. Pure.
 
-All of safety uses it to wait before a condition counts. A process that was not scheduled for a
+The whole package uses it to wait before a condition counts. A process that was not scheduled for a
 while finds every message old at its first tick, although nothing else is wrong. Therefore a silence
 counts only after several checks in a row have seen it. A condition that may come and go quickly
 counts only after some time.
@@ -32,11 +32,11 @@ class Held:
         self.checks += 1
 
     def end(self) -> None:
-        """Take a check at which the condition does not hold."""
+        """Note a check at which the condition does not hold."""
         self.checks = 0
 
     def seconds(self, now_ns: int) -> float:
-        """Return for how long the condition has held [s]; 0 while it does not hold.
+        """Return how long the condition has held [s]; 0 while it does not hold.
 
         Args:
             now_ns: our clock.
@@ -48,13 +48,13 @@ class Held:
 
 @dataclass(slots=True)
 class Recurring:
-    """Memory of a condition that comes and goes: a sum of the times for which it has held.
+    """Memory of a condition that comes and goes: the summed time for which it has held.
 
     While the condition does not hold, the sum shrinks. So it grows only if the condition holds for
     more than a share of the time.
 
     Args:
-        forgotten_share: time by which the sum shrinks in each second without the condition [s].
+        forgotten_share: how much the sum shrinks per second without the condition [s].
     """
 
     forgotten_share: float
@@ -62,7 +62,7 @@ class Recurring:
     _last_ns: int = 0  # our time at the last check; 0 before the first one
 
     def update(self, now_ns: int, holds: bool) -> None:
-        """Take a check.
+        """Process a check.
 
         Args:
             now_ns: our clock.

@@ -1,6 +1,6 @@
 """Limits that several checks share.
 
-They say at which age something is stale, silent or lost, and which accuracies are accepted.
+They define the ages at which something is stale, silent or lost, and the accepted accuracies.
 """
 
 from __future__ import annotations
@@ -8,20 +8,20 @@ from __future__ import annotations
 import math
 
 # own position
-POSITION_STALE_S = 0.2  # without poses for longer, a vehicle flies by dead reckoning
+POSITION_STALE_S = 0.2  # without poses for longer, a vehicle uses dead reckoning
 POSITION_KNOWN_S = 0.5  # without poses for longer, and without dead reckoning, no position is known
 POSITION_LOST_S = 0.6  # without poses for longer, a vehicle lands
-# Poses that come and go: the times without them add up, and shrink by this share while poses come.
-# Above this sum a vehicle lands.
+# If poses come and go, the times without poses add up, and the sum shrinks by this share of the
+# time with poses. Above this sum, a vehicle lands.
 FLICKER_S = 0.6
 FLICKER_FORGOTTEN_SHARE = 0.2
-NEIGHBOUR_BLIND_S = 0.25  # a neighbour that reports no poses for longer is blind
+NEIGHBOUR_BLIND_S = 0.25  # a neighbour that reports no poses for longer counts as blind
 RECKONING_S = 6.0  # after this time of dead reckoning PX4 lands
-RECKONING_AMONG_OTHERS_S = 12.0  # the same near other vehicles, because PX4 avoids nobody
+RECKONING_AMONG_OTHERS_S = 12.0  # the same near other vehicles, because PX4 does not avoid them
 AMONG_OTHERS_M = 5.0  # a vehicle nearer than this to another one is among others
 
 # PX4
-AUTOPILOT_SILENT_S = 0.3  # PX4 is silent if no packet has come for longer
+AUTOPILOT_SILENT_S = 0.3  # PX4 is silent if no packet has arrived for longer
 LOCAL_POSITION_FRESH_S = 0.25  # PX4's local position arrives at 10 Hz
 
 # Largest standard deviations that are published and accepted. A margin for larger ones would push

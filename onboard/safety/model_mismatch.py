@@ -1,13 +1,13 @@
-"""Detects in flight a vehicle whose lag or hover throttle differs from its fleet file. Pure.
+"""Detects in flight that a vehicle's lag or hover throttle differs from its fleet file. Pure.
 
-The disturbance observer has a model that applies the own commands after the configured lag. It
-gives the acceleration that the vehicle should have now. The acceleration that follows from the
+The disturbance observer has a model that applies the vehicle's own commands after the configured
+lag. It gives the acceleration that the vehicle should have now. The acceleration computed from the
 measured attitude is regressed on it:
 
     measured = gain (response - delay rate) + bias        for x and y, with a common gain and delay
 
-Here ``response`` is the model's acceleration, ``rate`` its derivative, and ``delay`` the time by
-which the vehicle is slower than configured. The equation is linear in the unknowns theta = (gain,
+Here ``response`` is the model's acceleration, ``rate`` its derivative, and ``delay`` says how much
+slower than configured the vehicle responds. The equation is linear in the unknowns theta = (gain,
 gain delay, bias_x, bias_y). They come from least squares over the last half minute.
 
 In the code a is the response, r the rate and s the measured acceleration, each along x and y.
@@ -28,18 +28,18 @@ from onboard.vectors import Vec3
 
 _FORGET_S = 30.0  # time constant of the memory
 _LEAST_S = 8.0  # time of flight before any result
-_ATTITUDE_AGE_S = 0.012  # mean age of PX4's attitude when it is used: it comes at 50 to 100 Hz
+_ATTITUDE_AGE_S = 0.012  # mean age of PX4's attitude when it is used; it arrives at 50 to 100 Hz
 _HOVER_SHARE = 0.12  # the hover throttle may differ from the file's by this share
-_SURE_S = 0.008  # largest standard deviation with which a difference of the lag counts
+_SURE_S = 0.008  # a difference of the lag counts up to this standard deviation
 _CORRELATED_S = 0.5  # correlation time of the residuals
-_LEAST_GAIN = 0.3  # with a smaller gain the commands do not explain the motion
+_LEAST_GAIN = 0.3  # with a smaller gain, the commands do not explain the motion
 _LEAST_UP = 0.3  # a sample with a smaller vertical part of the body's up is left out
-_LARGEST_CONDITION_NUMBER = 1e6  # beyond it the commands varied too little for a result
-_LEAST_SQUARE = 1e-9  # no division by zero, no square root of a negative number
+_LARGEST_CONDITION_NUMBER = 1e6  # above it, the commands varied too little for a result
+_LEAST_SQUARE = 1e-9  # avoids a division by zero, and the square root of a negative number
 
 
 class LagDifference(NamedTuple):
-    """By how much a vehicle responds more slowly than its file says."""
+    """How much more slowly a vehicle responds than its file says."""
 
     slower_s: float  # negative: it responds sooner than the file says
     std_s: float  # standard deviation of slower_s; infinite while it is not known
@@ -49,7 +49,7 @@ _UNKNOWN = LagDifference(0.0, math.inf)
 
 
 class ResponseMemory(NamedTuple):
-    """Sums of the regression over the past, which is forgotten exponentially."""
+    """Sums of the regression over the past, with exponential forgetting."""
 
     normal: Array  # (4, 4), matrix of the normal equations
     right: Array  # (4,), right side of the normal equations
@@ -73,10 +73,9 @@ def update(
 
     Args:
         memory: memory of the last tick.
-        response_enu_m_s2: present acceleration of the observer's model; its horizontal part counts.
-        rate_enu_m_s3: derivative of that acceleration.
-        quaternion_wxyz: measured attitude, FLU to ENU.
-        dt_s: time since the last call.
+        response_enu_m_s2: present acceleration of the observer's model; its horizontal part is
+        used. rate_enu_m_s3: derivative of that acceleration. quaternion_wxyz: measured attitude,
+        FLU to ENU. dt_s: time since the last call.
     Returns:
         The memory. It is unchanged if a number is not finite or the vehicle is upside down.
     """
@@ -88,12 +87,12 @@ def update(
     if not (is_finite and is_upright):
         return memory
 
-    # the measured acceleration: that of a thrust along the body's up axis which carries the weight
+    # the measured acceleration is that of a thrust along the body's up axis that carries the weight
     s_x = GRAVITY_M_S2 * up.x / up.z
     s_y = GRAVITY_M_S2 * up.y / up.z
 
-    # Each axis is a row of the regression: (a_x, -r_x, 1, 0) theta = s_x, and likewise for y. Both
-    # rows are added to the normal equations: their products with themselves, and with s.
+    # Each axis is a row of the regression: (a_x, -r_x, 1, 0) theta = s_x, and likewise for y. Add
+    # the products of both rows with themselves and with s to the normal equations.
     mixed = -(a_x * r_x + a_y * r_y)
     normal = np.array(
         (
@@ -115,7 +114,7 @@ def update(
 
 
 def lag_difference(memory: ResponseMemory) -> LagDifference:
-    """Return by how much the vehicle responds more slowly than configured.
+    """Return how much more slowly the vehicle responds than configured.
 
     Args:
         memory: memory of the flight so far.
@@ -145,7 +144,7 @@ def lag_difference(memory: ResponseMemory) -> LagDifference:
     variance = residuals / measurement_count
     gain_delay_variance = variance * inverse[1, 1]
 
-    # the samples within one correlation time carry the information of one sample
+    # all samples within one correlation time carry the information of one sample
     correlated_count = max(1.0, _CORRELATED_S * sample_count / memory.time_s)
     return LagDifference(
         slower_s=float(gain_delay / gain) - _ATTITUDE_AGE_S,
@@ -164,7 +163,7 @@ def differences(
         hover_frac: hover throttle learned in flight.
         configured_hover_frac: hover throttle of the fleet file.
     Returns:
-        For each value that differs, its code -> a sentence with the remedy.
+        code of each value that differs -> a sentence with the remedy.
     """
     sentences: dict[str, str] = {}
 

@@ -1,12 +1,12 @@
-"""Confirmation of PX4's reports: a surprising report counts only when later ones agree. Pure.
+"""Confirms PX4's reports. A surprising report counts only when later ones agree. Pure.
 
-Anybody who reaches the agent's port can send a MAVLink packet in PX4's name, so a single packet
-must not decide anything that cannot be undone. A surprising report waits for the next report of its
-kind, and meanwhile the earlier report counts. If the next report does not agree with the waiting
-report, that is a contradiction.
+Anybody who can reach the agent's port can send a MAVLink packet in PX4's name, so a single packet
+must not decide anything irreversible. A surprising report waits for the next report of its kind.
+Until then, the earlier report counts. If the next report does not agree with the waiting report,
+that is a contradiction.
 
-:data:`KINDS` lists the three kinds of reports. For each it says which fields belong together, which
-report is a surprise, and how many reports have to agree over which time.
+:data:`KINDS` lists the three kinds of reports. It says which fields belong together, which report
+is a surprise, and how many reports must agree over what time.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ _BATTERY_VOLTAGE_SHARE = 0.10
 
 
 class Expected(NamedTuple):
-    """Reports that a flight expects from PX4 while nobody else controls the vehicle."""
+    """Reports that a flight expects from PX4 while only this agent controls the vehicle."""
 
     is_armed: bool = False  # True: a report that PX4 is disarmed would end the flight
     mode: str = ""  # mode of PX4; empty: any mode, on the ground
@@ -46,7 +46,7 @@ class ReportKind(NamedTuple):
     name: str
     fields: tuple[str, ...]
     stamp: str  # name of the field with the time of arrival
-    needed: int  # number of reports that have to agree, the surprising one included
+    needed: int  # number of reports that must agree, including the surprising one
     least_ns: int  # shortest time from the first to the last of them
     # whether the new report is a surprise; arguments: believed report, new report, expectation
     surprises: Callable[[Snapshot, Snapshot, Expected], bool]
@@ -96,7 +96,8 @@ def _clock_error_ms(known: Snapshot, new: Snapshot) -> float:
 def _battery_surprises(believed: Snapshot, new: Snapshot, expected: Expected) -> bool:
     """Return whether charge or voltage jumped.
 
-    On the ground this is no surprise: a battery may be exchanged, and a simulated one fills up.
+    On the ground this is not a surprise, because a battery may be exchanged, and a simulated one
+    fills up.
     """
     may_change = not expected.is_armed and new.landed is Landed.ON_GROUND
     return not may_change and not _battery_agrees(believed, new)
@@ -112,7 +113,7 @@ def _battery_agrees(known: Snapshot, new: Snapshot) -> bool:
 
 
 def _is_near(a: float, b: float, limit: float) -> bool:
-    """Return whether two numbers differ by at most the limit, or are both not known."""
+    """Return whether two numbers differ by at most the limit, or are both unknown."""
     return abs(a - b) <= limit or (math.isnan(a) and math.isnan(b))
 
 
@@ -152,7 +153,7 @@ _HEARTBEAT = 0  # index in KINDS
 class _Waiting:
     """Memory of one kind of report."""
 
-    seen_ns: int = 0  # arrival of the newest report that was looked at
+    seen_ns: int = 0  # arrival of the newest report that was checked
     report: Snapshot | None = None  # newest surprising report, which waits for others that agree
     first_ns: int = 0  # arrival of the first of the reports that agree
     count: int = 0  # number of reports that agree
@@ -160,18 +161,18 @@ class _Waiting:
 
 @dataclass(slots=True)
 class ReportConfirmation:
-    """Memory of one PX4's reports; give it every snapshot."""
+    """Memory of one PX4's reports. Pass it every snapshot."""
 
-    contradicted: str = ""  # kind of report that was contradicted last
-    is_heartbeat_wanted: bool = False  # True: the flight has to know PX4's present mode
+    contradicted: str = ""  # last contradicted kind of report
+    is_heartbeat_wanted: bool = False  # True: the flight must know PX4's present mode
     _believed: Snapshot = field(default_factory=Snapshot)
     _waiting: tuple[_Waiting, ...] = field(default_factory=lambda: tuple(_Waiting() for _ in KINDS))
 
-    _run_begin_ns: int = 0  # time of the first of the contradictions that belong together
+    _run_begin_ns: int = 0  # time of the first contradiction in the current series
     _contradicted_ns: int = 0  # time of the last contradiction; 0 never
     _requested_ns: int = 0  # time of the last request for a heartbeat
 
-    _dropped_sentence: str = ""  # what was wrong with the newest snapshot that was dropped
+    _dropped_sentence: str = ""  # what was wrong with the newest dropped snapshot
     _dropped_ns: int = 0
 
     def believe(self, snapshot: Snapshot, expected: Expected) -> Snapshot:
@@ -222,7 +223,7 @@ class ReportConfirmation:
         """Return whether to request a heartbeat from PX4 now; called at each tick.
 
         A heartbeat is due while a surprising heartbeat waits for confirmation, and while the flight
-        has to know the present mode. Two requests are at least ``_ASK_EVERY_NS`` apart.
+        must know the present mode. Two requests are at least ``_ASK_EVERY_NS`` apart.
 
         Args:
             now_ns: our clock.
@@ -234,14 +235,15 @@ class ReportConfirmation:
         return True
 
     def contradicted_s(self, now_ns: int) -> float:
-        """Return for how long reports have contradicted each other [s]; 0 without contradictions.
+        """Return how long reports have contradicted each other [s]; 0 without contradictions.
 
         Args:
             now_ns: our clock.
         """
         if not self._contradicted_ns or now_ns - self._contradicted_ns > 1e9 * CONTRADICTED_S:
             return 0.0
-        # a single contradiction has no duration, and must differ from the 0 for no contradiction
+        # a single contradiction has no duration, but must differ from 0, which means no
+        # contradiction
         return max(1e-9, (self._contradicted_ns - self._run_begin_ns) * 1e-9)
 
     def _is_withheld(

@@ -11,11 +11,11 @@ from dataclasses import dataclass
 Xy = tuple[float, float]
 
 _HORIZON_S = 2.0  # how far ahead the passing of two vehicles is predicted
-_COMPARE_WITHIN_S = 0.25  # longest time from the predicted time to the state that is compared
+_COMPARE_WITHIN_S = 0.25  # longest time from the predicted time to the compared state
 _MISS_SHARE = 0.35  # weight of the newest comparison in the low-passed miss
-_MISS_M_S = 0.55  # predictions count as wrong from this low-passed miss on
+_MISS_M_S = 0.55  # predictions count as wrong from this low-passed miss
 _LONGEST_LEAD_S = 1.0  # a prediction for a later time is not compared
-_COINCIDENT_M = 1e-6  # two vehicles this near have no line of sight
+_COINCIDENT_M = 1e-6  # two vehicles nearer than this have no line of sight
 
 
 def smallest_distance_m(
@@ -55,15 +55,15 @@ def smallest_distance_m(
 
 @dataclass(slots=True)
 class PredictionMonitor:
-    """Compares a neighbour's velocity with the velocity that it had predicted for this time.
+    """Compares a neighbour's velocity with its earlier prediction for this time.
 
-    A vehicle predicts its motion from the commands that it has already sent. So except for noise
-    and gusts the prediction is right, if the vehicle follows its own commands. The difference is
+    A vehicle predicts its motion from the commands that it has already sent. So apart from noise
+    and gusts, the prediction is correct if the vehicle follows its own commands. The difference is
     low-passed over about a second.
     """
 
     miss_m_s: float = 0.0  # difference of velocity and prediction, low-passed
-    _due_ns: int = 0  # time that the waiting prediction is for; 0: none waits
+    _due_ns: int = 0  # time that the waiting prediction is for; 0: none is waiting
     _predicted_m_s: Xy = (0.0, 0.0)  # horizontal velocity at that time
 
     @property
@@ -72,7 +72,7 @@ class PredictionMonitor:
         return self.miss_m_s > _MISS_M_S
 
     def reset(self) -> None:
-        """Begin anew: the neighbour predicts nothing."""
+        """Start again, because the neighbour predicts nothing."""
         self.miss_m_s = 0.0
         self._due_ns = 0
 

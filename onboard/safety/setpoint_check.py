@@ -1,6 +1,6 @@
 """The last check of an attitude setpoint. Pure.
 
-PX4 accepts any setpoint, also one that makes the vehicle fall.
+PX4 accepts any setpoint, even one that makes the vehicle fall.
 """
 
 from __future__ import annotations
@@ -9,15 +9,15 @@ import math
 
 from onboard.types import AttitudeSetpoint
 
-_TILT_SLACK_DEG = 1.0  # rounding may exceed the largest tilt of the fleet file by this angle
+_TILT_SLACK_DEG = 1.0  # because of rounding, a tilt may exceed the fleet file's limit by this angle
 _UNIT_SLACK = 1e-3  # the squared length of a unit quaternion may differ from 1 by this
 
 
 def is_sendable(setpoint: AttitudeSetpoint, max_tilt_deg: float) -> bool:
     """Return whether a setpoint may be sent.
 
-    It may if all its numbers are finite, the quaternion is a unit one, the thrust lies in [0, 1],
-    and the tilt is within the limit.
+    It may be sent if all its numbers are finite, the quaternion has unit length, the thrust lies in
+    [0, 1], and the tilt is within the limit.
 
     Args:
         setpoint: attitude setpoint for one vehicle.

@@ -11,7 +11,7 @@ _LARGEST_M_S = 1e3
 
 
 def nonsense(snapshot: Snapshot) -> str:
-    """Return a sentence that says which number of a snapshot is impossible; empty if none is.
+    """Return a sentence that names an impossible number in a snapshot; empty if there is none.
 
     Args:
         snapshot: newest snapshot of one PX4.

@@ -25,20 +25,20 @@ _UPSET_FOR_S = 0.1  # for longer than this
 _FULL_SHARE = 0.99
 _FULL_FOR_S = 0.5  # for longer than this
 
-# the vehicle does not climb if with full thrust it is farther below its trajectory than _BELOW_M,
-# and climbs more slowly than _CLIMB_M_S
+# the vehicle does not climb if, with full thrust, it is more than _BELOW_M below its trajectory and
+# climbs more slowly than _CLIMB_M_S
 _BELOW_M = 0.15
 _CLIMB_M_S = 0.05
 _SINKING_FOR_S = 1.0  # for longer than this
 
-_SHORTEST_LAG_S = 0.02  # a shorter configured lag counts as this
+_SHORTEST_LAG_S = 0.02  # a shorter configured lag is raised to this
 
 
 @dataclass(slots=True)
 class TrackingMonitor:
     """Memory of one vehicle.
 
-    Call :meth:`update` every tick under the law, :meth:`reset` otherwise.
+    Call :meth:`update` at every tick under the law, and :meth:`reset` otherwise.
     """
 
     lag_s: float  # from attitude setpoint to attitude
@@ -46,7 +46,7 @@ class TrackingMonitor:
 
     is_attitude_lost: bool = False  # the attitude does not follow, or the vehicle is upset
     is_upset: bool = False  # it is tilted so far that no other sign is needed
-    missed_s: float = 0.0  # for how long the attitude has not followed
+    missed_s: float = 0.0  # how long the attitude has not followed
     is_saturated: bool = False
     is_sinking: bool = False  # it does not climb although the thrust is full
 
@@ -56,13 +56,13 @@ class TrackingMonitor:
     _miss_x: float = 0.0  # measured minus commanded, low-passed
     _miss_y: float = 0.0
 
-    # for how long each sign has lasted
+    # how long each sign has lasted
     _upset_s: float = 0.0
     _full_s: float = 0.0
     _sinking_s: float = 0.0
 
     def reset(self) -> None:
-        """Begin anew: no setpoints are sent."""
+        """Start again, because no setpoints are sent."""
         self._commanded_x = 0.0
         self._commanded_y = 0.0
         self._miss_x = 0.0

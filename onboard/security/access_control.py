@@ -1,9 +1,9 @@
 """Converts the table of roles to zenoh's access control. Pure.
 
-Zenoh's access control consists of rules, and of policies that give rules to the holder of a
-certificate. A rule allows some kinds of messages on some keys of the bus. Each link checks incoming
-messages, and drops those that no rule allows. Outgoing messages are all allowed, since the receiver
-checks them.
+Zenoh's access control consists of rules, and of policies that assign rules to certificate holders.
+A rule allows some kinds of messages on some keys of the bus. Each link checks incoming messages,
+and drops those that no rule allows. All outgoing messages are allowed, because the receiver checks
+them.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ def access_control(fleets: Mapping[str, Iterable[str]], *, has_router: bool) -> 
     Args:
         fleets: key prefix of a fleet, ``covey/<fleet name>``, -> names of its vehicles. Only a
             router may have several fleets.
-        has_router: whether the fleets have routers, which pass on the messages of other nodes.
+        has_router: whether the fleets have routers, which forward messages of other nodes.
     """
     rules: list[_Rule] = [_rule(_OUT, _ALL_MESSAGES, ["**"], "egress")]
     rule_ids: dict[str, list[object]] = {}  # holder of a certificate -> ids of its rules

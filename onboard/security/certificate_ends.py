@@ -1,4 +1,4 @@
-"""Times at which the certificates on this computer end, read from their files."""
+"""Times at which the certificates on this computer expire, read from their files."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ def first_end(fleet: FleetConfig, own: str) -> CertificateEnd | None:
 
     Args:
         fleet: the fleet file.
-        own: node that runs here. Other nodes are considered if their private key is here, too.
+        own: node that runs here. Other nodes are also considered if their private key is here.
     Returns:
         the first end among these nodes and the certificate authority; None for a bus without keys,
         or if no certificate can be read.

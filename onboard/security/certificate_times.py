@@ -1,11 +1,11 @@
-"""Rules for the end of certificates: until when a flight may begin, and when links are closed.
+"""Rules for expiring certificates: until when a flight may start, and when links are closed.
 
 Zenoh checks a certificate when a link is opened. It could also close the link in the second in
-which the certificate ends. Covey does not use that option: the certificates of a fleet end
-together, and from that second on a vehicle in flight would receive nothing. Instead:
+which the certificate expires. Covey does not use that option, because the certificates of a fleet
+expire together, and a vehicle in flight would receive nothing from then on. Instead:
 
-* a flight begins only if all certificates are valid for the longest flight and one more hour;
-* a node whose certificate has ended cannot open a link, arm or order a take-off;
+* a flight starts only if all certificates are valid for the longest flight and one more hour;
+* a node with an expired certificate cannot open a link, arm or order a take-off;
 * agents on the ground and routers close all of their links one flight and one hour after the end.
 
 Pure: ``certificate_ends.py`` reads the files.
@@ -17,9 +17,9 @@ import datetime
 
 from onboard.config.fleet import FleetConfig, Vehicle
 
-_SPARE_S = 3600.0  # added to the longest flight
-_UNKNOWN_FLIGHT_S = 7200.0  # flight and spare time of a vehicle without hover_time_s
-SOON_S = 30.0 * 86400.0  # a certificate that ends within this time should be renewed
+_SPARE_S = 3600.0  # spare time, added to the longest flight
+_UNKNOWN_FLIGHT_S = 7200.0  # flight time plus spare time of a vehicle without hover_time_s
+SOON_S = 30.0 * 86400.0  # a certificate that expires within this time should be renewed
 _IN_HOURS_S = 2.0 * 86400.0  # a shorter time is printed in hours
 
 
@@ -29,7 +29,7 @@ def flight_s(vehicle: Vehicle) -> float:
     Args:
         vehicle: a vehicle of the fleet file.
     Returns:
-        its longest flight plus an hour.
+        the vehicle's longest flight plus one hour of spare time.
     """
     if vehicle.hover_time_s is None:
         return _UNKNOWN_FLIGHT_S
@@ -39,20 +39,21 @@ def flight_s(vehicle: Vehicle) -> float:
 def longest_flight_s(fleet: FleetConfig) -> float:
     """Return the longest :func:`flight_s` of a fleet.
 
-    Links are closed this long after the end of a certificate.
+    Links are closed this long after a certificate expires.
     """
     return max((flight_s(vehicle) for vehicle in fleet.vehicles.values()), default=0.0)
 
 
 def left_words(left_s: float) -> str:
-    """Return a remaining time in words: "3.5 h" if less than two days, else "12 days"."""
+    """Return a remaining time in words: "3.5 h" if less than two days, otherwise "12 days"."""
     if left_s < _IN_HOURS_S:
         return f"{left_s / 3600.0:.1f} h"
     return f"{left_s / 86400.0:.0f} days"
 
 
 def end_words(end: datetime.datetime, now: datetime.datetime) -> str:
-    """Return until when a certificate is valid, in words; the last two days also in hours.
+    """Return until when a certificate is valid, in words. In the last two days, also give the
+    hours.
 
     Args:
         end: end of the certificate's validity.

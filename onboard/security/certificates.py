@@ -1,7 +1,7 @@
-"""Reads certificates and private keys from files, and checks that they fit together.
+"""Reads certificates and private keys from files, and checks that they match.
 
-A certificate contains the name of its holder, and the addresses at which other nodes connect to
-that holder. It is signed by the fleet's certificate authority.
+A certificate contains its holder's name, and the addresses where other nodes connect to the holder.
+The fleet's certificate authority signs it.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from onboard.security.node_roles import NodeRole
 
 
 def check(authority: str, certificate: str, key: str, node: str, now: datetime.datetime) -> None:
-    """Check that the three files of a node fit together.
+    """Check that the three files of a node match.
 
     Args:
         authority: path of the certificate of the fleet's certificate authority.
@@ -31,7 +31,7 @@ def check(authority: str, certificate: str, key: str, node: str, now: datetime.d
         node: name that the certificate's holder must have.
         now: time at which both certificates must be valid.
     Raises:
-        ConfigError: they do not fit together, or are not valid now.
+        ConfigError: they do not match, or are not valid now.
     """
     issuer = read_certificate(authority)
     own = read_certificate(certificate)
@@ -143,7 +143,9 @@ def read_key(path: str, remedy: str = "Issue it anew: covey keys renew FLEET") -
 
 
 def common_name(certificate: x509.Certificate) -> str:
-    """Return the name of a certificate's holder; empty if the certificate has not exactly one."""
+    """Return the name of a certificate's holder; empty if the certificate does not have exactly
+    one.
+    """
     names = [name.value for name in certificate.subject.get_attributes_for_oid(NameOID.COMMON_NAME)]
     if len(names) == 1 and isinstance(names[0], str):
         return names[0]
@@ -151,7 +153,7 @@ def common_name(certificate: x509.Certificate) -> str:
 
 
 def issued_by(certificate: x509.Certificate, authority: x509.Certificate) -> bool:
-    """Whether a certificate authority itself has signed a certificate."""
+    """Whether a certificate authority has directly signed a certificate."""
     try:
         certificate.verify_directly_issued_by(authority)
     except (ValueError, TypeError, InvalidSignature):

@@ -1,9 +1,9 @@
 """A node's certificate and key: files in ``keys/`` beside the fleet file.
 
-``ca.pem`` is the certificate of the fleet's own certificate authority, ``NODE.pem`` a node's
-certificate, and ``NODE.key`` its private key, which never leaves the computer of that node.
-``covey keys secure`` makes these files. Before a program opens a node of the bus, it checks the
-files here and passes the resulting credentials to the bus.
+``ca.pem`` is the certificate of the fleet's own certificate authority, ``NODE.pem`` is a node's
+certificate, and ``NODE.key`` its private key, which never leaves that node's computer. ``covey keys
+secure`` makes these files. Before a program opens a node of the bus, it checks the files here and
+passes the resulting credentials to the bus.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ class Credentials:
     key: str  # path of the node's private key
     # zenoh's ``access_control``: the messages accepted from the holder of each certificate
     access: dict[str, object]
-    # time after a certificate's end for which links stay open and orders in flight stay valid
+    # after a certificate expires, links stay open and orders in flight stay valid for this time
     longest_flight_s: float = 0.0
 
     def order_signatures(self) -> OrderSignatures:
@@ -69,10 +69,10 @@ def credentials_of(
         node: a vehicle's name, or the value of a role.
         now: time at which the certificate must be valid; None: now.
     Returns:
-        the credentials; their files exist and fit together.
+        the credentials; their files exist and match.
     Raises:
         ConfigError: a file is missing, damaged, of another certificate authority, not valid now, or
-            readable for other users.
+        readable by other users.
     """
     if not fleet.has_keys:
         return None
@@ -94,7 +94,7 @@ def credentials_of(
         now = datetime.datetime.now(datetime.UTC)
     check(authority, certificate, key, node, now)
     has_router = bool(fleet.fleet.routers)
-    if node == ROUTER or not has_router:  # with routers, nobody connects to any other node
+    if node == ROUTER or not has_router:  # with routers, nodes connect only to routers
         check_hosts(certificate, node, hosts_of(fleet, node))
 
     access = access_control({fleet.namespace: fleet.vehicles}, has_router=has_router)
@@ -111,11 +111,12 @@ def router_credentials(fleets: Sequence[FleetConfig]) -> Credentials | None:
     """Return the credentials of a router, which has one certificate for all of its fleets.
 
     Args:
-        fleets: fleets whose messages the router passes on.
+        fleets: fleets whose messages the router forwards.
     Returns:
         the credentials, with the access control of all fleets; None for fleets without keys.
     Raises:
-        ConfigError: a file is missing or does not fit, or one certificate cannot be for all fleets.
+        ConfigError: a file is missing or does not match, or one certificate cannot serve all
+        fleets.
     """
     first_fleet = fleets[0]
     first = credentials_of(first_fleet, ROUTER)
@@ -150,7 +151,7 @@ def _authority_bytes(credentials: Credentials | None) -> bytes | None:
 
 
 def hosts_of(fleet: FleetConfig, node: str) -> list[str]:
-    """Return the addresses at which other nodes connect to a node; nobody connects to a ground.
+    """Return the addresses where other nodes connect to a node. Nodes do not connect to a ground.
 
     Args:
         fleet: the fleet file.

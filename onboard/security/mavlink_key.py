@@ -1,7 +1,7 @@
 """Keys of MAVLink signing: ``keys/VEHICLE.mavlink.key`` beside the fleet file.
 
 PX4 remembers the newest timestamp of each sender (system, component, link id), and refuses messages
-with older timestamps. If two programs shared a link id, PX4 would refuse the one whose clock is
+with older timestamps. If two programs shared a link id, PX4 would refuse the program whose clock is
 behind. So every program that sends over a vehicle's links has its own link id.
 
 The format of signatures: https://mavlink.io/en/guide/message_signing.html
@@ -28,7 +28,7 @@ TOOL_LINK_ID = 11  # tools for parameters and calibration
 _FIRST_GROUND_LINK_ID = 64
 _GROUND_LINK_ID_COUNT = 128
 
-_EPOCH_S = 1_420_070_400  # begin of 2015, from which timestamps count [s since 1970]
+_EPOCH_S = 1_420_070_400  # start of 2015, where timestamps start [s since 1970]
 _STEPS_PER_S = 100_000  # timestamps count in steps of 10 us
 
 
@@ -46,7 +46,7 @@ def mavlink_key(fleet: FleetConfig, vehicle: str) -> bytes | None:
     Returns:
         the key; None for a vehicle whose MAVLink is not signed.
     Raises:
-        ConfigError: the file is missing, readable for other users, or no key.
+        ConfigError: the file is missing, readable by other users, or not a key.
     """
     if not fleet.vehicles[vehicle].mavlink_signing:
         return None
@@ -54,7 +54,7 @@ def mavlink_key(fleet: FleetConfig, vehicle: str) -> bytes | None:
 
 
 def mavlink_keys(fleet: FleetConfig, vehicles: Iterable[str] | None = None) -> dict[str, bytes]:
-    """Read the keys of vehicles whose MAVLink is signed, as :func:`mavlink_key` does.
+    """Read the keys of vehicles whose MAVLink is signed, like :func:`mavlink_key`.
 
     Args:
         fleet: the fleet file.
@@ -81,7 +81,7 @@ def read_key(path: str, fleet_path: str) -> bytes:
     Returns:
         the key.
     Raises:
-        ConfigError: the file is missing, readable for other users, or no key.
+        ConfigError: the file is missing, readable by other users, or not a key.
     """
     try:
         refuse_open_to_others(path)

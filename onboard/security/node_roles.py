@@ -2,8 +2,8 @@
 
 A node's role follows from the common name of its certificate: a vehicle's name, or one of the names
 below. Each node checks the messages that arrive over its links, and drops those that the table does
-not grant (``access_control.py`` writes the table as zenoh's rules). A node opens no link to a node
-whose certificate is from another certificate authority.
+not grant (``access_control.py`` writes the table as zenoh's rules). A node does not open a link to
+a node with a certificate from another certificate authority.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ class NodeRole(StrEnum):
 # roles that have exactly one certificate in every fleet
 NODES: tuple[NodeRole, ...] = tuple(role for role in NodeRole if role is not NodeRole.VEHICLE)
 
-# Common name of a router. A router has no role, because it only passes on messages of other nodes.
+# Common name of a router. A router has no role, because it only forwards messages of other nodes.
 ROUTER = "router"
 
 
@@ -38,7 +38,7 @@ class Grant:
     """Rights of one role.
 
     In a name, ``{own}`` stands for the vehicle's own name, ``*`` for any name, and ``x$*`` for any
-    name that begins with x.
+    name that starts with x.
     """
 
     publishes: Mapping[Topic, tuple[str, ...]]  # topic -> names under which the role may publish

@@ -1,15 +1,16 @@
-"""Signatures of orders: a vehicle knows which node signed an order, even behind a router.
+"""Signatures of orders. With them, a vehicle knows which node signed an order, even behind a
+router.
 
-Behind a router a vehicle's link shows the router's certificate, and not the ground's. So the ground
+Behind a router, a vehicle's link shows the router's certificate, not the ground's. So the ground
 signs each order with the key of its certificate (Ed25519). It sends the signature and the
-certificate beside the order: the order's seal.
+certificate beside the order. Together they are the order's seal.
 
 The signature also covers the order's key on the bus, which contains the fleet and the vehicle. So
 an order for one vehicle is not valid for another.
 
-Verifying costs time, so within a second only a limited number of false orders is verified. False
-orders are counted separately for each ground that has sent a valid order before, so that a flood
-from other senders does not block such a ground.
+Verifying costs time, so only a limited number of false orders is verified per second. False orders
+are counted separately for each ground that has sent a valid order before, so that a flood from
+other senders does not block such a ground.
 """
 
 from __future__ import annotations
@@ -29,10 +30,10 @@ from onboard.security.certificates import common_name, issued_by, read_certifica
 from onboard.security.node_roles import NodeRole
 
 _CONTEXT = b"covey order 1\0"  # signed too, so that no signature for another purpose fits an order
-MOST_FALSE_PER_S = 200  # false orders of one counted sender that are verified within a second
-_BEGIN_FLIGHTS = ("arm", "takeoff")  # orders that are refused after the end of a certificate
-_MAX_KNOWN = 16  # number of certificates, and of grounds with valid orders, that are remembered
-_UNKNOWN_NODE = ""  # name under which the false orders of all other senders are counted
+MOST_FALSE_PER_S = 200  # at most this many false orders per counted sender are verified per second
+_BEGIN_FLIGHTS = ("arm", "takeoff")  # orders that are refused once the certificate has expired
+_MAX_KNOWN = 16  # number of remembered certificates, and of remembered grounds with valid orders
+_UNKNOWN_NODE = ""  # the false orders of all other senders are counted under this name
 
 _Fault = tuple[RefusalCode, str]  # code, and the end of a sentence that begins with the order
 
@@ -61,11 +62,11 @@ class NodeSignatures:
         self._check = SealCheck(authority, longest_flight_s)
 
     def seal(self, key_expression: str, order: bytes) -> bytes:
-        """Return the seal of an order, as :meth:`OrderSigner.seal` does."""
+        """Return the seal of an order, like :meth:`OrderSigner.seal`."""
         return self._signer.seal(key_expression, order)
 
     def refusal(self, key_expression: str, order: bytes, seal: bytes) -> UntrustedOrder | None:
-        """Verify an order that arrives now, as :meth:`SealCheck.refusal` does."""
+        """Verify an order that has just arrived, like :meth:`SealCheck.refusal`."""
         now = datetime.datetime.now(datetime.UTC)
         return self._check.refusal(key_expression, order, seal, now)
 
@@ -102,8 +103,8 @@ class SealCheck:
 
     Args:
         authority: path of the certificate of the fleet's certificate authority.
-        longest_flight_s: time [s] after the end of a ground's certificate in which its orders are
-            still valid, except those that begin a flight.
+        longest_flight_s: time [s] for which a ground's orders stay valid after its certificate has
+        expired, except orders that start a flight.
     """
 
     def __init__(self, authority: str, longest_flight_s: float = 0.0) -> None:
@@ -113,8 +114,8 @@ class SealCheck:
         # DER bytes -> certificate that the authority has issued
         self._issued_certificates: dict[bytes, x509.Certificate] = {}
 
-        # nodes that have sent valid orders, sorted by their last valid order, the oldest first; a
-        # dict instead of a set, because a set has no order
+        # nodes that have sent valid orders, in the order of their last valid order, oldest first; a
+        # dict, because a set is unordered
         self._true_nodes: dict[str, None] = {}
 
         # node -> number of its false orders within the present second
@@ -168,7 +169,7 @@ class SealCheck:
         seal: bytes,
         now: datetime.datetime,
     ) -> _Fault | None:
-        """Return the fault of an order; do not verify it after too many false orders."""
+        """Return the fault of an order. After too many false orders, do not verify it."""
         second = int(now.timestamp())
         if second != self._second:
             self._second = second
@@ -183,7 +184,7 @@ class SealCheck:
         fault = self._fault(key_expression, order, seal, now)
         if fault is not None:
             code, _ = fault
-            if code != "unsigned":  # an order without a seal costs no verification
+            if code != "unsigned":  # an order without a seal needs no verification
                 self._false_counts[counted_node] += 1
         return fault
 

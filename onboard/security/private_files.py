@@ -1,4 +1,4 @@
-"""Refuses files of private keys that other users may read."""
+"""Refuses private key files that other users can access."""
 
 from __future__ import annotations
 

@@ -1,1 +1,3 @@
-"""The rules of safety applied at each tick: which conditions hold now, and what follows."""
+"""Applies the safety rules at each tick: finds the conditions that hold, and what follows from
+them.
+"""

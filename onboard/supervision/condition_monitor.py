@@ -1,4 +1,5 @@
-"""Decides which conditions hold at a tick: evaluates the condition table, with a memory per fact.
+"""Decides which conditions hold at a tick, by evaluating the condition table with a memory per
+fact.
 
 :mod:`failsafe_supervisor` calls it at every tick.
 """
@@ -14,7 +15,7 @@ from onboard.safety.held import Held
 from onboard.supervision.condition_table import ROWS, Cause, ConditionRow
 from onboard.supervision.tick_facts import TickFacts
 
-ANY_TIME_S = -math.inf  # limit of a cause that counts at once: any duration is longer
+ANY_TIME_S = -math.inf  # limit of a cause that counts at once, because any duration is longer
 
 
 class _Watched:
@@ -31,7 +32,7 @@ class _Watched:
         self.above = cause.above
         self.equals = cause.equals
         self.held = Held()
-        # condition, cause, and the time [s] that the fact's duration has to exceed
+        # condition, cause, and the time [s] that the fact's duration must exceed
         self.causes: list[tuple[Condition, Cause, float]] = []
 
 
@@ -68,7 +69,7 @@ class ConditionMonitor:
 
 
 def time_limit_s(cause: Cause, limits: FleetSection) -> float:
-    """Return the time [s] that the duration of a cause has to exceed."""
+    """Return the time [s] that the duration of a cause must exceed."""
     if cause.over_s is None:
         return ANY_TIME_S
     if isinstance(cause.over_s, str):
@@ -81,7 +82,8 @@ def _watched(
 ) -> tuple[_Watched, ...]:
     """Return each fact once, with all its causes.
 
-    Two conditions may share a fact: BUS_LOST and BUS_LOST_LONG differ in their duration only.
+    Two conditions may share a fact. For example, BUS_LOST and BUS_LOST_LONG differ only in their
+    duration.
     """
     by_fact: dict[object, _Watched] = {}
     for condition, cause in causes:
@@ -105,7 +107,7 @@ def _holding(all_watched: Iterable[_Watched], facts: TickFacts) -> dict[Conditio
 
         held = watched.held
         if not holds:
-            held.checks = 0  # as Held.end does; written out because most facts do not hold
+            held.checks = 0  # like Held.end, but inlined for speed, because most facts do not hold
             continue
 
         held.see(facts.now_ns)

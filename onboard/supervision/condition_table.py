@@ -1,7 +1,7 @@
 """The conditions of the failsafe table: when each one holds, and how long it must last. Pure data.
 
 Each condition has one row with one or more causes, and any cause is enough. A cause is a fact of a
-tick, a fact compared with a limit or a value, or a predicate of several facts. It has to hold for a
+tick, a fact compared with a limit or a value, or a predicate of several facts. It must hold for a
 number of checks in a row, for longer than a time, or both. docs/failsafe.md prints these numbers.
 
 A process that was not scheduled for a while finds every message old at its first tick, although
@@ -32,14 +32,14 @@ from onboard.supervision.tick_facts import ModeLoss, TickFacts
 from onboard.types import TICK_S
 
 # own position
-STALE_FOR_S = 0.4  # a position that is stale for longer is lost, even if poses come regularly
+STALE_FOR_S = 0.4  # a position that is stale for longer is lost, even if poses arrive regularly
 JUMPS = 3  # number of impossible samples in a row
-UNUSABLE_M = 3.0  # if PX4's position is less accurate, PX4 flies level and ignores it
+UNUSABLE_M = 3.0  # if PX4's position is less accurate than this, PX4 flies level and ignores it
 INACCURATE_S = 0.5
-FIX_BELOW_S = 0.5  # a receiver that loses its fix for a moment has it again at the next report
+FIX_BELOW_S = 0.5  # a receiver that loses its fix briefly has it again at the next report
 
 # PX4
-CONTRADICTED_LONG_S = 2.0  # if contradictions go on for longer, they are not single datagrams
+CONTRADICTED_LONG_S = 2.0  # contradictions that last longer are not single datagrams
 
 # own process
 LATE_S = 0.005  # a tick is late if its period is longer by more than this
@@ -52,7 +52,7 @@ CLOCK_JUMP_REPORTED_S = 5.0
 BUS_LOST_S = 1.0
 
 # space
-CLEARLY_UP_M = 0.5  # above this height PX4's report of the ground is wrong
+CLEARLY_UP_M = 0.5  # above this height, PX4's report of the ground is wrong
 LANDED_WRONG_S = 0.5
 UNFIT_M = 0.18  # correct positions stay far below this; see localization/motion_fit.py
 UNFIT_S = 0.3
@@ -69,14 +69,14 @@ PUSHED_ABOUT_S = 0.5
 DISTURBANCE_BOUND_S = 0.5
 
 INFEASIBLE_S = 0.1
-# after a gap in all poses, a vehicle learns this much later that the others have poses again, too
+# after a gap in all poses, a vehicle learns this much later that the others also have poses again
 NEIGHBOUR_BLIND_OVER_S = 0.15
-BATTERY_UNKNOWN_S = 5.0  # on top of the 5 s after which a report counts as old
+BATTERY_UNKNOWN_S = 5.0  # in addition to the 5 s after which a report counts as old
 
-# A silence that lasts for this number of checks in a row does not come from a process that slept.
+# A silence over this many checks in a row is not caused by a process that slept.
 LIVE_CHECKS = 5
-# For the silence of a neighbour, fewer checks are enough: the states of other neighbours, which
-# come at 50 Hz, show that the process has not slept.
+# For the silence of a neighbour, fewer checks are enough, because the 50 Hz states of other
+# neighbours show that the process has not slept.
 NEIGHBOUR_CHECKS = 2
 STALE_CHECKS = 5
 PREDICTED_CHECKS = 2
@@ -91,10 +91,10 @@ class Cause:
     above: float | None = None  # the cause holds if the fact is greater than this
     equals: object = None  # the cause holds if the fact has this value
 
-    checks: int = 1  # number of checks in a row at which the cause has to hold
-    # time that it has to last longer than: seconds, or a key of [fleet]; None: no time
+    checks: int = 1  # number of checks in a row at which the cause must hold
+    # time that it must exceed: seconds, or a key of [fleet]; None: no time
     over_s: float | str | None = None
-    given: Callable[[TickFacts], object] | None = None  # further predicate that has to be true
+    given: Callable[[TickFacts], object] | None = None  # further predicate that must be true
     is_slow: bool = False  # True: checked ten times a second, instead of at every tick
     detail: str | Callable[[TickFacts], str] = ""  # words in brackets after the condition
 
@@ -104,7 +104,7 @@ class ConditionRow:
     """Detection and report of one condition."""
 
     condition: Condition
-    causes: tuple[Cause, ...]  # any is enough; the last one that holds gives the detail
+    causes: tuple[Cause, ...]  # any one is enough; the last one that holds gives the detail
     is_quiet: bool = False  # True: no event is published for it
     names_vehicles: bool = False  # True: it is reported again if its detail names other vehicles
 
@@ -132,7 +132,7 @@ def _is_reckoned_for_too_long(facts: TickFacts) -> bool:
     longest_s = RECKONING_S
     if facts.nearest_m < AMONG_OTHERS_M:
         longest_s = RECKONING_AMONG_OTHERS_S
-    # on the ground a handover to PX4 would lift the vehicle off
+    # on the ground, a handover to PX4 would make the vehicle lift off
     return facts.position_age_s > longest_s and not facts.is_in_contact
 
 
@@ -169,7 +169,8 @@ def _is_reported_down_in_the_air(facts: TickFacts) -> bool:
 
 def _is_down(facts: TickFacts) -> bool:
     if not facts.mocap_required:
-        # without a mocap a low height is no sign: PX4's own height errs by half a metre
+        # without a mocap, a low height is not a sign, because PX4's own height has an error of half
+        # a metre
         return facts.is_flying and facts.is_standing and facts.height_m < MAY_BE_DOWN_M
     is_low = facts.height_above_floor_m < DOWN_HEIGHT_M
     return facts.is_flying and facts.has_position and is_low
@@ -308,7 +309,8 @@ ROWS: tuple[ConditionRow, ...] = (
     ),
     _row(_C.DISARMED, Cause(_fact("mode_loss"), equals=ModeLoss.DISARMED)),
     _row(_C.REBOOTED, Cause(_fact("is_px4_rebooted"))),
-    # a PX4 that sends impossible numbers counts as silent, too; its numbers tell the two apart
+    # a PX4 that sends impossible numbers also counts as silent; the numbers distinguish the two
+    # cases
     _row(
         _C.AUTOPILOT_SILENT,
         Cause(

@@ -1,4 +1,5 @@
-"""The failsafe part of a tick: decides from the facts what the vehicle does and what is reported.
+"""The failsafe part of a tick. It decides from the facts what the vehicle does and what is
+reported.
 
 The observer collects the facts, the monitor finds the conditions that hold, and the failsafe table
 gives the action. The core passes the decision to the flight, which carries it out.
@@ -49,7 +50,7 @@ class FailsafeDecision(NamedTuple):
     """Consequence of the conditions of one tick."""
 
     action: Action = Action.GO_ON
-    cause: str = ""  # sentence about the condition that demands the action; empty if none does
+    cause: str = ""  # sentence about the condition that requires the action; empty if none does
     outcome: OrderOutcome = "failed"  # outcome of the order in progress, if the action ends it
     reports: tuple[ConditionReport, ...] = ()
 
@@ -61,8 +62,8 @@ class _Reported(NamedTuple):
     """Last event of a condition."""
 
     detail: str
-    action: Action  # strongest action that the condition has demanded
-    held_ns: int  # last time at which the condition held
+    action: Action  # strongest action that the condition has required
+    held_ns: int  # when the condition last held
 
 
 class FailsafeSupervisor:
@@ -83,7 +84,7 @@ class FailsafeSupervisor:
         self.reports = self._observer.reports  # confirmation of PX4's reports
 
         self.conditions: set[Condition] = set()  # conditions that held at the last tick
-        # strongest action since the last order; on the ground, that of the last tick
+        # strongest action since the last order; on the ground, the action of the last tick
         self.action = Action.GO_ON
         self.must_be_level = False  # whether the setpoint of this tick must be level
         self._details: dict[Condition, str] = {}  # details of the conditions that hold
@@ -92,12 +93,11 @@ class FailsafeSupervisor:
     def decide(
         self, view: FlightView, context: TickContext, situation: Situation
     ) -> FailsafeDecision:
-        """Return the decision that follows from the conditions of this tick.
+        """Return the decision for the conditions of this tick.
 
         Args:
             view: what the flight knows of its vehicle.
-            context: what the agent knows of itself.
-            situation: situation of the flight.
+            context: what the agent knows about itself. situation: situation of the flight.
         """
         facts = self._observer.look(view, context)
         self._details = self._monitor.look(facts)
@@ -133,13 +133,13 @@ class FailsafeSupervisor:
         return not self.must_be_level and Condition.ATTITUDE_NOT_FOLLOWED not in self.conditions
 
     def begin_order(self) -> None:
-        """Forget the action: an operator's order decides from here on."""
+        """Forget the action, because an operator's order decides from here on."""
         self.action = Action.GO_ON
 
     def move_refusal(self) -> str | None:
         """Return a sentence about the condition that refuses a move; None if none does.
 
-        A condition refuses a move if it demands more than slow flight.
+        A condition refuses a move if it requires more than slow flight.
         """
         conditions = self.conditions - {Condition.ORDER_OVERDUE}  # a new move ends an overdue order
         demanded, condition = decide(Situation.FLYING, conditions)
@@ -156,7 +156,7 @@ class FailsafeSupervisor:
     def _due_reports(self, now_ns: int, situation: Situation) -> tuple[ConditionReport, ...]:
         """Return the events of this tick.
 
-        A condition is reported if it is new, demands a stronger action than before, or names other
+        A condition is reported if it is new, requires a stronger action than before, or names other
         vehicles than before.
         """
         reported = self._reported

@@ -23,7 +23,9 @@ class ModelMismatchReporter:
         self._reported: set[str] = set()
 
     def is_due(self) -> bool:
-        """Return whether this tick in free flight is a sample; call it at every such tick."""
+        """Return whether this tick in free flight is a sample. Call it at every tick in free
+        flight.
+        """
         self._tick_count += 1
         return self._tick_count % _SAMPLE_TICKS == 0
 

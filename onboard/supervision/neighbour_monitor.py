@@ -1,7 +1,7 @@
 """Detects problems with the other vehicles: silence, late messages, wrong predictions, and safety
 distances that will be violated.
 
-The tick observer looks for silence at every tick, and for the other problems ten times a second.
+The tick observer checks for silence at every tick, and for the other problems ten times a second.
 """
 
 from __future__ import annotations
@@ -26,16 +26,16 @@ from onboard.safety.separation_monitor import PredictionMonitor, smallest_distan
 from onboard.supervision.condition_table import NEIGHBOUR_CHECKS
 from onboard.tuples import Xyz
 
-_BACK_NS = 2_000_000_000  # time for which a neighbour is reported as heard again
+_BACK_NS = 2_000_000_000  # a neighbour is reported as heard again for this time
 _NEAR_M = 5.0  # a neighbour farther away along an axis is not checked
-_CLIMB_S = 0.5  # a climb or descent towards a neighbour is expected to go on for this time
-# deceleration that the check of distances expects, as a share of that at the largest tilt
+_CLIMB_S = 0.5  # a climb or descent towards a neighbour is expected to continue for this time
+# deceleration that the distance check expects, as a share of the deceleration at the largest tilt
 _BRAKE_SHARE = 0.8
-_PREDICTED_SLACK_M = 0.03  # a predicted distance may be below the safety distance by this
+_PREDICTED_SLACK_M = 0.03  # a predicted distance may be this far below the safety distance
 # a neighbour is reported if the law avoided it in more than this share of a leg's ticks
 _KEPT_OFF_SHARE = 0.3
 
-# The largest plausible speed of a vehicle, which may fall or be blown away, is the larger of these:
+# A vehicle may fall or be blown away, so its largest plausible speed is the larger of these:
 _FASTEST_M_S = 15.0
 _FASTEST_SHARE = 3.0  # of its max_speed_m_s
 
@@ -77,7 +77,7 @@ class NeighbourMonitor:
         self._own_hash = fleet.config_hash
         tilt_rad = math.radians(vehicle.max_tilt_deg)
         self._braking_m_s2 = _BRAKE_SHARE * GRAVITY_M_S2 * math.tan(tilt_rad)
-        # vertical distance from which on no horizontal distance is needed; infinite: there is none
+        # beyond this vertical distance, no horizontal distance is needed; infinite: always needed
         self._vertical_m = math.inf
         if fleet.fleet.vertical_separation_m is not None:
             self._vertical_m = fleet.fleet.vertical_separation_m
@@ -203,10 +203,10 @@ class NeighbourMonitor:
         )
 
     def _blind(self, rows: Iterable[NeighbourRow], view: FlightView) -> tuple[str, ...]:
-        """Return which neighbours fly by dead reckoning.
+        """Return which neighbours use dead reckoning.
 
-        The result is empty while this vehicle itself flies by dead reckoning: vehicles that have
-        all lost their poses brake and sink together.
+        Empty while this vehicle itself uses dead reckoning, because vehicles that have all lost
+        their poses brake and sink together.
         """
         if view.is_blind:
             return ()
@@ -278,14 +278,14 @@ class NeighbourMonitor:
         return tuple(wrong)
 
     def _check_distances(self, rows: Iterable[NeighbourRow], view: FlightView) -> tuple[str, ...]:
-        """Return the neighbours from which even hard braking will not keep the safety distance."""
+        """Return the neighbours to which even hard braking will not keep the safety distance."""
         if not self._flight.step.is_under_law or not view.has_position:
             return ()
         known = [row for row in rows if row.age_s < self._table.silent_s]
         return tuple(row.name for row in known if self._is_endangered(row, view))
 
     def _is_endangered(self, row: NeighbourRow, view: FlightView) -> bool:
-        """Return whether the distance to a neighbour will be too small although both brake."""
+        """Return whether the distance to a neighbour will be too small even if both brake."""
         x, y, z = view.position_enu_m
         vx, vy, vz = view.velocity_enu_m_s
         other_x, other_y, other_z = row.vector("position_enu_m")
@@ -299,7 +299,7 @@ class NeighbourMonitor:
         vertical_closing_m_s = (other_vz - vz) * math.copysign(1.0, above_it_m)
         height_left_m = abs(above_it_m) - _CLIMB_S * max(vertical_closing_m_s, 0.0)
         # A neighbour that does not cooperate may come down, for instance because it lands or falls.
-        # Below such a neighbour the horizontal distance counts at all heights.
+        # Below such a neighbour, the horizontal distance counts at all heights.
         may_come_down_on_us = not row.is_cooperative and above_it_m < 0.0
         if height_left_m >= self._vertical_m and not may_come_down_on_us:
             return False

@@ -1,6 +1,6 @@
 """Detects that PX4 has left the mode that the flight needs: OFFBOARD, or LAND while PX4 lands.
 
-A pilot who flies with the sticks is distinguished from all other reasons.
+It distinguishes a pilot who flies with the sticks from all other reasons.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from onboard.flight.types import MUST_BE_ARMED, MUST_BE_OFFBOARD, FlightStep
 from onboard.safety.failsafe_table import Situation
 from onboard.supervision.tick_facts import ModeLoss
 
-# In these steps, on the ground, the agent requests OFFBOARD from PX4, unless a pilot flies.
+# In these steps on the ground, the agent requests OFFBOARD from PX4 unless a pilot flies.
 _STARTING = (FlightStep.ARM_OFFBOARD, FlightStep.TAKEOFF_OFFBOARD)
 
 
@@ -21,8 +21,8 @@ _STARTING = (FlightStep.ARM_OFFBOARD, FlightStep.TAKEOFF_OFFBOARD)
 class OffboardMonitor:
     """Memory of the modes of one flight; call :meth:`update` every tick.
 
-    Only a heartbeat says which mode PX4 is in, and it comes once a second. So a heartbeat counts
-    only if it has come since the begin of the flight's step that needs the mode.
+    Only a heartbeat gives PX4's mode, and it arrives once a second. So a heartbeat counts only if
+    it has arrived since the start of the flight step that needs the mode.
     """
 
     _not_needed_ns: int = 0  # last tick at which the flight did not need OFFBOARD
@@ -78,8 +78,8 @@ class OffboardMonitor:
         was_landing = self._has_landing_mode
         self._has_landing_mode = was_landing or is_landing
 
-        # A mode other than LAND is no loss in PX4's own failsafe, which lands the vehicle as well,
-        # and on the ground.
+        # A mode other than LAND is not a loss on the ground or in PX4's own failsafe, which also
+        # lands the vehicle.
         has_left_landing = was_landing and not is_landing
         if has_left_landing and not is_on_ground and not snapshot.is_failsafe:
             return ModeLoss.LEFT

@@ -1,4 +1,4 @@
-"""Inputs of the supervision at one tick: what the agent knows of itself, besides its flight."""
+"""Inputs of the supervision at one tick: what the agent knows about itself, besides its flight."""
 
 from __future__ import annotations
 
@@ -42,10 +42,10 @@ class TickContext(Struct, frozen=True, kw_only=True):
     # the last pass of the pipeline
     law_status: int = 0
     active_neighbour: int = -1  # index of the neighbour that the law avoids most; -1: none
-    commanded_wxyz: Wxyz = (1.0, 0.0, 0.0, 0.0)  # attitude setpoint sent last, in the fleet frame
+    commanded_wxyz: Wxyz = (1.0, 0.0, 0.0, 0.0)  # last attitude setpoint sent, in the fleet frame
     thrust_frac: float = 0.0  # throttle sent last
     below_m: float = 0.0  # how far the vehicle is below its trajectory
     is_law_active: bool = False  # whether the law changes the thrust
-    # horizontal distance of the position that the law predicts from the setpoint
+    # horizontal distance between the setpoint and the law's predicted position
     setpoint_miss_m: float = 0.0
     disturbance_enu_m_s2: Xyz = (0.0, 0.0, 0.0)  # disturbance that the observer has learned

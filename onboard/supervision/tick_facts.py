@@ -1,8 +1,8 @@
-"""The facts of one tick, from which the condition table finds the conditions that hold.
+"""The facts of one tick. The condition table finds from them the conditions that hold.
 
 A fact says what the agent observes. :mod:`onboard.supervision.condition_table` says which values
-are a condition, and how long they have to last. The defaults are those of a vehicle on the ground
-without any problem.
+are a condition, and how long they must last. The defaults describe a vehicle on the ground without
+any problem.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ class SlowFacts(Struct, frozen=True, kw_only=True):
     px4_accuracy_m: float = 0.0
     has_lost_satellites: bool = False
     is_position_late: bool = False  # whether PX4's velocity follows attitude and throttle late
-    position_miss_m: float = 0.0  # by how much PX4's positions contradict the own motion
+    position_miss_m: float = 0.0  # how much PX4's positions contradict our own motion
 
     # satellites, of a vehicle that uses corrections
     fix_below: str = ""  # type of the fix in words, if it is less than the fleet requires
@@ -54,9 +54,9 @@ class SlowFacts(Struct, frozen=True, kw_only=True):
 
     # names of other vehicles
     without_position: tuple[str, ...] = ()  # their messages say that they have no position
-    blind: tuple[str, ...] = ()  # fly by dead reckoning, while this vehicle has poses
+    blind: tuple[str, ...] = ()  # use dead reckoning, while this vehicle has poses
     late: tuple[str, ...] = ()  # their messages are old, but they do not count as silent yet
-    other_files: tuple[str, ...] = ()  # fly by another fleet file or law
+    other_files: tuple[str, ...] = ()  # use another fleet file or law
     implausible: tuple[str, ...] = ()  # their messages cannot be true; each name with its reason
     uncooperative: tuple[str, ...] = ()  # do not fly as they predict
     wind_above: tuple[str, ...] = ()  # the wind is above their limit
@@ -74,7 +74,7 @@ class TickFacts(Struct, frozen=True, kw_only=True):
     # the flight
     is_flying: bool = False  # whether the situation is FLYING
     is_under_law: bool = False  # whether the vehicle flies the output of the avoidance law
-    is_airborne: bool = False  # whether the others have to expect this vehicle in the air
+    is_airborne: bool = False  # whether other vehicles must expect this vehicle in the air
     is_in_contact: bool = False  # it stands after a landing that PX4 has not confirmed yet
     # why the move or the landing is overdue; None: it is not overdue
     overdue: str | None = None
@@ -82,26 +82,26 @@ class TickFacts(Struct, frozen=True, kw_only=True):
     # own motion
     has_position: bool = True  # known from poses or by dead reckoning
     position_age_s: float = 0.0  # age of the newest sample that was used
-    position_stale_s: float = 0.0  # for how long the position has been stale
+    position_stale_s: float = 0.0  # how long the position has been stale
     # time for which it was stale recently, summed over all gaps (onboard/safety/held.py)
     position_flicker_s: float = 0.0
-    height_above_floor_m: float = 0.0  # above the lowest ground that the fleet file knows
+    height_above_floor_m: float = 0.0  # above the lowest ground in the fleet file
     height_m: float = 0.0  # above the ground where it took off
     is_standing: bool = False  # by thrust and vertical motion, without using its height
-    mocap_required: bool = True  # False: it flies by PX4's own position
+    mocap_required: bool = True  # False: it uses PX4's own position
     jumps: int = 0  # number of impossible samples in a row
     jumped_onto: str = ""  # vehicle near the newest impossible sample; empty: none
     is_mocap_frozen: bool = False
     is_mocap_late: bool = False
 
     # PX4
-    is_px4_silent: bool = False  # no packet comes
+    is_px4_silent: bool = False  # no packet arrives
     px4_nonsense: str = ""  # sentence about impossible numbers; empty: there are none
-    is_px4_frozen: bool = False  # packets come, but PX4's clock does not advance
+    is_px4_frozen: bool = False  # packets arrive, but PX4's clock does not advance
     is_heartbeat_late: bool = False
     is_px4_rebooted: bool = False  # PX4 rebooted within the last seconds
     is_px4_back: bool = False  # PX4's clock advanced again within the last seconds
-    contradicted_s: float = 0.0  # for how long PX4's reports have contradicted each other
+    contradicted_s: float = 0.0  # how long PX4's reports have contradicted each other
     contradicted: str = ""  # kind of those reports
     has_landed_report: bool = True  # whether the last report of the landed state is recent
     is_on_ground: bool = False  # whether a recent report says that it is on the ground
@@ -133,5 +133,5 @@ class TickFacts(Struct, frozen=True, kw_only=True):
     touched: str = ""  # vehicle that is nearer than one body diameter; empty: none
     is_law_infeasible: bool = False
     silent: tuple[str, ...] = ()  # were in the air when last heard, and are silent now
-    unseen: tuple[str, ...] = ()  # silent vehicles and persons of whom no mocap poses come
+    unseen: tuple[str, ...] = ()  # silent vehicles and persons without mocap poses
     heard_again: tuple[str, ...] = ()  # heard again within the last seconds

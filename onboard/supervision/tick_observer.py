@@ -1,6 +1,6 @@
 """Collects the facts of a tick from all parts of an agent, as one value of :class:`TickFacts`.
 
-Some facts need a memory: a PX4 whose clock stands still, a battery that falls, an attitude that
+Some facts need a memory, for example a frozen clock of PX4, a falling battery, or an attitude that
 does not follow. Each of these has a monitor, which this module updates and reads.
 """
 
@@ -41,15 +41,15 @@ _SLOW_TICKS = 5  # number of ticks between two collections of the slow facts
 _SWAP_JUMPS = 2
 _SWAP_RADIUS_M = 0.3
 
-# Below these heights the ground may carry the vehicle, so that it cannot follow its commanded
+# Below these heights, the ground may carry the vehicle, which then cannot follow its commanded
 # attitude.
 _TRACKED_ABOVE_M = 0.2
 _TRACKED_BLIND_ABOVE_M = 0.5  # by dead reckoning: the estimated height may be too large
-# in a landing without a mocap: PX4's height from satellites errs by 0.7 m
+# in a landing without a mocap, because PX4's height from satellites has an error of 0.7 m
 _TRACKED_SATELLITES_ABOVE_M = 1.0
-_LONGEST_TICK_S = 0.1  # a longer tick counts as this long in the tracking
+_LONGEST_TICK_S = 0.1  # the tracking limits a longer tick to this
 
-_HEARTBEAT_DUE_NS = 1_300_000_000  # a heartbeat at 1 Hz is lost if none has come for longer
+_HEARTBEAT_DUE_NS = 1_300_000_000  # a heartbeat at 1 Hz is lost if none has arrived for longer
 
 _WITHOUT_POSITION = FenceStatus(is_near=False, is_outside=False, is_above=False)
 
@@ -119,7 +119,7 @@ class TickObserver:
         else:
             self._stale.end()
         self._flicker.update(now_ns, position_age_s > POSITION_STALE_S)
-        jumped_onto = ""  # name of the vehicle on whose position it has jumped
+        jumped_onto = ""  # name of the vehicle whose position it has jumped to
         if own.jumps >= _SWAP_JUMPS:
             jumped_onto = self._jumped_onto(now_ns)
 
@@ -245,11 +245,11 @@ class TickObserver:
         )
 
     def _is_attitude_lost(self, now_ns: int, heartbeat_ns: int) -> bool:
-        """Return whether the attitude does not follow its setpoints, and no pilot is the reason.
+        """Return whether the attitude does not follow its setpoints, and a pilot is not the reason.
 
-        A pilot who takes the vehicle over tilts it at will, and only a heartbeat reports the new
-        mode. So the attitude counts as lost only after a requested heartbeat, from which
-        `OffboardMonitor` recognises a pilot, or if no heartbeat comes. For an upset vehicle no
+        A pilot who takes over tilts the vehicle at will, and only a heartbeat reports the new mode.
+        So the attitude counts as lost only after a requested heartbeat, which lets
+        `OffboardMonitor` recognise a pilot, or if no heartbeat arrives. For an upset vehicle, no
         heartbeat is awaited.
         """
         self.reports.is_heartbeat_wanted = False
@@ -299,7 +299,7 @@ class TickObserver:
             fix_below = fix.words_of(snapshot.fix_type)
         worst_m = max(snapshot.accuracy_m(view.now_ns), snapshot.fix_accuracy_m)
 
-        # the age is infinite before the first corrections, which are then not too old
+        # the age is infinite before the first corrections, but that does not count as too old
         corrections_old_s = 0.0
         if math.isfinite(status.age_s) and status.age_s > corrections.max_age_s:
             corrections_old_s = status.age_s

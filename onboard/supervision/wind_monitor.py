@@ -1,13 +1,13 @@
 """Wind facts for the failsafes: the wind against the vehicle's limit, and its effects.
 
 There are three separate signs: the estimated wind, a disturbance observer at its bound, and gusts
-that push the vehicle about. The first sign needs a known drag; the other two do not.
+that push the vehicle about. Only the first sign needs a known drag.
 
-The limit is for the mean wind. The estimate is a mean over two seconds only, so gusts change it.
-The wind counts as above its limit only if the estimate is higher than gusts explain.
+The limit is for the mean wind. The estimate is a mean over only two seconds, so gusts change it.
+The wind counts as above its limit only if gusts cannot explain the estimate.
 
-A rising wind is expected to rise for ten more seconds: the estimate lags three seconds behind, a
-landing takes three more, and the rise itself is detected late. If the expected wind needs nearly
+A rising wind is expected to rise for ten more seconds, because the estimate lags by three seconds,
+a landing takes three more, and the rise itself is detected late. If the expected wind needs nearly
 all of the tilt, the wind counts as above its limit now.
 """
 
@@ -29,15 +29,15 @@ from onboard.safety.gust_margin import gust_margin_m
 from onboard.supervision.tick_context import TickContext
 
 _LOOK_S = 0.1  # time between two calls of look
-_RISE_S = 6.0  # time over which a rise of the mean is measured
-_GOES_ON_S = 10.0  # time for which a rise is expected to go on
-# From this share of its limit on, a wind counts as strong. A vehicle in a strong wind lands when
-# another one lands because of the wind.
+_RISE_S = 6.0  # a rise of the mean is measured over this time
+_GOES_ON_S = 10.0  # a rise is expected to continue for this time
+# A wind above this share of its limit counts as strong. A vehicle in a strong wind lands when
+# another vehicle lands because of the wind.
 _STRONG_SHARE = 0.75
 _SPENT_SHARE = 0.9  # "nearly all of the tilt": this share of the wind that takes all of it
 _SCATTER_TIME_S = 2.0  # averaging time of the squared scatter
 _RETURN_S = 3.0  # longest time of the return to the setpoint, after the law has moved the vehicle
-_AT_BOUND_SHARE = 0.99  # the observer is at its bound from this share of the bound on
+_AT_BOUND_SHARE = 0.99  # the observer is at its bound from this share of the bound
 
 # gusts of this share of the largest horizontal acceleration push a vehicle beyond its margin
 _LARGEST_GUST_SHARE = 0.15
@@ -52,7 +52,7 @@ class WindFacts:
     is_strong: bool = False  # the wind is above three quarters of its limit
     is_near: bool = False  # the wind is above its limit, but gusts may explain it
     is_above: bool = False  # the wind is above its limit, or will be soon
-    is_rising: bool = False  # it rises so fast that it soon takes nearly all of the tilt
+    is_rising: bool = False  # it rises so fast that it will soon take nearly all of the tilt
     is_at_bound: bool = False  # the disturbance observer has reached its bound
     gust_m_s2: float = 0.0  # standard deviation of the gusts, per axis
     scatter_m: float = 0.0  # rms distance of the position from its setpoint in hover
@@ -110,7 +110,7 @@ class WindMonitor:
 
         While the law moves the vehicle, and during its return, the distance from the setpoint is
         not caused by gusts and does not count. The return ends when the vehicle is as near to its
-        setpoint as it was before, and after ``_RETURN_S`` at the latest.
+        setpoint as before, or at the latest after ``_RETURN_S``.
         """
         square_m2 = context.setpoint_miss_m * context.setpoint_miss_m
         if not math.isfinite(square_m2):
@@ -157,7 +157,7 @@ class WindMonitor:
         )
 
     def _remember(self, wind_enu_m_s: tuple[float, float]) -> None:
-        """Update the earlier wind by the present wind; reset it if the wind is not known."""
+        """Update the earlier wind with the present wind; reset it if the wind is not known."""
         east_m_s, north_m_s = wind_enu_m_s
         if not math.isfinite(east_m_s + north_m_s):
             self._looks = 0
@@ -172,7 +172,7 @@ class WindMonitor:
         self._earlier_enu_m_s = (east_before_m_s, north_before_m_s)
 
     def _soon_m_s(self, wind_enu_m_s: tuple[float, float]) -> float:
-        """Return the wind [m/s] after _GOES_ON_S, if it goes on rising; NaN while not known."""
+        """Return the wind [m/s] after _GOES_ON_S if it continues to rise; NaN while not known."""
         if self._looks == 0:
             return math.nan
 
