@@ -17,8 +17,8 @@ def open_serial(endpoint: str) -> int:
     Returns:
         The file descriptor of the device.
     Raises:
-        ValueError: The endpoint is malformed. OSError: The device does not exist, is not a serial
-        device, or must not be used.
+        ValueError: The endpoint is malformed.
+        OSError: The device does not exist, is not a serial device, or must not be used.
     """
     device, _, baud = endpoint.removeprefix(_PREFIX).rpartition(":")
     speed = getattr(termios, f"B{baud}", None)  # termios has a constant for each possible speed

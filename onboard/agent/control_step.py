@@ -80,9 +80,11 @@ class ControlStep:
         """Return the result of one pass of the pipeline.
 
         Args:
-            state: our own estimate. If it is None, the vehicle is assumed to be at its start. goal:
-            goal of the order that is flown. mode: control mode of the flight's step. neighbours:
-            neighbours as of this tick. dt_s: time since the last pass.
+            state: our own estimate. If it is None, the vehicle is assumed to be at its start.
+            goal: goal of the order that is flown.
+            mode: control mode of the flight's step.
+            neighbours: neighbours as of this tick.
+            dt_s: time since the last pass.
         """
         if state is None:
             state = State(

@@ -8,8 +8,8 @@ calls ``tick`` 50 times a second. A tick asks, in this order:
     What is wrong?         supervision: conditions, and the failsafe table's action
     What do we do?         flight: the step of the flight, and the goal of its order
     How do we fly that?    control: the pipeline, with the avoidance law -> attitude setpoint
-    May we send it? the last check before the wire Who needs to know?     state for the neighbours,
-    telemetry for people, samples for the record
+    May we send it?        the last check before the wire
+    Who needs to know?     state for the neighbours, telemetry for people, samples for the record
 
 Every vehicle decides for itself, from what it knows at this tick. Nothing here waits: anything that
 takes longer than a tick is requested by a command, and its result arrives later as an input.

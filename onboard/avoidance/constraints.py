@@ -347,7 +347,8 @@ def conflict(e: Vec2, intent_m_s: Vec2, d_m: float) -> float:
 
     Args:
         e: relative position [m].
-        intent_m_s: difference of the two intended velocities. d_m: distance to keep.
+        intent_m_s: difference of the two intended velocities.
+        d_m: distance to keep.
     Properties: rotation-equivariant; the same for both vehicles.
     """
     speed_m_s = length_2(intent_m_s)
@@ -376,8 +377,10 @@ def turn_sign(e: Vec2, deciding_m_s: Vec2, d_m: float, is_crowded: bool, directi
     Args:
         e: relative position [m].
         deciding_m_s: relative velocity that decides; the policy says whether it is intended or
-        flown. d_m: distance to keep. is_crowded: whether the pair is part of a crowd. direction:
-        the policy.
+            flown.
+        d_m: distance to keep.
+        is_crowded: whether the pair is part of a crowd.
+        direction: the policy.
     """
     if direction == DIRECTION_FIXED or (is_crowded and direction >= DIRECTION_CROWD):
         return 1.0

@@ -145,8 +145,9 @@ def unchanged(
     """Return the output of a law that changes nothing, and does not even limit the tilt.
 
     Args:
-        thrust: thrust of the baseline, which is returned unchanged. predicted: own motion at t + L,
-        which is published. intent_enu_m_s: velocity straight to the goal, which is published.
+        thrust: thrust of the baseline, which is returned unchanged.
+        predicted: own motion at t + L, which is published.
+        intent_enu_m_s: velocity straight to the goal, which is published.
     """
     f = thrust.thrust_enu_m_s2
     return LawOutput(

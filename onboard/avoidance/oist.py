@@ -420,8 +420,9 @@ def next_held_s(held_s: float, own: Own, is_active: bool, dt_s: float) -> float:
 
     Args:
         held_s: value at the last tick.
-        own: this vehicle at t + L; its velocity and intent are used. is_active: whether the row of
-        a neighbour changes the baseline. dt_s: length of the tick.
+        own: this vehicle at t + L; its velocity and intent are used.
+        is_active: whether the row of a neighbour changes the baseline.
+        dt_s: length of the tick.
     """
     if held_s < 0.0:
         return min(held_s + dt_s, 0.0)  # the roundabout goes on

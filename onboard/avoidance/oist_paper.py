@@ -113,9 +113,9 @@ def saturate_pair(
     can deliver.
 
     Args:
-        own: this vehicle; its thrust and thrust limits are used. state: own estimate, not
-        predicted. neighbours: neighbours as received. If the assigned one is not among them, the
-        thrust is not
+        own: this vehicle; its thrust and thrust limits are used.
+        state: own estimate, not predicted.
+        neighbours: neighbours as received. If the assigned one is not among them, the thrust is not
             changed.
     """
     for neighbour in neighbours:

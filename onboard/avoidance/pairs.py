@@ -234,8 +234,8 @@ def design_distance(own_margin_2_m2: float, neighbour: Neighbour, spacing: Spaci
 
     Args:
         own_margin_2_m2: :func:`margin_2` of this vehicle.
-        neighbour: the neighbour; its published standard deviations are used. spacing: distances and
-        margins.
+        neighbour: the neighbour; its published standard deviations are used.
+        spacing: distances and margins.
     """
     margin_m = spacing.margin_m
 

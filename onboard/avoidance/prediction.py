@@ -156,7 +156,8 @@ def smoothed(predicted: Motion, expected: Motion, state: State, dt_s: float) -> 
     Args:
         predicted: prediction from the newest estimate.
         expected: prediction of the last tick, moved on by the last command; not finite: none yet.
-        state: newest estimate; its standard deviations are used. dt_s: time since the last tick.
+        state: newest estimate; its standard deviations are used.
+        dt_s: time since the last tick.
     """
     position_std_m = known_std(state.position_std_m)
     velocity_std_m_s = known_std(state.velocity_std_m_s)
@@ -281,7 +282,7 @@ def message_age(neighbour: Neighbour) -> float:
 
     Args:
         neighbour: the neighbour as received. The largest age is greater for a neighbour that
-        cooperates.
+            cooperates.
     """
     age_s = neighbour.age_s
     most_s = MAX_PREDICTION_AGE_S if neighbour.is_cooperative else MAX_MESSAGE_AGE_S

@@ -75,7 +75,8 @@ class Peer:
         """Return the peer with a new lower bound if this bound is higher than the known one.
 
         Args:
-            low_ns: bound given by a message that arrives now. now_ns: our clock.
+            low_ns: bound given by a message that arrives now.
+            now_ns: our clock.
         Returns:
             the same peer or a changed copy.
         """
@@ -88,8 +89,8 @@ class Peer:
         """Return the peer with a new upper bound if this bound is lower than the known one.
 
         Args:
-            high_ns: bound given by the time at which one of our messages reached it. at_ns: when we
-            sent that message, by our clock.
+            high_ns: bound given by the time at which one of our messages reached it.
+            at_ns: when we sent that message, by our clock.
         Returns:
             the same peer or a changed copy.
         """

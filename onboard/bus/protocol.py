@@ -189,8 +189,8 @@ class Bus(Protocol):
         Args:
             vehicle: name of the vehicle.
             on_order: called on a thread of the bus. Its arguments are the order, or an object that
-            says what is wrong with the order, and a function that sends the reply. That function
-            must be called once, from another thread.
+                says what is wrong with the order, and a function that sends the reply. That
+                function must be called once, from another thread.
         """
 
     def serve_faults(self, on_fault: OnFault) -> None:
@@ -209,8 +209,8 @@ class Bus(Protocol):
             vehicle: name of the vehicle.
             order: the order.
             timeout_s: time [s] to wait for the reply.
-            on_reply: called with the reply; not called if no reply comes. on_end: called last, in
-            any case.
+            on_reply: called with the reply; not called if no reply comes.
+            on_end: called last, in any case.
         """
 
     def fault(
@@ -221,8 +221,8 @@ class Bus(Protocol):
         Args:
             order: the fault order.
             timeout_s: time [s] to wait for the reply.
-            on_reply: called with the reply; not called if no reply comes. on_end: called last, in
-            any case.
+            on_reply: called with the reply; not called if no reply comes.
+            on_end: called last, in any case.
         """
 
     def claim(self, token: str) -> None:

@@ -21,7 +21,7 @@ def router_endpoint(fleets: Sequence[FleetConfig], endpoint: str | None = None) 
     Args:
         fleets: fleets of the router; each of their files must name its endpoint.
         endpoint: endpoint that a person has chosen. None chooses the only endpoint in the fleet
-        files with an address of this computer.
+            files with an address of this computer.
     Raises:
         ConfigError: there is no such endpoint, or there are several.
     """

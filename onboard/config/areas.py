@@ -283,7 +283,8 @@ def is_crossed(area: Area, begin_enu_m: Xyz, end_enu_m: Xyz) -> bool:
 
     Args:
         area: any area.
-        begin_enu_m: start of the line. end_enu_m: end of the line.
+        begin_enu_m: start of the line.
+        end_enu_m: end of the line.
     """
     x1, y1, z1 = begin_enu_m
     x2, y2, z2 = end_enu_m

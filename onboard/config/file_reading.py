@@ -103,7 +103,7 @@ def opened(path: str | os.PathLike[str], kind: FileKind) -> BinaryIO:
         kind: kind of the file, with its largest size.
     Raises:
         ConfigError: The file does not exist, is not a regular file, is too large, or cannot be
-        read.
+            read.
     """
     name = os.fspath(path)
     try:

@@ -59,7 +59,7 @@ def load_fleet(path: str | os.PathLike[str], *, finds_law: bool = True) -> Fleet
     Args:
         path: path of the file, or the name of an example: ``paper``.
         finds_law: whether the user's own law in the file must exist; False if nothing will fly. The
-        law is not imported, see :meth:`FleetConfig.import_law`.
+            law is not imported, see :meth:`FleetConfig.import_law`.
     Returns:
         The values of the file.
     Raises:

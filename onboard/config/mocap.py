@@ -26,8 +26,8 @@ _OF_A_SYSTEM = ("type", "hostname", "options", "direct", "up", "yaw_deg", "offse
 class MocapConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """``[mocap]``: docs/mocap.md explains each key."""
 
-    # "bus": another program publishes mocap/<body> in the fleet's frame; "motioncapture": the
-    # package motioncapture reads a system
+    # "bus": another program publishes mocap/<body> in the fleet's frame;
+    # "motioncapture": the package motioncapture reads a system
     source: Literal["bus", "motioncapture"] = "bus"
     type: SystemType | None = None  # system that the package reads
     hostname: str | None = None  # of that system

@@ -4,9 +4,12 @@ Every intermediate value is in the returned Tick. L is the lead time: a command 
 effect at t + L. Lines with a letter (line G, line O) refer to the algorithm in
 onboard/avoidance/README.md, which also lists the deviations from the paper (D7).
 
-    predict our own state to t + L -> trajectory setpoint for t + L -> backstepping at t + L: the
-    baseline thrust -> avoidance law: Covey's, or a user's own -> add drag, subtract disturbance ->
-    allocation: attitude and throttle
+    predict our own state to t + L
+    -> trajectory setpoint for t + L
+    -> backstepping at t + L: the baseline thrust
+    -> avoidance law: Covey's, or a user's own
+    -> add drag, subtract disturbance
+    -> allocation: attitude and throttle
 
 While the law holds a vehicle back, its setpoint would run away and the baseline would wind up.
 Three measures prevent that. First, while the law is active, the trajectory's clock slows with the

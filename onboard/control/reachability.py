@@ -16,8 +16,8 @@ def no_way(around: Surroundings, vehicle_name: str, begin_enu_m: Xyz, goal_enu_m
 
     Args:
         around: static things around the vehicle.
-        vehicle_name: the vehicle that should fly there. begin_enu_m, goal_enu_m: its position, and
-        the goal [m], ENU.
+        vehicle_name: the vehicle that should fly there.
+        begin_enu_m, goal_enu_m: its position, and the goal [m], ENU.
     """
     if not around.still:
         return ""

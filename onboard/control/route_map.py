@@ -130,9 +130,10 @@ class RouteMap:
 
         Args:
             begin_m, goal_m: positions in fleet ENU. Either may be nearer to an obstacle than
-            allowed; the route then leads away from the obstacle. The start may be beyond the edge
-            of an area; this area is then ignored until the first corner. present_m: the corner that
-                the vehicle now flies to. Routes on the same side of a thing are preferred.
+                allowed; the route then leads away from the obstacle. The start may be beyond the
+                edge of an area; this area is then ignored until the first corner.
+            present_m: the corner that the vehicle now flies to. Routes on the same side of a thing
+                are preferred.
         Returns:
             Only the goal if the straight line is free. Empty if there is no route.
         """
@@ -212,8 +213,9 @@ class RouteMap:
         point.
 
         Args:
-            begin_m: start of the routes; it may be nearer to the point than ``keep_m``. other_m:
-            the point. keep_m: distance to keep from the point.
+            begin_m: start of the routes; it may be nearer to the point than ``keep_m``.
+            other_m: the point.
+            keep_m: distance to keep from the point.
         Returns:
             The lengths, in the order of the corners; infinite where there is no route.
         """

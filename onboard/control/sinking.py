@@ -80,8 +80,8 @@ def sink_speed_m_s(height_m: float, params: SinkingParams) -> float:
     """Return the largest sink speed [m/s] from which the vehicle can still slow down in time.
 
     Args:
-        height_m: height above the ground. params: accelerations, and the height below which the
-        vehicle must be slow.
+        height_m: height above the ground.
+        params: accelerations, and the height below which the vehicle must be slow.
     """
     above_m = max(0.0, height_m - params.slow_below_m)
     return min(FAST_M_S, math.sqrt(SLOW_M_S * SLOW_M_S + 2.0 * params.rise_m_s2 * above_m))
@@ -117,9 +117,11 @@ def step(
 
     Args:
         leg: memory of the last tick; its horizontal velocity is used.
-        ahead: our own motion at t + L. goal: its height is that of the ground. A new sequence
-        starts from our own velocity. params: accelerations. limit_m_s: limit of the sink speed
-        because of neighbours below; infinite if there are none. dt_s: length of the tick.
+        ahead: our own motion at t + L.
+        goal: its height is that of the ground. A new sequence starts from our own velocity.
+        params: accelerations.
+        limit_m_s: limit of the sink speed because of neighbours below; infinite if there are none.
+        dt_s: length of the tick.
     """
     position = ahead.position_enu_m
     last_velocity = leg.start_velocity_enu_m_s

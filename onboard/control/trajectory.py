@@ -140,9 +140,10 @@ def step(
 
     Args:
         memory: memory of the last tick.
-        goal: present goal. A goal that is not finite is ignored, and the old leg continues. params:
-        bounds. dt_s: length of the tick. clock_rate: rate of the trajectory's clock, in [0, 1]. It
-        slows while the law holds the
+        goal: present goal. A goal that is not finite is ignored, and the old leg continues.
+        params: bounds.
+        dt_s: length of the tick.
+        clock_rate: rate of the trajectory's clock, in [0, 1]. It slows while the law holds the
             vehicle back (anti-windup). Velocity scales with it, and acceleration with its square.
             It must change smoothly.
     Returns:
@@ -298,7 +299,8 @@ def shortest_duration_s(distance_m: float, params: TrajectoryParams) -> float:
     A tiny leg takes longer than the bounds require (see _LEAST_SHARE).
 
     Args:
-        distance_m: distance from start to end. params: bounds.
+        distance_m: distance from start to end.
+        params: bounds.
     """
     speed_m_s = params.max_speed_m_s
     acceleration_m_s2 = params.max_acceleration_m_s2

@@ -58,8 +58,9 @@ def opponent_of(
 
     Args:
         state: own estimate.
-        direction: unit vector of our own route. neighbours: the known neighbours. spacing:
-        distances to keep.
+        direction: unit vector of our own route.
+        neighbours: the known neighbours.
+        spacing: distances to keep.
     """
     if length_2(horizontal(state.velocity_enu_m_s)) > _SLOW_M_S:
         return None
@@ -93,8 +94,9 @@ def is_to_yield(here: Vec2, opponent: Opponent, met_s: float) -> bool:
     The vehicle further west goes back after MEETING_S, the other vehicle after REFUSED_S.
 
     Args:
-        here: our own position. opponent: the vehicle that stands face to face with this one. met_s:
-        how long they have stood face to face.
+        here: our own position.
+        opponent: the vehicle that stands face to face with this one.
+        met_s: how long they have stood face to face.
     """
     from_opponent = Vec2(here.x - opponent.position_m.x, here.y - opponent.position_m.y)
     is_west = dot_2(from_opponent, _WEST) > 0.0
@@ -107,8 +109,9 @@ def nearest_refuge(here: Vec2, opponent: Opponent, route_map: RouteMap) -> Vec2 
     """Return the nearest reachable refuge beside the opponent's route, if there is one.
 
     Args:
-        here: our own position. opponent: the vehicle that stands face to face with this one, and
-        blocks its routes. route_map: map of the static things.
+        here: our own position.
+        opponent: the vehicle that stands face to face with this one, and blocks its routes.
+        route_map: map of the static things.
     """
     corners = route_map.corners
     lengths_m = route_map.lengths_past(here, opponent.position_m, opponent.distance_m)

@@ -92,8 +92,8 @@ def step(
     Args:
         memory: memory of the last tick.
         velocity_enu_m_s: present estimate [m/s], ENU. A component that is not finite is replaced by
-        the observer's own velocity. command_enu_m_s2: acceleration commanded since the last tick,
-        after every limit and without
+            the observer's own velocity.
+        command_enu_m_s2: acceleration commanded since the last tick, after every limit and without
             gravity [m/s^2], ENU. Its horizontal part comes from the attitude, its vertical part
             from the throttle. A component that is not finite is replaced by the last command.
         params: model and bandwidth.

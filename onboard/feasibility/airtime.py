@@ -146,7 +146,8 @@ def flows(count: int, near: int, states_hz: float, has_mocap: bool) -> list[Flow
 
     Args:
         count: number of vehicles of the fleet.
-        near: number of neighbours that receive its states at full rate. states_hz: the full rate.
+        near: number of neighbours that receive its states at full rate.
+        states_hz: the full rate.
         has_mocap: whether poses come over the radio.
     """
     rate_hz = {topic: spec.rate_hz for topic, spec in TOPICS.items()}

@@ -2,8 +2,8 @@
 
 A vehicle stands on the ground if both are true:
 
-    it is low and its thrust is less than its weight, or its thrust is much less; it does not move
-    vertically, or PX4 has recently reported the ground.
+    it is low and its thrust is less than its weight, or its thrust is much less;
+    it does not move vertically, or PX4 has recently reported the ground.
 
 Little thrust together with no vertical motion needs neither a height nor PX4. In the air, a vehicle
 with so little thrust would, within a third of a second, move more than "no vertical motion" allows.
@@ -68,8 +68,8 @@ def observe(
     Args:
         signs: signs of contact at the last tick.
         view: what the flight sees at this tick.
-        has_mocap: whether a mocap measures the height, to within millimetres. sinks_blind: whether
-        the vehicle descends without poses; single poses may still come.
+        has_mocap: whether a mocap measures the height, to within millimetres.
+        sinks_blind: whether the vehicle descends without poses; single poses may still come.
     """
     now_ns = view.now_ns
     _, _, height_m = view.position_enu_m

@@ -4,7 +4,8 @@ Four words describe the progress of a flight. All four follow from the step, so 
 contradict each other:
 
     FlightStep    what the flight waits for: "climb", "descent", "waiting to be armed". It is the
-    only stored state of the state machine; the table in flight_table.py leads from step to step.
+                  only stored state of the state machine; the table in flight_table.py leads from
+                  step to step.
 
     Situation     how much harm an action can do: on the ground, armed, lifting off, flying,
                   landing. It is the column of the failsafe table (safety/failsafe_table.py).
@@ -13,7 +14,7 @@ contradict each other:
                   law, a landing, a flight by dead reckoning (control/control_mode.py).
 
     AgentState    the word for people and for other programs: "holding", "landing". Telemetry
-    publishes it (bus/schema.py), and several steps share the same word.
+                  publishes it (bus/schema.py), and several steps share the same word.
 
 Each row of FlightStep names the other three. To describe more of a flight, add a step or a property
 of FlightContext, but not a fifth word.

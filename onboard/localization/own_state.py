@@ -177,8 +177,9 @@ class OwnState:
             now_ns: time of the tick.
             dt_s: length of the tick.
             snapshot: newest snapshot of PX4, with its measured attitude.
-            thrust_frac: last throttle sent. hover_frac: hover throttle. is_on_ground: whether the
-            vehicle stands on the ground.
+            thrust_frac: last throttle sent.
+            hover_frac: hover throttle.
+            is_on_ground: whether the vehicle stands on the ground.
         """
         if not self.vehicle.mocap_required:
             self._notice_lost_satellites(snapshot, now_ns)

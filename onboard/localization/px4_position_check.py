@@ -65,7 +65,7 @@ class Px4PositionCheck:
             trusted_enu_m: the vehicle's estimated position; None if it cannot be trusted.
             now_ns: time of the tick.
             is_reckoned: whether that position is dead reckoning, which is more accurate than PX4's
-            position horizontally, but not vertically.
+                position horizontally, but not vertically.
         """
         has_pose = trusted_enu_m is not None and not is_reckoned
         self._follow_landing(snapshot, has_pose, now_ns)

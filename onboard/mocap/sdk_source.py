@@ -113,9 +113,9 @@ class SdkMocap:
         mocap: the fleet file's table, with ``source = "motioncapture"``.
         body: name of the body; ``*`` for all bodies.
         on_pose: called with each pose and the monotonic time [ns] of its arrival.
-        on_malformed: called for bytes that are not a frame. node: node that publishes the poses on
-        the bus; empty if they stay in this process. default_options: options for the package;
-        options in the fleet file override them.
+        on_malformed: called for bytes that are not a frame.
+        node: node that publishes the poses on the bus; empty if they stay in this process.
+        default_options: options for the package; options in the fleet file override them.
     """
 
     def __init__(

@@ -13,8 +13,8 @@ states, each with its own effect on avoidance:
                      avoided at the mocap's position like any other overdue neighbour.
 
     not cooperating  Its announcement that it cooperates is ignored, so this vehicle does all the
-    avoiding. A neighbour is in this state if it is contradicted, does not fly as it predicts, or
-    has a different configuration from this vehicle.
+                     avoiding. A neighbour is in this state if it is contradicted, does not fly as
+                     it predicts, or has a different configuration from this vehicle.
 
 It is not known which of two contradicting sources is wrong. A vehicle may lie or be mistaken, or
 the motion capture may confuse two bodies. So the nearer of the two positions counts.

@@ -172,7 +172,7 @@ class NeighbourSnapshot(Sequence[Neighbour]):
 
     Attributes:
         rows: (N, fields of a Neighbour) numbers. They are converted to Neighbours at the first
-        access, because the compiled pipeline needs only the rows.
+            access, because the compiled pipeline needs only the rows.
     """
 
     def __init__(self, rows: Array) -> None:

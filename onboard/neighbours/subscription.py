@@ -67,9 +67,10 @@ def select(
     Args:
         distances_m: neighbour -> distance, for all neighbours that have ever published a position.
         followed: neighbours followed now. They are dropped at a larger distance than new ones are
-        added, so that the choice does not oscillate. reach_m: reach, from :func:`reach_m`. most: at
-        most this many neighbours within reach are followed: the nearest. The law uses no more,
-            and the radio may not carry more.
+            added, so that the choice does not oscillate.
+        reach_m: reach, from :func:`reach_m`.
+        most: at most this many neighbours within reach are followed: the nearest. The law uses no
+            more, and the radio may not carry more.
     Returns:
         Names of the selected neighbours.
     """

@@ -178,7 +178,7 @@ class NeighbourTable:
         Args:
             names: neighbours to follow.
             settled: those of them whose fast states already arrive. The newest state of the others
-            is still a slow one.
+                is still a slow one.
         """
         self._followed = [name for name in self.names if name in names]
         self._followed_indices = [self.indices[name] for name in self._followed]

@@ -39,7 +39,8 @@ class WatchedBodies:
 
         Args:
             overdue: indices of overdue vehicles, see :meth:`is_overdue`.
-            watched: indices of vehicles within reach whose messages are watched. now_ns: our clock.
+            watched: indices of vehicles within reach whose messages are watched.
+            now_ns: our clock.
             own_age_s: age of our own position.
         """
         before = set(self.reason_ns)

@@ -94,8 +94,8 @@ class PreflightFacts:
     has_flown: bool = False  # True: it has flown since this agent started, so it may be anywhere
     hover_frac: float = math.nan  # hover throttle learned in flight
 
-    # bus and computers person that the mocap sees -> distance from this vehicle to that person's
-    # circle
+    # bus and computers
+    # person that the mocap sees -> distance from this vehicle to that person's circle
     people_m: Mapping[str, float] = field(default_factory=dict)
     radio: RadioMeasured | None = None  # None until enough states have arrived
     has_duplicate: bool = False  # whether another agent publishes for this vehicle

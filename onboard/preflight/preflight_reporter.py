@@ -104,10 +104,11 @@ class PreflightReporter:
             view: what the flight knows of its vehicle.
             dt_s: time since the last tick.
             is_airborne: whether the vehicle is in the air, according to PX4 or the flight.
-            hover_frac: hover throttle learned so far. conditions: conditions of the failsafe table
-            that hold. corrections: status of the corrections; None: the vehicle uses none.
-            people_m: distance to the circle of each person that the mocap sees. slot_owner: vehicle
-            whose take-off spot this one uses; empty: itself.
+            hover_frac: hover throttle learned so far.
+            conditions: conditions of the failsafe table that hold.
+            corrections: status of the corrections; None: the vehicle uses none.
+            people_m: distance to the circle of each person that the mocap sees.
+            slot_owner: vehicle whose take-off spot this one uses; empty: itself.
         """
         self._observe(view, dt_s)
         now_ns = view.now_ns

@@ -205,7 +205,7 @@ def cut(data: bytes) -> Iterator[Packet | Remainder]:
 
     Args:
         data: a datagram, or bytes from a serial device, which may begin anywhere. Yields: Each
-        packet, and finally any bytes after the last packet.
+            packet, and finally any bytes after the last packet.
     """
     start = 0
     while start < len(data):
@@ -283,9 +283,10 @@ def packed(
     Args:
         number: id of the message's kind.
         payload: payload; zeros at its end are removed.
-        sequence: sequence number of the sender's packets, 0 to 255. system_id: system id of the
-        sender. component_id: component id of the sender. is_signed: whether the caller appends a
-        signature.
+        sequence: sequence number of the sender's packets, 0 to 255.
+        system_id: system id of the sender.
+        component_id: component id of the sender.
+        is_signed: whether the caller appends a signature.
     """
     payload = payload.rstrip(b"\0")
     if not payload:  # MAVLink 2 keeps at least one byte

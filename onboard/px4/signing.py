@@ -52,7 +52,8 @@ class Signer:
         """Return a packet with its signature.
 
         Args:
-            packet: packet with the flag of a signed packet. clock: present time [10 us since 2015].
+            packet: packet with the flag of a signed packet.
+            clock: present time [10 us since 2015].
         """
         self._newest = max(clock, self._newest + 1)
         data = packet + bytes((self._link_id,)) + self._newest.to_bytes(_STAMP_BYTES, "little")

@@ -56,7 +56,8 @@ def open_transport(endpoint: str) -> Transport:
     Args:
         endpoint: ``udpin://HOST:PORT``, ``udpout://HOST:PORT`` or ``serial://DEVICE:BAUD``.
     Raises:
-        ValueError: The endpoint is malformed. OSError: The endpoint cannot be opened.
+        ValueError: The endpoint is malformed.
+        OSError: The endpoint cannot be opened.
     """
     match = re.fullmatch(r"(?P<kind>udpin|udpout)://(?P<host>.+):(?P<port>\d+)", endpoint)
     if match is None:

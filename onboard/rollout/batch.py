@@ -246,9 +246,12 @@ class FleetEstimator:
 
         Args:
             quaternion_wxyz: flown attitudes (F, N, 4), FLU to ENU.
-            thrust_frac: last throttles sent (F, N). hover_thrust_frac: hover throttles (F, N).
-            sample_enu_m: positions (F, N, 3) that were measured ``age_s`` ago. yaw_rad: headings
-            (F, N). age_s: age of the samples. dt_s: length of the tick.
+            thrust_frac: last throttles sent (F, N).
+            hover_thrust_frac: hover throttles (F, N).
+            sample_enu_m: positions (F, N, 3) that were measured ``age_s`` ago.
+            yaw_rad: headings (F, N).
+            age_s: age of the samples.
+            dt_s: length of the tick.
         """
         shape = self._memories.shape
         inputs = np.empty((*shape, 10))

@@ -25,8 +25,8 @@ class Radio:
 
         Args:
             states: states (F, N) of the vehicles.
-            is_parked: (N,) whether a vehicle never moves, and so avoids no one. errors: delay and
-            share of lost messages.
+            is_parked: (N,) whether a vehicle never moves, and so avoids no one.
+            errors: delay and share of lost messages.
         """
         first = batch.message(states, None)
         flights, count = first.shape

@@ -93,7 +93,8 @@ def way_beyond_m(fleet_areas: Sequence[Area], begin_enu_m: Xyz, end_enu_m: Xyz) 
 
     Args:
         fleet_areas: areas of a fleet.
-        begin_enu_m: start of the line. end_enu_m: end of the line.
+        begin_enu_m: start of the line.
+        end_enu_m: end of the line.
     """
     length_m = math.dist(begin_enu_m, end_enu_m)
     count = min(_MOST_SAMPLES, 2 + int(length_m / _SAMPLE_M))

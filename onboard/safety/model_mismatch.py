@@ -74,8 +74,10 @@ def update(
     Args:
         memory: memory of the last tick.
         response_enu_m_s2: present acceleration of the observer's model; its horizontal part is
-        used. rate_enu_m_s3: derivative of that acceleration. quaternion_wxyz: measured attitude,
-        FLU to ENU. dt_s: time since the last call.
+            used.
+        rate_enu_m_s3: derivative of that acceleration.
+        quaternion_wxyz: measured attitude, FLU to ENU.
+        dt_s: time since the last call.
     Returns:
         The memory. It is unchanged if a number is not finite or the vehicle is upside down.
     """

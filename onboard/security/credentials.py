@@ -72,7 +72,7 @@ def credentials_of(
         the credentials; their files exist and match.
     Raises:
         ConfigError: a file is missing, damaged, of another certificate authority, not valid now, or
-        readable by other users.
+            readable by other users.
     """
     if not fleet.has_keys:
         return None
@@ -116,7 +116,7 @@ def router_credentials(fleets: Sequence[FleetConfig]) -> Credentials | None:
         the credentials, with the access control of all fleets; None for fleets without keys.
     Raises:
         ConfigError: a file is missing or does not match, or one certificate cannot serve all
-        fleets.
+            fleets.
     """
     first_fleet = fleets[0]
     first = credentials_of(first_fleet, ROUTER)

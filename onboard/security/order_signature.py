@@ -104,7 +104,7 @@ class SealCheck:
     Args:
         authority: path of the certificate of the fleet's certificate authority.
         longest_flight_s: time [s] for which a ground's orders stay valid after its certificate has
-        expired, except orders that start a flight.
+            expired, except orders that start a flight.
     """
 
     def __init__(self, authority: str, longest_flight_s: float = 0.0) -> None:

@@ -97,7 +97,8 @@ class FailsafeSupervisor:
 
         Args:
             view: what the flight knows of its vehicle.
-            context: what the agent knows about itself. situation: situation of the flight.
+            context: what the agent knows about itself.
+            situation: situation of the flight.
         """
         facts = self._observer.look(view, context)
         self._details = self._monitor.look(facts)

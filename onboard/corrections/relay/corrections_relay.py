@@ -60,8 +60,9 @@ class CorrectionsRelay:
 
     Args:
         fleet: the fleet file, with a table of corrections.
-        open_source: opens the source again. say: prints a line for a person. publishes: whether it
-        publishes the frames; otherwise it reads the source without a bus.
+        open_source: opens the source again.
+        say: prints a line for a person.
+        publishes: whether it publishes the frames; otherwise it reads the source without a bus.
     """
 
     def __init__(
@@ -354,7 +355,8 @@ class FramePublisher:
         """Publish a frame, unless too much has been published lately; never blocks.
 
         Args:
-            frame: whole frame with a correct checksum. now_ns: this computer's monotonic clock.
+            frame: whole frame with a correct checksum.
+            now_ns: this computer's monotonic clock.
         """
         since_s = 0.0
         if self._last_ns is not None:

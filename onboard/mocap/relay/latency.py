@@ -49,9 +49,10 @@ def fit(body_s: Array, body: Array, px4_s: Array, px4: Array) -> TiltFit | None:
     """Fit a body's tilt to PX4's.
 
     Args:
-        body_s: times (n,) [s] of the body's samples, increasing. body: :func:`gravity` (n, 2) at
-        those times. px4_s: times (m,) [s] of PX4's samples, increasing. px4: :func:`gravity` (m, 2)
-        at those times.
+        body_s: times (n,) [s] of the body's samples, increasing.
+        body: :func:`gravity` (n, 2) at those times.
+        px4_s: times (m,) [s] of PX4's samples, increasing.
+        px4: :func:`gravity` (m, 2) at those times.
     Returns:
         the best fit; None if there are too few samples or too little motion.
     """

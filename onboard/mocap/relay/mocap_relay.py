@@ -62,8 +62,9 @@ def report_times(
 
     Args:
         clock: publishes the clock of this node.
-        seconds: the reports end after this time; None: never. every_s: time from one report to the
-        next. stopped: event that ends the reports at once.
+        seconds: the reports end after this time; None: never.
+        every_s: time from one report to the next.
+        stopped: event that ends the reports at once.
     """
     began_s = time.monotonic()
     reported_s = began_s
