@@ -18,7 +18,7 @@ from sitl.conformance.vehicle_client import (
     VehicleClient,
 )
 
-# Time after which PX4 does not send older texts any more, and has lost the last ground station.
+# After this time PX4 no longer sends older texts and has lost the last ground station.
 _TEXTS_END_S = 5.2
 MODES_ON_GROUND = facts("arming", "modes_on_ground")
 TEXTS = facts("arming", "texts")
@@ -104,7 +104,7 @@ def _set_mode_message(client: VehicleClient, report: FactReport) -> None:
     client.send("SET_MODE", target_system=client.system_id, base_mode=1, custom_mode=loiter)
     client.acks(SET_MODE, since_s)  # wait for an answer
 
-    # All acknowledgements count, since it is unknown which command they name for this message.
+    # Count all acknowledgements, because it is not known which command they name for this message.
     answers: list[str] = []
     for packet in client.received.of("COMMAND_ACK", since_s):
         if packet.message.result == MAV_RESULT_ACCEPTED:
@@ -121,8 +121,7 @@ def _armed(client: VehicleClient, report: FactReport) -> None:
     client.wait(1.2)
     report.add("arm.disarm-disarmed", client.command(ARM, 0.0))
 
-    # Arming comes half way between two heartbeats, so that a heartbeat caused by the change would
-    # be early.
+    # Arm half way between two heartbeats, so that a heartbeat caused by the change is early.
     client.next_heartbeat()
     client.wait(0.4)
     armed_s = client.now_s

@@ -1,4 +1,4 @@
-"""Facts of PX4's own take-off and landing, requested as by any ground station."""
+"""Facts of PX4's own take-off and landing, requested as any ground station would."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from sitl.conformance.vehicle_client import ARM, LAND, LANDED, TAKEOFF, Stuck, V
 # Heights between which the speed of the landing is measured.
 _LOWEST_M = 0.5
 _HIGHEST_M = 1.3
-_SAME_TIME_S = 0.3  # a text and a state that are closer than this come together
+_SAME_TIME_S = 0.3  # a text and a state within this time belong together
 UP = facts("automatic", "up")
 DOWN = facts("automatic", "down")
 

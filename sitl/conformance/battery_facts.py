@@ -12,8 +12,8 @@ from sitl.conformance.measurements import NOT_MEASURED, yes_or_no
 from sitl.conformance.vehicle_client import VehicleClient
 
 _HEIGHT_M = 2.5
-# The battery empties fast down to a charge and slowly below it. The charges between critical and
-# emergency are a band of 2 %, which has to last for a heartbeat.
+# The battery empties fast down to a charge and slowly below it. The band between critical and
+# emergency is only 2 % wide and has to last for one heartbeat.
 _FAST_DRAIN_S = 12.0
 _SLOW_DRAIN_S = 60.0
 _SLOW_FROM_PCT = 19
@@ -26,7 +26,7 @@ EMPTY = facts("battery", "empty")
 
 
 def run(client: VehicleClient, report: FactReport) -> None:
-    """Fly until the battery is empty, which drains faster than usual; then let it fill up."""
+    """Fly until the fast-draining battery is empty, then let it fill up."""
     client.greet(as_ground_station=True)
     if report.wants("battery.floor"):
         _floor(client, report)
@@ -52,8 +52,8 @@ def run(client: VehicleClient, report: FactReport) -> None:
 def _floor(client: VehicleClient, report: FactReport) -> None:
     """Report the charge at which the simulated battery stops by default (SIM_BAT_MIN_PCT).
 
-    It is the least charge that was received earlier in this run. A battery that stopped there sent
-    it several times.
+    It is the lowest charge received earlier in this run. A battery that stopped there sent it
+    several times.
     """
     charges = [packet.message.battery_remaining for packet in client.received.of("BATTERY_STATUS")]
     least = min(charges, default=100)
@@ -80,7 +80,7 @@ def _drain(client: VehicleClient, report: FactReport) -> None:
 
 
 def _voltage_mv(status: Any) -> int:
-    """Return the voltage in a BATTERY_STATUS: the simulated battery counts as one cell."""
+    """Return the voltage in a BATTERY_STATUS, which has the simulated battery as one cell."""
     return int(status.voltages[0])
 
 

@@ -31,9 +31,9 @@ _ATTITUDE = IDS["ATTITUDE"]
 _PACE_AFTER_S = 1.0  # time between the first stamp and the first estimate of the pace
 _LEAST_PACE = 0.05
 _MOST_PACE = 50.0
-_RESTART_S = 0.5  # a stamp that goes back by more than this belongs to a new start of the vehicle
+_RESTART_S = 0.5  # a stamp that goes back by more than this means that the vehicle has restarted
 _RECEIVE_BUFFER_BYTES = 1 << 21
-_MOST_DATAGRAMS = 256  # datagrams that are read at once
+_MOST_DATAGRAMS = 256  # datagrams read in one batch
 _LARGEST_DATAGRAM = 4096
 _ANY_ADDRESS = ("", 0)
 
@@ -111,7 +111,7 @@ class UdpPort:
             try:
                 self._socket.sendto(datagram, self._peer)
             except OSError:
-                return  # the peer cannot be reached, which shows later by its silence
+                return  # the peer cannot be reached; its silence will show this later
 
     def another_sender(self) -> UdpPort:
         """Return a port of another address that sends to the same peer."""

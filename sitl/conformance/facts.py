@@ -126,7 +126,7 @@ class FactReport:
     _waiting: dict[str, Measured] = field(default_factory=dict)
 
     def expect(self, facts: Mapping[str, Fact]) -> None:
-        """Judge all measurements by the facts of a version from now on, and those that waited."""
+        """Judge the waiting measurements and all later ones by the facts of a version."""
         self.facts = {name: facts[name] for name in self.facts}
         self.is_version_known = True
 
@@ -210,7 +210,7 @@ def matching(facts: Iterable[Fact], patterns: Sequence[str]) -> dict[str, Fact]:
     return {fact.name: fact for fact in facts if fact.name in names}
 
 
-# Changes of facts from a version on: allowed words, or low and high of a number.
+# Facts that change with a version: allowed words, or the low and high bounds of a number.
 CHANGES: dict[str, dict[str, list[str] | list[float]]] = tomllib.loads(
     files(__package__).joinpath("versions.toml").read_text(encoding="utf-8")
 )

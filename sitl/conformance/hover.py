@@ -1,4 +1,4 @@
-"""A simple position hold by attitude setpoints, and the begin and end of the groups' flights."""
+"""A simple position hold by attitude setpoints, and the start and end of the groups' flights."""
 
 from __future__ import annotations
 
@@ -49,12 +49,13 @@ _RATES_HZ = {
 
 
 class Hover:
-    """Hold of a position and a height, which can be called as a setpoint stream.
+    """Position and height hold that can be called as a setpoint stream.
 
     Attributes:
         goal: north, east, down in the local frame of the vehicle [m].
         yaw_rad: heading that is held.
-        thrust: estimate of the thrust that balances the weight; at first that of the SIH quadrotor.
+        thrust: estimate of the thrust that balances the weight; initially the hover thrust of the
+            SIH quadrotor.
         tilt: roll and pitch that replace the horizontal hold [rad]; None: the position is held.
         is_resting: whether level attitudes without thrust are sent, for a vehicle on the ground.
     """
@@ -71,7 +72,7 @@ class Hover:
 
     @property
     def height_m(self) -> float:
-        """Height above the ground at the begin."""
+        """Height above the ground at the start."""
         return self.ground_z - float(self._client.newest("LOCAL_POSITION_NED").z)
 
     def to_height(self, height_m: float) -> None:
@@ -213,7 +214,7 @@ def default_streams(client: VehicleClient) -> None:
 
 
 def grounded(client: VehicleClient) -> None:
-    """Bring the vehicle to the state in which all groups on the ground begin.
+    """Bring the vehicle to the state in which all groups on the ground start.
 
     The vehicle then is on the ground, disarmed, in AUTO.LOITER, and receives no setpoints.
 

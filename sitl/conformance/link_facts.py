@@ -66,7 +66,7 @@ def run_simulator_link(client: VehicleClient, report: FactReport) -> None:
         return
 
     counts_before = _counts(client)
-    # The time is that of this computer, because no message of the link has the time of the vehicle.
+    # Use this computer's time, because no message of this link carries the vehicle's time.
     client.listen(_WATCH_S, lambda: False)
     counts = {name: count - counts_before.get(name, 0) for name, count in _counts(client).items()}
 

@@ -168,7 +168,7 @@ def _default_action(client: VehicleClient, report: FactReport, since_s: float) -
     if text is not None:
         severity = str(text.severity)
     report.add("loss.severity", severity)
-    # The failsafe comes about 1 s after the last setpoint. Events count from shortly before it.
+    # The failsafe starts about 1 s after the last setpoint. Count events from shortly before that.
     report.add("loss.event", sent_or_not(client.received.of("EVENT", since_s + 0.9)))
 
 

@@ -1,4 +1,4 @@
-"""Facts of OFFBOARD by attitude setpoints: its begin, refused requests, its end on the ground."""
+"""Facts of OFFBOARD by attitude setpoints: its start, refused requests, its end on the ground."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from sitl.conformance.vehicle_client import (
 _EARLY_THRUST = 0.6
 _HEIGHT_M = 2.5
 _TURNING_US = 1500  # shortest pulse of a motor that gives lift
-# The early climb is measured within a time about this one after the acknowledgement of arming.
+# The early climb is measured around this time after the acknowledgement of arming.
 _EARLY_CLIMB_S = 0.44
 _EARLY_CLIMB_HALF_WIDTH_S = 0.06
 START = facts("offboard", "start")
@@ -133,7 +133,7 @@ def _hover(client: VehicleClient, report: FactReport) -> None:
 
 
 def _odometry(client: VehicleClient, report: FactReport, hover: Hover) -> None:
-    """Fly sideways to the heading, and report the frame of the velocity of ODOMETRY."""
+    """Fly at right angles to the heading, and report the frame of the velocity of ODOMETRY."""
     hover.yaw_rad += math.pi / 2
     client.wait(2.5)
     hover.goal[0] += 2.0
@@ -141,8 +141,8 @@ def _odometry(client: VehicleClient, report: FactReport, hover: Hover) -> None:
     since_s = client.now_s
     client.wait(1.8)
 
-    # Errors of the velocity of ODOMETRY if it is in NED, and if it is along the body. The frame is
-    # that of the smaller error.
+    # Error of the ODOMETRY velocity if it is in NED, and if it is in body axes. The smaller error
+    # tells the frame.
     yaw = client.euler().yaw
     from_ned_m_s: list[float] = []
     from_body_m_s: list[float] = []

@@ -12,7 +12,8 @@ from sitl.conformance.endpoint import ReceivedPacket, Recording, VehicleClock
 # Struct of each MAV_PARAM_TYPE that is a whole number.
 _INTEGER_STRUCTS = {1: "<B", 2: "<b", 3: "<H", 4: "<h", 5: "<I", 6: "<i"}
 _ATTEMPTS = 3
-# Longest wait for an answer: the longer of both, for a simulator that is faster than its link.
+# Longest wait for an answer. The longer of the two applies, because a simulator can be faster than
+# its link.
 _ANSWER_S = 0.5  # by the vehicle's clock
 _ANSWER_REAL_S = 0.3  # by this computer's clock
 _MAV_PARAM_TYPE_REAL32 = 9
@@ -136,7 +137,8 @@ class ParameterClient:
 def parameter_value(message: Any) -> tuple[float, int]:
     """Return value and type of a PARAM_VALUE.
 
-    The message has only a float field. For an integer parameter its bytes are those of the integer.
+    The message has only a float field. For an integer parameter the field holds the bytes of the
+    integer.
     """
     kind = int(message.param_type)
     if kind not in _INTEGER_STRUCTS:

@@ -47,7 +47,7 @@ def _default_fact(name: str, value: float) -> Fact:
     return number(f"param.{name}", section, f"{name} by default", value, value)
 
 
-# A newly installed PX4 has these values. A drone in use usually has others.
+# A newly installed PX4 has these values. A drone in use usually has different ones.
 DEFAULTS = tuple(_default_fact(name, value) for name, value in _DEFAULTS.items())
 ACCESS = facts("parameters", "access")
 

@@ -20,7 +20,7 @@ from sitl.conformance.vehicle_client import (
 
 _WATCH_S = 3.0
 _LATENCY_SAMPLES = 15
-# longest wait for one acknowledgement: by the vehicle's clock, and by this computer's if longer
+# longest wait for one acknowledgement, by the vehicle's or this computer's clock, if longer
 _ACK_S = 0.3
 _ACK_REAL_S = 0.2
 _GET_INTERVAL = 510
@@ -143,7 +143,7 @@ def _answers(client: VehicleClient, report: FactReport) -> None:
 
 
 def _latency(client: VehicleClient, report: FactReport) -> None:
-    """Report how long PX4 takes to acknowledge a command, and whom the acknowledgement names."""
+    """Report how long PX4 takes to acknowledge a command, and which receiver it names."""
     times_ms: list[float] = []
     targets: set[tuple[int, int]] = set()
     acks = client.received.packets[common_id("COMMAND_ACK")]

@@ -14,7 +14,7 @@ from sitl.conformance.hover import Hover, airborne, settle
 from sitl.conformance.vehicle_client import VehicleClient, quaternion, wrap
 
 _HEIGHT_M = 4.0
-_MEAN_S = 0.15  # time before a step whose mean angle is the start of the step
+_MEAN_S = 0.15  # the mean angle over this time before a step is the start of the step
 # Tolerance of times: the larger of a time and a share of the measured time.
 _SLACK_S = 0.02
 _SLACK_SHARE = 0.12
@@ -32,8 +32,8 @@ _YAW = {
     170: ({"t63": 1.049}, 11.0),
 }
 _PEAK_RATES = {10: 58.0, 20: 123.0, 30: 160.0}  # largest rate [deg/s] by step [deg]
-# Tolerance of the time to 5 % of a heading step, most of which a drift of the compass by a degree
-# can take.
+# Tolerance of the time to 5 % of a heading step. A compass drift of one degree can be most of those
+# 5 %.
 _YAW_START_SLACK_S = 0.09
 
 
@@ -167,7 +167,7 @@ def _yaw(client: VehicleClient, report: FactReport, hover: Hover, step_deg: int)
     """Step the heading by an angle, and report the response."""
     hover.tilt = (0.0, 0.0)
     client.wait(0.3)
-    # The step begins at the actual heading, so that its size is right.
+    # Start the step at the actual heading, so that its size is right.
     hover.yaw_rad = client.euler().yaw
     client.wait(0.8)
     goal = wrap(hover.yaw_rad + math.radians(step_deg))
@@ -217,9 +217,9 @@ def _record(
     client.setpoint_duty.due_s = 0.0
     client.wait(duration_s)
 
-    # The target has the new setpoint once it has turned by a quarter of the step. The distance of
-    # two quaternions is half of the angle between them.
-    # Without such a target, time zero is the begin: _MEAN_S after the first of the earlier samples.
+    # The target has the new setpoint once it has turned by a quarter of the step. The distance
+    # between two quaternions is half the angle between the attitudes. Without such a target, time
+    # zero is the start of the step, _MEAN_S after the first of the earlier samples.
     zero_ms = earlier[0].time_boot_ms + 1e3 * _MEAN_S
     for packet in client.received.of("ATTITUDE_TARGET", begin_s):
         if math.dist(packet.message.q, target_before) > 0.25 * abs(step_rad) / 2:

@@ -19,7 +19,7 @@ LINK_ID = 12
 _OTHER_LINK_ID = 13
 _BEGIN_OF_2015_S = 1_420_070_400  # Unix time
 _STEPS_PER_S = 100_000  # resolution of the timestamps
-_HEARTBEAT = 0.0  # message id, as a parameter
+_HEARTBEAT = 0.0  # message id, sent as a command parameter
 
 
 def run(client: VehicleClient, report: FactReport) -> None:

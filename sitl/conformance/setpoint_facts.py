@@ -21,7 +21,7 @@ from sitl.conformance.vehicle_client import (
 )
 
 _HEIGHT_M = 8.0
-_LOWEST_M = 5.5  # least height from which a fall does not end on the ground
+_LOWEST_M = 5.5  # lowest height from which a fall does not reach the ground
 _BREAKING_HEIGHT_M = 5.0
 _STICKS_HEIGHT_M = 3.0
 _UNUSUAL_S = 0.6  # time for which an unusual setpoint is sent
@@ -113,7 +113,7 @@ def _for_a_moment(client: VehicleClient, send: Callable[[], None], duration_s: f
 def _recover(client: VehicleClient, hover: Hover) -> None:
     """Return to the hold, and wait until the vehicle rests."""
     hover.hold_here()
-    # The height stays, unless the next fall would end on the ground.
+    # Keep the height, unless the next fall would reach the ground.
     hover.to_height(min(_HEIGHT_M + 2.0, max(_LOWEST_M, hover.height_m)))
     client.stream(hover)
     settle(client, hover)
@@ -159,7 +159,7 @@ def _other_sender(client: VehicleClient, report: FactReport, hover: Hover) -> No
 def _positions(client: VehicleClient, report: FactReport, hover: Hover) -> None:
     """Send position and velocity setpoints, and report the motion."""
     start = client.newest("LOCAL_POSITION_NED")
-    # The hold is off, so that only these setpoints are flown.
+    # Switch the hold off, so that the vehicle flies only these setpoints.
     x = start.x + 1.0
     y = start.y
     z = hover.goal[2]
@@ -219,7 +219,7 @@ def run_sticks(client: VehicleClient, report: FactReport) -> None:
             continue
         hover = airborne(client, _STICKS_HEIGHT_M)
 
-        # the duty for vision poses sends the sticks, since no poses are sent here
+        # the duty for vision poses is free here, so it sends the sticks
         client.vision_duty.act = _sticks(client, client.now_s + 2.0, rate_1_s)
         client.vision_duty.period_s = 1.0 / _STICKS_HZ
         client.wait(3.2)
@@ -277,7 +277,7 @@ def run_breaking(client: VehicleClient, report: FactReport) -> None:
         hover.hold_here()
 
         follows = True
-        # Two tilts are needed, because a vehicle that drifts may have one of them by chance.
+        # Check two tilts, because a drifting vehicle may reach one of them by chance.
         for sign in (1.0, -1.0):
             tilted = quaternion(sign * math.radians(10.0), 0.0, hover.yaw_rad)
             _for_a_moment(client, partial(client.attitude, tilted, hover.thrust), _UNUSUAL_S)

@@ -17,9 +17,9 @@ from sitl.conformance.vehicle_client import MODES, STATUS, VehicleClient
 
 _WATCH_S = 10.0
 _READY_S = 6.0  # longest wait until the vehicle is ready; its streams are watched from then on
-_FIRST_LOOK_S = 1.0  # time from the first ATTITUDE to the first look whether the vehicle is ready
-_READY_BEFORE_S = 1.3  # a vehicle ready before this may have been ready before the first look
-_FRESH_S = 1.8  # a vehicle whose first ATTITUDE has at most this time has just started
+_FIRST_LOOK_S = 1.0  # time from the first ATTITUDE to the first check whether the vehicle is ready
+_READY_BEFORE_S = 1.3  # a vehicle ready before this may have been ready before the first check
+_FRESH_S = 1.8  # a vehicle whose first ATTITUDE is stamped no later than this has just started
 _RATE_SLACK_SHARE = 0.06
 _CLOCK_STEP_MS = 4
 _LEAST_PACE = 0.9  # limits of the pace of a vehicle in real time
@@ -118,7 +118,7 @@ def run(client: VehicleClient, report: FactReport) -> None:
 def _boot(client: VehicleClient, report: FactReport) -> None:
     """Report the times of PX4's first messages, if PX4 has just started."""
     received = client.received
-    report.add("boot.unasked", "yes")  # the check came here without sending
+    report.add("boot.unasked", "yes")  # the check has sent nothing so far
 
     other_facts = [fact for fact in BOOT if fact.name != "boot.unasked"]
     client.listen(1.5, lambda: received.newest("ATTITUDE") is not None)
@@ -141,7 +141,7 @@ def _boot(client: VehicleClient, report: FactReport) -> None:
     if client.wait(_READY_S, client.shows_ready):
         armable_s = client.now_s
         if armable_s < _READY_BEFORE_S:
-            # The vehicle was ready before the first look. The time of its first SYS_STATUS is the
+            # The vehicle was ready before the first check. The time of its first SYS_STATUS is the
             # best estimate.
             armable_s = received.of("SYS_STATUS")[0].at_s
     client.wait(1.0)
@@ -221,7 +221,7 @@ def _clock(client: VehicleClient, report: FactReport, since_s: float) -> None:
 
 
 def _is_whole(gap_ms: int) -> bool:
-    """Return whether a gap is a whole number of steps; its stamps are rounded to a millisecond."""
+    """Return whether a gap between stamps, rounded to a millisecond, is a whole number of steps."""
     remainder_ms = gap_ms % _CLOCK_STEP_MS
     off_ms = min(remainder_ms, _CLOCK_STEP_MS - remainder_ms)
     return off_ms <= 1 and gap_ms >= _CLOCK_STEP_MS - 1

@@ -1,8 +1,8 @@
-"""A check of one vehicle: all groups of facts in order, with its begin and its end.
+"""A check of one vehicle: all groups of facts in order, with its start and its end.
 
-A check begins without sending, because the messages of a vehicle change after the first datagram
-that it receives. Then the check runs the groups with requested facts. At its end, and when it is
-interrupted, it lands the vehicle and restores parameters and streams.
+A check sends nothing at first, because a vehicle's messages change once it has received a datagram.
+Then the check runs the groups with requested facts. At its end, and when it is interrupted, it
+lands the vehicle and restores parameters and streams.
 """
 
 from __future__ import annotations
@@ -66,8 +66,8 @@ _NOT_SIMULATED = (
     "it does not look simulated (no ground truth comes by HIL_STATE_QUATERNION), and this turns "
     "motors: see --i-have-removed-the-propellers"
 )
-_DRAIN_S = 60.0  # time in which PX4's own simulator uses a whole charge
-_READY_S = 8.0  # time since the vehicle's boot until which the check waits for it to become ready
+_DRAIN_S = 60.0  # time in which PX4's own simulator empties a full battery
+_READY_S = 8.0  # the check waits until this long after boot for the vehicle to become ready
 _MEETING_S = 3.0  # longest wait for the first heartbeat, after the first datagram
 _MAV_AUTOPILOT_PX4 = 12
 _MAV_COMP_ID_AUTOPILOT1 = 1
@@ -84,7 +84,7 @@ class Terms:
     may_turn_motors: bool = False  # whether motors may turn on a vehicle that is not simulated
     wait_s: float = 10.0  # time to wait for the first heartbeat
     from_elsewhere: bool = False  # whether the first sender is not the port that listens
-    key: bytes | None = None  # key of MAVLink signing that the vehicle has
+    key: bytes | None = None  # the vehicle's MAVLink signing key
 
 
 def check(
@@ -208,7 +208,8 @@ def _measure_all(
             if may_turn_motors is None:
                 may_turn_motors = is_simulated(client)
             if may_turn_motors:
-                # The facts hold for the drain of PX4's own simulator. A fleet file may set another.
+                # The facts hold for the drain of PX4's own simulator. A fleet file may set a
+                # different one.
                 client.params.set("SIM_BAT_DRAIN", _DRAIN_S)
                 # A vehicle with vision only is never ready on the ground. The check continues.
                 left_s = max(0.0, _READY_S - client.now_s)

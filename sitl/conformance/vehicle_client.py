@@ -49,14 +49,14 @@ REQUEST = 512
 
 MAV_RESULT_ACCEPTED = 0
 ARMED = 0x80  # bit of HEARTBEAT.base_mode
-FORCE = 21196.0  # parameter 2 of ARM that disarms in any case
+FORCE = 21196.0  # parameter 2 of ARM that forces disarming
 ATTITUDE_AND_THRUST = 7  # type mask: body rates are ignored
 SILENCE = "silence"  # stands for a missing acknowledgement
 
 _PREARM = 0x10000000  # bit of SYS_STATUS
 _SILENT_S = 5.0  # time without a datagram after which a vehicle is gone
 _ANSWER_S = 0.3  # time to wait for acknowledgements
-_ANSWER_REAL_S = 0.12  # least time to wait for acknowledgements, in real time
+_ANSWER_REAL_S = 0.12  # minimum real time to wait for acknowledgements
 _INTERVAL_ANSWER_S = 0.1  # time to wait for the acknowledgement of an interval
 _VERSION_ATTEMPTS = 3
 _HEARTBEAT_S = 1.4  # longest time between two heartbeats
@@ -71,7 +71,7 @@ Quaternion = tuple[float, float, float, float]
 
 
 class Gone(RuntimeError):
-    """No datagram has arrived for seconds, so that the vehicle is gone."""
+    """No datagram has arrived for seconds, so the vehicle is gone."""
 
 
 class Stuck(RuntimeError):
@@ -313,7 +313,7 @@ class VehicleClient:
 
         for packet in self.received.of("STATUSTEXT", since_s):
             piece = packet.message
-            # PX4's first text has the id 0, and it can have several pieces as well.
+            # PX4's first text has the id 0. It too can have several pieces.
             continues_text = bool(piece.chunk_seq) and piece.id in index_by_id
 
             if continues_text:
@@ -372,7 +372,7 @@ class VehicleClient:
 
     @property
     def identity(self) -> ClientIdentity:
-        """Identity of a ground station, or of a companion, which has the system of the vehicle."""
+        """Identity of a ground station, or of a companion with the vehicle's system id."""
         if self.is_ground_station:
             return ClientIdentity(system_id=245, component_id=190, mav_type=6)  # MAV_TYPE_GCS
         # MAV_TYPE_ONBOARD_CONTROLLER
@@ -409,7 +409,7 @@ class VehicleClient:
         return self.pack(
             "HEARTBEAT",
             type=self.identity.mav_type,
-            autopilot=8,  # MAV_AUTOPILOT_INVALID: the sender is none
+            autopilot=8,  # MAV_AUTOPILOT_INVALID: the sender is not an autopilot
             system_status=4,  # MAV_STATE_ACTIVE
             mavlink_version=3,
         )
@@ -447,7 +447,7 @@ class VehicleClient:
 
     def acks(self, number: int, since_s: float, within_s: float = _ANSWER_S) -> str:
         """Wait, then return the acknowledgements of a command since a time."""
-        # A busy machine needs a least real time to answer, at any pace of the vehicle.
+        # A busy machine needs some real time to answer, whatever the pace of the vehicle.
         self.wait(max(within_s, _ANSWER_REAL_S * self.clock.pace))
 
         results: list[str] = []

@@ -39,7 +39,7 @@ def run(client: VehicleClient, report: FactReport) -> None:
     client.interval("ESTIMATOR_STATUS", 5.0)
     for name, value in _PARAMETERS.items():
         client.params.set(name, value)
-    _set_origin(client, 0.0)  # it replaces the origin by satellites
+    _set_origin(client, 0.0)  # it replaces the origin set by satellites
 
     if report.wants("vision.before-*"):
         client.wait(_NO_GPS_S)
@@ -103,7 +103,7 @@ def _lost(client: VehicleClient, report: FactReport) -> None:
         client.vision_duty.act = _vision(client, list(_POSITION_NED_M))
         client.wait(_SETTLE_S)
 
-    # PX4 does not fuse ATT_POS_MOCAP: the position is lost also while this message is sent.
+    # PX4 does not fuse ATT_POS_MOCAP, so the position is lost even while this message is sent.
     client.vision_duty.act = None
     if report.wants("vision.mocap-ignored"):
         client.vision_duty.act = _mocap(client, list(_POSITION_NED_M))

@@ -1,7 +1,7 @@
 """Vehicles, estimates and autopilots in one world, advanced step by step.
 
 In each step, data flow from the world to the estimator, to the autopilots and back to the world.
-There are no sockets here. Time is the number of steps, and not that of a clock.
+There are no sockets here. Time is counted in steps and does not come from a clock.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ from sitl.px4.versions import DEFAULT, Version
 
 _TICK_STEPS = round(TICK_S / STEP_S)
 _DEFAULT_DATE_S = 1.7e9  # date at the start of an emulator without a clock [Unix time]
-_TIME_TOLERANCE_S = 1e-9  # two times that differ by less are the same
+_TIME_TOLERANCE_S = 1e-9  # times that differ by less count as equal
 
 # Bits of EKF2_EV_CTRL and EKF2_GPS_CTRL.
 _USES_POSITION = 1
@@ -118,7 +118,7 @@ class Emulator:
         outside: function that begins and ends faults of bus and agents; None where there is neither
             a bus nor an agent.
         receivers: satellite receiver of each vehicle, with the corrections that it has received.
-        unix_start_s: date at the start, which PX4 has from its computer; by default a fixed date.
+        unix_start_s: date at the start, which PX4 gets from its computer; by default a fixed date.
     """
 
     def __init__(
@@ -221,7 +221,7 @@ class Emulator:
         return checked
 
     def reboot(self, index: int) -> None:
-        """Start an autopilot anew, on the ground or in the air.
+        """Restart an autopilot, on the ground or in the air.
 
         It keeps its parameters and the state of its battery. Its faults and its pilot remain.
         """
@@ -354,7 +354,7 @@ class Emulator:
         """Deliver a setpoint to an autopilot.
 
         A hung autopilot does not receive it. An autopilot with the fault setpoints_ignored receives
-        it and stays at the setpoint before.
+        it but keeps the previous setpoint.
         """
         if self.disturbances.is_hung[index]:
             return
@@ -377,7 +377,7 @@ class Emulator:
         return self.receivers[index].fix_type(self.time_s, has_fix=has_fix)
 
     def _follow_fixes(self) -> None:
-        """Set the errors of the estimates by their fixes, and shift them with their bases."""
+        """Set the estimate errors by fix type, and shift the estimates with their base stations."""
         estimator = self.estimator
         for index, receiver in enumerate(self.receivers):
             fix_type = self.fix_type(index)
@@ -466,7 +466,7 @@ class Emulator:
         )
 
     def parameters_changed(self, index: int) -> None:
-        """Copy the values of an autopilot's parameters to the parts that obey them."""
+        """Copy the values of an autopilot's parameters to the parts that use them."""
         params = self.autopilots[index].params
         uses_satellites = bool(params.integer("EKF2_GPS_CTRL") & _USES_POSITION)
         has_receiver = params.integer("SYS_HAS_GPS") != 0

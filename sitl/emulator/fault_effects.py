@@ -27,7 +27,7 @@ from sitl.px4.sticks import CENTRED
 LINKS = ("companion", "ground")
 DIRECTIONS = ("in", "out")
 SIMULATOR_LINK = "simulator"  # link to viewers of the truth, which no fault disturbs
-_RANDOM_STREAM = 6  # separates the random numbers of the wires from others with the same seed
+_RANDOM_STREAM = 6  # keeps the random numbers of the wires apart from others with the same seed
 _PILOT_MODES = {
     "posctl": Mode.POSCTL,
     "altctl": Mode.ALTCTL,
@@ -46,7 +46,8 @@ class FaultyEmulator(Protocol):
     autopilots: list[EmulatedPx4]
     receivers: list[SatelliteReceiver]
     disturbances: Disturbances
-    # begins (True) and ends faults outside the emulator, of bus and agents; None: there is neither
+    # begins (True) and ends faults outside the emulator, on the bus and agents; None: there are
+    # none
     outside: Callable[[Fault, bool], None] | None
 
     @property
@@ -54,7 +55,7 @@ class FaultyEmulator(Protocol):
         """Simulated time [s]."""
 
     def reboot(self, index: int) -> None:
-        """Start one autopilot anew."""
+        """Restart one autopilot."""
 
 
 @dataclass(slots=True)
@@ -88,7 +89,7 @@ class Disturbances:
     """Present faults of every vehicle.
 
     Attributes:
-        plan: faults that wait or act.
+        plan: pending and active faults.
         wires: channels of each vehicle, by link and direction.
         mocap: faults of the poses that the motion capture delivers.
         vision: faults of the poses that the autopilots receive.
@@ -130,7 +131,7 @@ class Disturbances:
 
 
 def _wires(seed: int, index: int) -> dict[tuple[str, str], LossyChannel[bytes]]:
-    """Return the channels of one vehicle by link and direction, which differ in their seeds."""
+    """Return the channels of one vehicle by link and direction, each with its own seed."""
     names = product((*LINKS, SIMULATOR_LINK), DIRECTIONS)
     return {
         name: LossyChannel([seed, _RANDOM_STREAM, index, number])
@@ -264,7 +265,7 @@ def _hang(emulator: FaultyEmulator, index: int, fault: Fault, is_on: bool) -> No
 
 
 def _reboot(emulator: FaultyEmulator, index: int, fault: Fault, is_on: bool) -> None:
-    """Start the autopilot anew at once; the fault has no end."""
+    """Restart the autopilot at once; the fault has no end."""
     emulator.reboot(index)
 
 
@@ -288,7 +289,7 @@ def _setpoints(emulator: FaultyEmulator, index: int, fault: Fault, is_on: bool) 
 
 
 def _wind_ramp(emulator: FaultyEmulator, index: int, fault: Fault, is_on: bool) -> None:
-    """Change the wind at the begin of the fault, and as quickly back at its end."""
+    """Ramp the wind up when the fault begins, and back down as fast when it ends."""
     wind = emulator.world.wind
     over_s = fault.number("over_s")
     if not is_on:

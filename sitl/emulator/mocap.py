@@ -16,9 +16,9 @@ from sitl.physics import frames
 from sitl.physics.frames import Array
 
 _ATTITUDE_NOISE_RAD = math.radians(0.15)
-_TIME_TOLERANCE_S = 1e-9  # two times that differ by less are the same
-_LARGEST_LAG_S = 0.1  # frames that are later than this are left out of the schedule
-_RANDOM_STREAM = 3  # separates these random numbers from others with the same seed
+_TIME_TOLERANCE_S = 1e-9  # times that differ by less count as equal
+_LARGEST_LAG_S = 0.1  # frames that are later than this are skipped
+_RANDOM_STREAM = 3  # keeps these random numbers apart from others with the same seed
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,7 +66,7 @@ class Mocap:
         self._rng = np.random.default_rng([seed, _RANDOM_STREAM])
         self._lost_until_s = np.full(count, -math.inf)
         self._next_s = 0.0  # time of the next frame
-        # Heap of arrival time, number and pose. The number keeps poses of one time in order.
+        # Heap of arrival time, number and pose. The number orders poses with the same time.
         self._in_transit: list[tuple[float, int, Pose]] = []
         self._pose_count = 0  # number of poses so far
         self._last: list[Pose | None] = [None] * count  # newest tracked pose of each body

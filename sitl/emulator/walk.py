@@ -1,4 +1,4 @@
-"""Persons who walk to and fro along their path, for the emulated motion capture. Pure."""
+"""People who walk back and forth along a path, for the emulated motion capture. Pure."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ def position_at(points: Sequence[Point], speed_m_s: float, time_s: float) -> Pos
         return (*points[0], _BODY_HEIGHT_M)
 
     walked_m = (speed_m_s * max(time_s, 0.0)) % (2.0 * there_m)
-    # distance from the first point along the walk, which shrinks on the way back
+    # distance along the walk from the first point; it shrinks on the way back
     along_m = min(walked_m, 2.0 * there_m - walked_m)
     return (*_point_at(points, along_m), _BODY_HEIGHT_M)
 

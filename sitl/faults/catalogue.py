@@ -41,8 +41,8 @@ class FaultKind:
     """One kind of fault."""
 
     sentence: str  # description of the effect, with {parameters}
-    # The part that the fault acts on. Two faults contradict each other that act on the same part of
-    # a vehicle at the same time.
+    # The part that the fault acts on. Two faults that act on the same part of a vehicle at the same
+    # time contradict each other.
     acts_on: str
     parameters: tuple[FaultParameter, ...] = ()
     is_instant: bool = False  # whether the fault happens once and has no duration
@@ -62,7 +62,7 @@ _TABLE = tomllib.loads(files(__package__).joinpath("catalogue.toml").read_text()
 FAULT_KINDS: dict[str, FaultKind] = {name: _kind(**row) for name, row in _TABLE.items()}
 
 _LONGEST_S = 1e6  # limit of times and durations
-_TIME_TOLERANCE_S = 1e-9  # two times that differ by less are the same
+_TIME_TOLERANCE_S = 1e-9  # times that differ by less count as equal
 
 # Links and directions of a fault of links, besides "both".
 _LINKS = ("companion", "ground")
@@ -267,7 +267,7 @@ def _targets(fault: Fault) -> set[tuple[str, str]]:
 
 
 class FaultPlan:
-    """Faults that wait for their time, and faults that act.
+    """Faults that wait for their time, and active faults.
 
     Args:
         vehicles: names of the emulated vehicles.

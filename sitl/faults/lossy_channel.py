@@ -16,7 +16,7 @@ import numpy as np
 Load = TypeVar("Load")
 # A link with more loads in transit loses the newest, as a full buffer does.
 _MOST_IN_TRANSIT = 10_000
-_TIME_TOLERANCE_S = 1e-9  # two times that differ by less are the same
+_TIME_TOLERANCE_S = 1e-9  # times that differ by less count as equal
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,7 +49,7 @@ class LossyChannel(Generic[Load]):
         self._rng = np.random.default_rng(seed)
         self.faults = NO_FAULTS
         self.is_held = False
-        # Heap of arrival time, number and load. The number keeps loads of one time in order.
+        # Heap of arrival time, number and load. The number orders loads with the same time.
         self._in_transit: list[tuple[float, int, Load]] = []
         self._count = 0
         self._newest_s = -math.inf  # latest arrival of a load that keeps the order

@@ -17,7 +17,7 @@ class PoseFault:
     other: int = 0  # index of the body with which the body is swapped
     shift_m: tuple[float, float, float] = (0.0, 0.0, 0.0)  # of a jump
     drift_m_s: tuple[float, float, float] = (0.0, 0.0, 0.0)  # velocity of a drift
-    since_s: float = 0.0  # begin of a drift
+    since_s: float = 0.0  # start of a drift
     delay_s: float = 0.0  # additional delay of the pose
 
 

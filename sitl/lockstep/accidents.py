@@ -41,7 +41,7 @@ from sitl.physics.wind import WindSettings
 
 _SAMPLE_S = 0.04  # time between two samples of the true positions
 _READY_WITHIN_S = 20.0
-_DIES_AFTER_S = 0.5  # time from the begin of a mission step until the ground station is cut off
+_DIES_AFTER_S = 0.5  # time from the start of a mission step until the ground station is cut off
 _LANDED_WITHIN_S = 90.0  # time to land after the mission, or after the ground station was cut off
 
 TURN_DEG = 7.0
@@ -70,10 +70,10 @@ class Accident(NamedTuple):
     undefended: Callable[[FleetConfig], FleetConfig]
     # plans what goes wrong; called before the flight begins; the bool is True with the defence
     plan_failure: Callable[[Lockstep, bool], None]
-    # returns a context in which the defence is off; for a defence that is no value of a fleet file
+    # returns a context in which a defence that is not a fleet-file value is off
     without_defence: Callable[[], contextlib.AbstractContextManager[None]] = contextlib.nullcontext
     room_turn_deg: float = 0.0  # clockwise turn of the true fence against the fleet's frame
-    # name of the mission step in which the ground station is cut off; empty: it stays
+    # name of the mission step in which the ground station is cut off; empty: never
     ground_ends_in: str = ""
 
 
@@ -85,7 +85,9 @@ class FlownAccident:
     is_defended: bool
     seed: int
     took_off: bool = False
-    min_separation_m: float = math.inf  # by ground truth, over pairs of which at least one flew
+    min_separation_m: float = (
+        math.inf
+    )  # by ground truth, over pairs with at least one flying vehicle
     collisions: int = 0
     outside_m: float = 0.0  # greatest distance of a flying vehicle outside the true fence
     down: bool = False  # whether all vehicles are on the ground at the end
@@ -110,7 +112,7 @@ class FlownAccident:
 
     @property
     def line(self) -> str:
-        """One line that sums the flight up."""
+        """One-line summary of the flight."""
         which = "without"
         if self.is_defended:
             which = "with"
@@ -264,7 +266,7 @@ def _near_fence(fleet: FleetConfig) -> FleetConfig:
 
 
 def _without_placing_check(fleet: FleetConfig) -> FleetConfig:
-    """Return a fleet whose vehicles pass preflight also when they stand far from their spots."""
+    """Return a fleet whose vehicles pass preflight even when they stand far from their spots."""
     return replace(fleet, fleet=replace(fleet.fleet, placing_m=1.0))
 
 
@@ -311,12 +313,12 @@ def _flying_in_any_wind() -> Iterator[None]:
 
 
 def _without_law(fleet: FleetConfig) -> FleetConfig:
-    """Return a fleet whose vehicles avoid nobody."""
+    """Return a fleet whose vehicles do not avoid each other."""
     return fleet.with_law("off")
 
 
 def _without_law_or_landing(fleet: FleetConfig) -> FleetConfig:
-    """Return a fleet whose vehicles avoid nobody, and do not land when the ground is lost."""
+    """Return a fleet whose vehicles neither avoid each other nor land when the ground is lost."""
     # longer than any flight
     never_landing = replace(fleet, fleet=replace(fleet.fleet, ground_lost_land_s=3600.0))
     return _without_law(never_landing)
@@ -341,7 +343,7 @@ def _start_late(flight: Lockstep, is_defended: bool) -> None:
 
 
 def _unchanged(fleet: FleetConfig) -> FleetConfig:
-    """Return the same fleet, for accidents that need no other one."""
+    """Return the same fleet, for accidents that need no changes."""
     return fleet
 
 

@@ -43,7 +43,7 @@ _TICK_NS = round(1e9 * TICK_S)
 _STATISTICS_TICKS = 25  # ticks from one report to the next
 _STATISTICS_PERIODS = 500  # newest periods that a report is about
 _PERIOD_MS = 1e3 * TICK_S
-_LATE_MS = 5.0  # a tick that comes later than this counts as late
+_LATE_MS = 5.0  # a tick delayed by more than this counts as late
 
 OnReply = Callable[[OrderReply], None]
 
@@ -101,7 +101,7 @@ class AgentShell:
     # -- life --------------------------------------------------------------------------------------
 
     def start(self) -> None:
-        """Start a new process: a fresh core that knows nothing of its predecessor."""
+        """Start a new process: a fresh core with no memory of the previous one."""
         if self.is_running:
             return
 
@@ -127,7 +127,7 @@ class AgentShell:
         self._bus.call_at(self._bus.now_ns() + CONNECT_AFTER_NS, self._connect, self._starts)
 
     def kill(self) -> None:
-        """End the process as SIGKILL does: it falls silent, and the others see it leave the bus."""
+        """End the process as SIGKILL does: it goes silent, and the others see it leave the bus."""
         if not self.is_running:
             return
 
@@ -223,7 +223,7 @@ class AgentShell:
                 inbox.append(agent_inputs.MessagesCounted(malformed=1))
                 return
 
-            # a message of another kind, or one that names another vehicle than its topic
+            # a message of another kind, or one whose vehicle differs from its topic
             if not isinstance(message, (StateMessage, Telemetry)) or message.vehicle != other:
                 inbox.append(agent_inputs.MessagesCounted(refused=1))
                 return
@@ -273,7 +273,7 @@ class AgentShell:
 
         path = replace(path, start_ns=path.start_ns + round(1e9 * self.path_delay_s))
         if self.follows_alone:
-            # no other vehicle flies a show of this id, so there is no clock to compare with
+            # no other vehicle flies a show with this id, so there is no clock to compare with
             path = replace(path, show_id=self.name)
         return replace(order, path=path)
 
@@ -323,7 +323,7 @@ class AgentShell:
         )
         self.core.handle(timed, now_ns)
 
-    # one case for each command, each of a line or two
+    # one case per command, each a line or two long
     def _execute(self, commands: list[agent_commands.Command]) -> None:  # noqa: C901
         """Execute the commands of the core in their order."""
         link = self.link

@@ -1,6 +1,6 @@
 """The node that sends GNSS corrections in simulated time: an invented base station, and its faults.
 
-It publishes frames once a second, as a real one does, as a node of its own on the simulated bus.
+It publishes frames once a second, like a real one, from its own node on the simulated bus.
 """
 
 from __future__ import annotations

@@ -38,7 +38,7 @@ from sitl.lockstep.connections import BusSettings, Losses, Pair
 
 _LEASE_NS = LEASE_MS * 1_000_000
 _RECONNECT_NS = 300_000_000  # time from the end of a cut until the nodes see each other again
-_RESEND_NS = 200_000_000  # TCP's shortest time until it sends a segment again
+_RESEND_NS = 200_000_000  # TCP's shortest retransmission timeout
 _MAX_RESENDS = 8
 _DUPLICATE_AFTER_NS = 3_000_000
 
@@ -86,8 +86,8 @@ class SimBus:
             radio_config, nodes_with_radio = radio
             self.channel = Channel(radio_config, nodes_with_radio, now_ns, seed=seed)
 
-        # messages on their way, as a heap: the due time [ns], a number that keeps the order of
-        # those due at the same time, and the call
+        # messages on their way, as a heap: the due time [ns], a number that orders calls due at the
+        # same time, and the call
         self._queue: list[tuple[int, int, Pair, Call, Arguments]] = []
         self._count = itertools.count()
 
@@ -125,7 +125,7 @@ class SimBus:
         """Cut groups of nodes apart.
 
         Args:
-            groups: names of nodes; the nodes that are named nowhere form one more group.
+            groups: names of nodes; all unnamed nodes form one more group.
             bridging: names of nodes that stay connected with all groups.
         """
         parts = [set(group) for group in groups]
@@ -208,7 +208,7 @@ class SimBus:
         is_latest = delivery is Delivery.LATEST
         is_cut = bool(self._cut) and pair in self._cut
 
-        # no sender keeps a message that matters only while it is new
+        # senders do not keep LATEST messages
         if is_cut and is_latest:
             return
 
@@ -329,7 +329,7 @@ class SimBus:
             self._notify_of_all_names(pair, is_alive=False)
 
     def _rejoin(self, pair: Pair) -> None:
-        """Let a pair see each other again, unless it has been cut once more."""
+        """Let a pair see each other again, unless it has been cut again."""
         if pair not in self._cut and pair in self._noticed_cuts:
             self._noticed_cuts.discard(pair)
             node, _ = pair
@@ -337,7 +337,7 @@ class SimBus:
                 self._notify_of_all_names(pair, is_alive=True)
 
     def _notify_of_all_names(self, pair: Pair, *, is_alive: bool) -> None:
-        """Let the second node of a pair learn that the first is alive or gone, by all its names."""
+        """Tell the second node of a pair, for each name of the first, that it is alive or gone."""
         node, listener = pair
         names = [node]
         if node in self.nodes:
@@ -347,7 +347,7 @@ class SimBus:
             self.notify(listener, name, is_alive)
 
     def notify(self, listener: str, node: str, is_alive: bool) -> None:
-        """Let one node learn that another one is alive or gone."""
+        """Tell one node that another one is alive or gone."""
         receiver = self.nodes.get(listener)
         if receiver is not None:
             for on_alive in receiver.alive_listeners:
@@ -387,7 +387,7 @@ class Node:
         self._notify_others(self.name, True)
 
     def stop(self) -> None:
-        """Leave the bus as a process that ends: the other nodes notice at once."""
+        """Leave the bus as an ending process does; the other nodes notice at once."""
         if not self._is_open:
             return
 
@@ -424,7 +424,7 @@ class Node:
     def collect(
         self, topic: Topic, name: str, on_message: OnMessage, *, most: int = MAX_COLLECTED
     ) -> None:
-        """Do the same as :meth:`subscribe`: in lockstep no message waits to be collected."""
+        """Do the same as :meth:`subscribe`, because in lockstep messages are not queued."""
         self.subscribe(topic, name, on_message)
 
     def deliver(self) -> None:

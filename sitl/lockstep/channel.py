@@ -27,13 +27,13 @@ from onboard.config.radio import RadioConfig
 from onboard.feasibility.airtime import MOST_IN_TURN, OFDM, OVERHEAD_BYTES, message_packets, turn_s
 
 _ACCESS_POINT = ""  # the station name of the access point; no node has this name
-_SMALL_BYTES = 100  # size of a liveliness token, and of a call that carries no message
-# A message is dropped after this time if only the newest one of its topic matters.
+_SMALL_BYTES = 100  # size of a liveliness token, and of a call without a message
+# A LATEST message is dropped after waiting this long.
 _MOST_WAITING_NS = 300_000_000
 
 FIRST_WINDOW = 16  # slots
 
-# A station's window is doubled once for each collision in a row, and at most this many times.
+# A station's window doubles with each consecutive collision, at most this many times.
 MOST_DOUBLED = 6
 _MOST_DOUBLED_ACCESS_POINT = 2
 
@@ -53,7 +53,7 @@ class _Aggregate(NamedTuple):
 
     next_station: str  # the station that receives them
     packets: list[_Packet]
-    turn_ns: int  # time for which the channel is busy with them
+    turn_ns: int  # how long they keep the channel busy
 
 
 class Channel:
@@ -79,9 +79,9 @@ class Channel:
         self._slots_left: dict[str, int] = {}  # station -> free slots until it may send
         # station -> number of its collisions since its last turn without one
         self._collisions_in_a_row: dict[str, int] = {}
-        self._free_ns = 0  # end of the turn that began last
+        self._free_ns = 0  # end of the most recent turn
 
-        # the message whose size was measured last, and that size
+        # the message measured last, and its size
         self._measured_message: object = None
         self._measured_bytes = 0
 
@@ -145,7 +145,7 @@ class Channel:
                 if queues:
                     oldest_ns[station] = min(queue[0].sent_ns for queue in queues.values())
 
-            # without a waiting packet the next turn begins after now
+            # without a waiting packet the next turn begins later
             first_sent_ns = min(oldest_ns.values(), default=now_ns + 1)
             begin_ns = max(self._free_ns, first_sent_ns)
             if begin_ns > now_ns:
@@ -155,7 +155,7 @@ class Channel:
             self._take_turn(waiting, begin_ns)
 
     def _take_turn(self, waiting: list[str], begin_ns: int) -> None:
-        """Let the station with the fewest slots left send; several of them collide."""
+        """Let the station with the fewest slots left send; if several are level, they collide."""
         slots_left = self._slots_left
         for station in waiting:
             if station not in slots_left:
@@ -241,7 +241,7 @@ class Channel:
         return self._measured_bytes
 
     def _drop_old(self, queues: dict[str, deque[_Packet]]) -> None:
-        """Drop packets that have waited too long, and then empty queues."""
+        """Drop packets that have waited too long, and then queues that are empty."""
         oldest_ns = self._now_ns() - _MOST_WAITING_NS
         for next_station in list(queues):
             queue = queues[next_station]

@@ -8,8 +8,8 @@ from onboard.config.fleet import ConfigError, RadioConfig
 
 Pair = tuple[str, str]
 
-_PERIOD_NS = 20_000_000  # period of messages of 50 Hz
-_FORGOTTEN_NS = 10_000_000_000  # a message this long ago has no influence any more
+_PERIOD_NS = 20_000_000  # period of 50 Hz messages
+_FORGOTTEN_NS = 10_000_000_000  # a message older than this has no influence
 
 
 @dataclass(frozen=True, slots=True)
@@ -19,10 +19,12 @@ class BusSettings:
     delay_s: float = 0.001  # shortest time from sender to receiver
     jitter_s: float = 0.0  # mean of the additional delay, which is exponentially distributed
     loss: float = 0.0  # share of the messages that are lost
-    # mean number of messages of 50 Hz that a connection loses in a row; 1: losses are independent
+    # mean number of 50 Hz messages that a connection loses in a row; 1: losses are independent
     burst: float = 1.0
     reorder: float = 0.0  # chance that a message is reordered
-    reorder_s: float = 0.04  # a reordered message is held back for so long, and others overtake it
+    reorder_s: float = (
+        0.04  # a reordered message is held back for this time, and others overtake it
+    )
     duplicate: float = 0.0  # chance that a message arrives twice
 
     def __post_init__(self) -> None:
@@ -69,8 +71,8 @@ class Losses:
 
     Each connection is the two-state chain of Gilbert and Elliott: in one state it loses every
     message, in the other none. A state lasts for a time, not for a number of messages. The settings
-    express this time as a number of messages of 50 Hz. So a connection of 5 Hz loses fewer messages
-    in a row. Messages sent at the same instant are either all lost or all delivered.
+    express this time as a number of 50 Hz messages. A 5 Hz connection therefore loses fewer
+    messages in a row. Messages sent at the same instant are either all lost or all delivered.
     """
 
     def __init__(self) -> None:
@@ -93,14 +95,14 @@ class Losses:
         newest_ns, was_lost = self._newest.get(pair, (-_FORGOTTEN_NS, False))
         periods = (now_ns - newest_ns) / _PERIOD_NS
 
-        # Within a period the chain leaves the state of loss with the chance 1 / burst. It enters
-        # that state with the chance leave * loss / (1 - loss), so that it is there for the share
-        # `loss` of the time. One minus both chances is the correlation of two messages that are one
-        # period apart.
+        # In one period the chain leaves the loss state with probability 1 / burst. It enters that
+        # state with probability leave * loss / (1 - loss), so that it spends the share `loss` of
+        # the time there. One minus both probabilities is the correlation of two messages one period
+        # apart.
         leave = 1.0 / settings.burst
         correlation = max(0.0, 1.0 - leave - leave * loss / (1.0 - loss)) ** periods
 
-        # right after the newest message the chance is 0 or 1; with time it approaches `loss`
+        # right after the newest message the probability is 0 or 1; with time it approaches `loss`
         newest_chance = 0.0
         if was_lost:
             newest_chance = 1.0

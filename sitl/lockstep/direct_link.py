@@ -1,13 +1,13 @@
 """The agents' links to the emulated PX4s: the values of MAVLink messages, without their bytes.
 
-Telemetry comes at the rates that the agent asks for: attitude at 50 Hz; local position at 50 Hz, or
+Telemetry comes at the rates that the agent requests: attitude at 50 Hz; local position at 50 Hz, or
 at 10 Hz for a vehicle with motion capture; landed state at 10 Hz; accuracy, satellites and sticks
 at 5 Hz; battery at 2 Hz; armed and mode once a second, with the heartbeat. Every message takes
-``delay_s``, in both directions. Commands return nothing: only later reports of PX4 show their
+``delay_s``, in both directions. Commands return nothing. Only later reports from PX4 show their
 effect.
 
-To pack and unpack bytes would take longer than all the rest of the flight. The tests of the
-emulator and of the real link cover that.
+Packing and unpacking bytes would take longer than the rest of the flight. The tests of the emulator
+and of the real link cover it.
 """
 
 from __future__ import annotations
@@ -76,8 +76,8 @@ _TIMES = {
 class _Ends(NamedTuple):
     """A link and its two channels, which the emulator's faults can disturb.
 
-    The channels are typed for bytes. Here they carry calls and fields instead, which is possible
-    because a channel passes on its messages without reading them.
+    The channels are typed for bytes. Here they carry calls and fields instead. This works because a
+    channel never reads the messages that it passes on.
     """
 
     link: EmulatedLink
@@ -111,11 +111,11 @@ class LinkBank:
         self.fleet = fleet
         self.now_ns = now_ns
         self.links = [EmulatedLink(self, index, vehicle) for index, vehicle in enumerate(vehicles)]
-        # 1e-9 keeps rounding errors of a whole number of steps from adding a step
+        # 1e-9 keeps a rounding error from adding a step
         self._delay_steps = max(1, int(np.ceil(delay_s / STEP_S - 1e-9)))
         self._rng = np.random.default_rng([seed, 12])
 
-        # The PX4s are not switched on at the same moment, so they do not send at the same moments.
+        # The PX4s are switched on at different moments, so they also send at different moments.
         phase_rng = np.random.default_rng([seed, 13])
         phases = phase_rng.integers(_ATTITUDES_PER_HEARTBEAT, size=len(vehicles))
         self._phase_steps: list[int] = (_ATTITUDE_EVERY_STEPS * phases).tolist()
@@ -192,7 +192,7 @@ class LinkBank:
                     ends.link.receive(cast(Fields, fields))
 
     def _sample(self, steps: int) -> None:
-        """Send the reports of all PX4s that are due; a PX4 that hangs sends nothing."""
+        """Send the due reports of all PX4s; a hung PX4 sends nothing."""
         since_first_steps = steps - _ATTITUDE_PHASE_STEPS  # since the first attitudes
 
         rows: list[Fields | None] = []
@@ -239,7 +239,7 @@ class LinkBank:
         return [enu_flu_from_ned_frd(quaternion) for quaternion in measured]
 
     def _boot_ms(self, index: int) -> int:
-        """Return the time [ms] since a PX4 has booted, by its own clock."""
+        """Return the time [ms] since a PX4 booted, by its own clock."""
         up_s = self.emulator.clock_s(index) - self.emulator.autopilots[index].boot_time_s
         return round(up_s * 1e3)
 
@@ -322,7 +322,7 @@ class EmulatedLink:
         self._vehicle = vehicle
         self.has_mocap = vehicle.mocap_required
 
-        # the newest values, and a snapshot of them; None if newer values have come since
+        # the newest values, and a snapshot of them; None if newer values have arrived since
         self._fields: Fields = {"system_id": vehicle.system_id}
         self._snapshot: Snapshot | None = Snapshot()
 
@@ -368,7 +368,7 @@ class EmulatedLink:
         self._request(lambda px4, now_s: px4.request_mode(now_s, modes.MAIN_MODE_OFFBOARD, 0))
 
     def land(self) -> None:
-        """Ask PX4 to land by itself."""
+        """Command PX4 to land by itself."""
         self._request(lambda px4, now_s: px4.request(now_s, Mode.LAND))
 
     def arm(self) -> None:
@@ -433,7 +433,7 @@ class EmulatedLink:
         """Set origin and required parameters, as a real link does when it connects.
 
         Returns:
-            The parameters as PX4 has them then.
+            PX4's parameters afterwards.
         """
         emulator = self._bank.emulator
         params = emulator.autopilots[self._index].params

@@ -1,8 +1,9 @@
 """A flight in lockstep: the simulated fleet, and a ground station with its record and verdict.
 
 The ground's client and mission runner are the real ones. They are asyncio code, and run in an event
-loop whose clock is the simulated time. So a test or a script gives orders and waits for results as
-a person would, only faster. Tests, ``covey fly --lockstep`` and the campaigns fly by this class.
+loop whose clock is the simulated time. A test or a script can therefore give orders and wait for
+results as a person would, only faster. Tests, ``covey fly --lockstep`` and the campaigns use this
+class.
 """
 
 from __future__ import annotations
@@ -47,12 +48,12 @@ from sitl.lockstep.simulation import EPOCH_NS, Simulation
 from sitl.px4.modes import MODES, CommandResult, Mode
 
 GROUND = "ground-1"
-_DIRECT_DELAY_S = 0.01  # time that a direct command takes to PX4
+_DIRECT_DELAY_S = 0.01  # time that a direct command takes to reach PX4
 _WATCH_S = 0.2  # time between two checks for silent vehicles
 _FORCE = 21196.0  # parameter 2 of MAV_CMD_COMPONENT_ARM_DISARM: disarm also in the air
 
-# new objects until Python collects garbage; with Python's own 700 the collector takes a fifth of
-# the time of a flight
+# number of new objects that triggers garbage collection; with Python's default of 700 the collector
+# takes a fifth of a flight's time
 _COLLECT_EVERY = 50_000
 
 T = TypeVar("T")
@@ -64,13 +65,13 @@ class Lockstep:
     Args:
         fleet: a fleet file or its path.
         seed: the seed of all random numbers.
-        law: name of the avoidance law that flies instead of the fleet file's; None keeps that one.
+        law: name of the avoidance law to use; None: the one in the fleet file.
         bus: quality of the bus connections.
         mocap: quality of the motion capture.
         environment: wind, downwash and errors; a calm room by default.
         folder: the folder of the record; None records nothing.
         as_if_recorded: whether the ground subscribes and publishes as if the flight were recorded,
-            also without a folder; a flight with a record and one without are then the same.
+            even without a folder. Flights with and without a record are then the same.
         say: called with each line of progress.
         is_compiled: see :class:`Simulation`.
     """
@@ -132,7 +133,7 @@ class Lockstep:
         self.fleet = Fleet(self.client, say=self._say_as_event)
         self.run_under_way: MissionRun | None = None  # the run of the newest mission
         self._loop = VirtualLoop(self.simulation.clock_ns, self.simulation.step)
-        self._started: set[asyncio.Task[object]] = set()  # asyncio itself keeps no tasks alive
+        self._started: set[asyncio.Task[object]] = set()  # asyncio itself does not keep tasks alive
         self._runner = asyncio.Runner(loop_factory=lambda: self._loop)
         self.wait_for(self.client.start())
         if self.record is not None or as_if_recorded:
@@ -140,7 +141,7 @@ class Lockstep:
 
     # -- scripts -----------------------------------------------------------------------------------
 
-    # these attributes and methods are what a script's host has (groundstation.missions.connection)
+    # the attributes and methods of a script's host (groundstation.missions.connection)
     ready_timeout_s = READY_TIMEOUT_SIM_S
     flown: FlightObservations | None = None
     at_end = "land"
@@ -155,10 +156,10 @@ class Lockstep:
         return self.wait_for(coroutine)
 
     def end_calls(self) -> None:
-        """Do nothing: scripts run in the flight's own thread."""
+        """Do nothing, because scripts run in the flight's own thread."""
 
     def end_record(self) -> RecordEnd | None:
-        """Finish the record and return how it has ended, or None if nothing was recorded."""
+        """Finish the record and return how it ended, or None if nothing was recorded."""
         if self.record is None:
             return None
 
@@ -188,7 +189,7 @@ class Lockstep:
             return self._runner.run(coroutine)
 
     def start_soon(self, coroutine: Coroutine[Any, Any, object]) -> None:
-        """Start a coroutine that runs beside the ground's; a planned call may use this, too."""
+        """Start a coroutine that runs alongside the ground's; planned calls may use this too."""
         self._loop.call_soon(self._start, coroutine)
 
     def _start(self, coroutine: Coroutine[Any, Any, object]) -> None:
@@ -217,8 +218,8 @@ class Lockstep:
 
         Args:
             duration_s: how long it stands still.
-            is_stopped: True cuts it from the bus as well, as SIGSTOP does. With False its computer
-                is too busy for its event loop, and messages go on arriving.
+            is_stopped: True cuts it from the bus as well, as SIGSTOP does. False means that its
+                computer is too busy for its event loop while messages keep arriving.
         """
         self._loop.stand_still(duration_s)
         if is_stopped:
@@ -270,8 +271,8 @@ class Lockstep:
 
         Args:
             mission: the mission or its file.
-            stays: whether the run goes on after an operator has taken the fleet from the mission,
-                as that of ``covey fly`` does.
+            stays: whether the run continues, as in ``covey fly``, after an operator has taken the
+                fleet from the mission.
             arguments: arguments of a Python mission.
         """
         if not isinstance(mission, Mission):
@@ -339,7 +340,7 @@ class Lockstep:
     def min_separation_m(self) -> float:
         """Smallest distance [m] of two vehicles so far, by ground truth.
 
-        Pairs of which at least one flew count; infinite if there was none.
+        Only pairs with at least one flying vehicle count; infinite if there was none.
         """
         smallest = self.client.state.smallest_truth
         if smallest is None:
@@ -353,7 +354,7 @@ class Lockstep:
 
     @property
     def hard_touchdowns(self) -> list[str]:
-        """Sentences about vehicles that touched down too fast though they had all their thrust."""
+        """Sentences about vehicles that touched down too fast despite having full thrust."""
         sentences = []
         for touchdown in self.touchdowns:
             vehicle = self.config.vehicles[touchdown.vehicle]
@@ -404,7 +405,7 @@ class Lockstep:
         spares_pilot: bool = False,
         was_flown_by_hand: bool = False,
     ) -> DirectResult:
-        """Land or disarm a vehicle past its agent; see ``groundstation.client.direct_mavlink``."""
+        """Land or disarm a vehicle without its agent; see ``groundstation.client.direct_mavlink``."""
         emulator = self.simulation.emulator
         system_ids = [spec.system_id for spec in emulator.specs]
         index = system_ids.index(system_id)

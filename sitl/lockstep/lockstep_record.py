@@ -1,6 +1,6 @@
 """The flight record of a lockstep flight: the same files as in real time, written without a thread.
 
-Each message is written when it arrives, because in simulated time nobody waits for the disk.
+Each message is written when it arrives, because in simulated time slow disks do not matter.
 """
 
 from __future__ import annotations

@@ -6,8 +6,8 @@ values are written to rows of floats, the compiled loop of :mod:`onboard.rollout
 them, and the result is read from the rows again. If numba is not installed, Python interprets the
 pipeline.
 
-The rows of values that an agent passes again unchanged are reused. The neighbours in a snapshot are
-rows already.
+If an agent passes the same values again, their rows are reused. The neighbours in a snapshot are
+already rows.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ class _Agent:
 
 
 class CompiledPipeline:
-    """A pipeline step that is compiled, or interpreted as on a drone.
+    """A pipeline step, either compiled or interpreted as on a drone.
 
     Args:
         is_wanted: whether passes may be compiled; if False, every pass is interpreted, and the
@@ -56,8 +56,8 @@ class CompiledPipeline:
         """Choose whether the passes of this tick are compiled or interpreted.
 
         They are compiled if several agents tick, and all of them after the same period. They are
-        interpreted for a single agent, and for all agents if one of them has stood still. So both
-        forms fly, and each flight is repeatable to the last bit.
+        interpreted for a single agent, and for all agents if one of them has stalled. Both forms
+        are therefore flown, and each flight is repeatable to the last bit.
 
         Args:
             periods_ns: time since the last tick of each agent that ticks.

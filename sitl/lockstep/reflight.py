@@ -1,12 +1,12 @@
-"""A recorded lockstep flight, flown again: as it was, or with changes.
+"""A recorded lockstep flight, flown again as it was or with changes.
 
 A lockstep flight is repeatable, so its record needs no state of the simulation. It is flown again
 from its start, with the files in its folder. Every two seconds a digest of all state is compared
-with the digest in the record. As long as the digests are equal, the flight equals the recorded one.
-They differ if Covey, a library or the processor has changed since.
+with the digest in the record. While the digests are equal, the flight equals the recorded one. They
+differ if Covey, a library or the processor has changed since.
 
 Changes take effect at the start, or at a given second. If the flight differs from the recorded one
-before that second, it is ended, because the changes would be tried on another flight.
+before that second, it ends, because the changes would be tried on a different flight.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ class Reflown(NamedTuple):
     """The outcome of a flight that was flown again."""
 
     verdict: Verdict
-    # smallest distance, by ground truth, of two vehicles of which at least one flew; inf if none
+    # smallest true distance of two vehicles, at least one of them flying; inf if none
     min_separation_m: float
     flown_s: float
     equal_until_s: float  # until this second its state was equal to the recorded one

@@ -12,8 +12,8 @@ import inspect
 from collections.abc import Callable
 from typing import Any
 
-# The loop raises an error after this simulated time without a callback. No flight waits for so
-# long: a coroutine must be waiting for something that never happens.
+# The loop raises an error after this simulated time without a callback. No flight waits that long,
+# so a coroutine must be waiting for something that never happens.
 _LONGEST_WAIT_S = 3600.0
 
 
@@ -42,7 +42,7 @@ class VirtualLoop(asyncio.BaseEventLoop):
         return self._now_ns() * 1e-9
 
     def stand_still(self, duration_s: float) -> None:
-        """Run no callback for a time while the simulation goes on, as a stopped process."""
+        """Run no callbacks for a time while the simulation goes on, like a stopped process."""
         self._stands_until_s = max(self._stands_until_s, self.time() + duration_s)
 
     def select(self, timeout_s: float | None) -> list[Any]:
@@ -69,7 +69,7 @@ class VirtualLoop(asyncio.BaseEventLoop):
     def call_soon(  # type: ignore[override]
         self, callback: Callable[..., object], *args: Any, context: Any = None
     ) -> asyncio.Handle:
-        """Schedule a callback, as asyncio does; a step of the simulation may call this, too."""
+        """Schedule a callback, as asyncio does; simulation steps may call this too."""
         self._is_woken = True
         return super().call_soon(callback, *args, context=context)
 
@@ -78,8 +78,8 @@ class VirtualLoop(asyncio.BaseEventLoop):
     ) -> asyncio.Future[Any]:
         """Run a function now, or start it as a task if it is a coroutine function.
 
-        The simulation cannot advance while a function runs. So one that waits for it has to be a
-        coroutine function.
+        The simulation cannot advance while a function runs. A function that waits for the
+        simulation therefore has to be a coroutine function.
         """
         result = func(*args)
         if inspect.iscoroutine(result):
@@ -90,7 +90,7 @@ class VirtualLoop(asyncio.BaseEventLoop):
         return future
 
     def _process_events(self, event_list: list[Any]) -> None:
-        """Do nothing: there are no sockets."""
+        """Do nothing, because there are no sockets."""
 
     def _write_to_self(self) -> None:
         self._is_woken = True

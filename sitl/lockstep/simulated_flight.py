@@ -50,7 +50,7 @@ def open_flight(
     Raises:
         ConfigError: a fault, an order or a change is impossible.
     """
-    if len(fleet.enabled_names) > 1:  # a single vehicle is computed by interpreted code
+    if len(fleet.enabled_names) > 1:  # interpreted code computes a single vehicle
         compile_law()
 
     environment = None
@@ -146,7 +146,7 @@ def _prepared_law(flight: Lockstep, change: Change) -> Callable[[], None]:
 
 
 class OtherGround:
-    """A second ground station, of another person, that gives orders at planned times.
+    """A second ground station, run by someone else, that gives orders at planned times.
 
     It joins the bus for its first order, and gives the order as soon as it has telemetry of all
     vehicles. It is not the operator: its orders to hold, land and kill are accepted, and its other

@@ -1,4 +1,4 @@
-"""Agents' cores, emulated vehicles, motion capture and bus, advanced together by steps of 4 ms.
+"""Agents' cores, emulated vehicles, motion capture and bus, advanced together in steps of 4 ms.
 
 Each step has the same order: calls that were planned for this time, physics and autopilots, links,
 motion capture and ground truth, the bus, and in every fifth step the agents. All agents tick at the
@@ -251,7 +251,7 @@ class Simulation:
 
 def _base_station(fleet: FleetConfig, bus: SimBus) -> BaseStation:
     """Return the node that sends GNSS corrections to this fleet."""
-    # Imported here, because most fleets have no corrections, and it needs a library of its own.
+    # Import here, because most fleets have no corrections and this module needs an extra library.
     from sitl.lockstep.base_station import BaseStation
 
     return BaseStation(fleet, bus)

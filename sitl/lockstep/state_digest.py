@@ -3,9 +3,9 @@
 Two flights with the same digest at the same time continue in the same way. The digest covers the
 objects of the simulation: vehicles, PX4s, links, motion capture, bus, agents and every random
 generator. It reads numbers, words and their containers, and the attributes of all other objects.
-Functions, the plan of faults and planned calls are left out: they are no state.
+Functions, the plan of faults and planned calls are left out, because they are not state.
 
-The ground is left out, too. What it does reaches the fleet as messages, and these are in the bus.
+The ground is left out too. It acts on the fleet only through messages, which are in the bus.
 """
 
 from __future__ import annotations
@@ -80,7 +80,7 @@ class _Walk:
                 self.add(key)
                 self.add(member)
         elif isinstance(value, (set, frozenset)):
-            # a set has no order that could be repeated
+            # a set has no repeatable order
             self.words.extend(sorted(_digest_of(member) for member in value))
         elif isinstance(value, (np.ndarray, np.generic)):
             self.words.append(f"{value.dtype} {value.shape} {value.tobytes().hex()}")
@@ -105,7 +105,7 @@ class _Walk:
 
 
 def _attributes(value: object) -> Iterable[str]:
-    """Return the names of an object's attributes, in an order that can be repeated."""
+    """Return the names of an object's attributes, in a repeatable order."""
     if isinstance(value, msgspec.Struct):
         return value.__struct_fields__
 

@@ -1,7 +1,7 @@
 """A pytest plugin with one fixture: ``lockstep`` makes flights in simulated time for a test.
 
-The flights end with the test. The test fails if a vehicle with all its thrust has touched the
-ground too fast. A test in which this is expected sets ``flight.may_land_hard = True`` beforehand.
+The flights end with the test. The test fails if a vehicle with full thrust has touched down too
+fast. A test in which this is expected sets ``flight.may_land_hard = True`` beforehand.
 
 Example::
 
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 @pytest.fixture
 def lockstep() -> Iterator[Callable[..., Lockstep]]:
     """Make a :class:`Lockstep` with its own arguments: fleet, seed, law, bus, mocap, folder."""
-    # imported here, so that the plugin costs no time in tests that do not use the fixture
+    # import here, so that the plugin does not slow tests that do not use the fixture
     from sitl.lockstep.flight import Lockstep
 
     flights: list[Lockstep] = []

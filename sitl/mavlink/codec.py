@@ -101,7 +101,7 @@ class MavlinkMessage:
 
 @dataclass(slots=True)
 class Decoder:
-    """Decoder of the datagrams of one link, which counts malformed ones and raises nothing."""
+    """Decoder of the datagrams of one link, which counts malformed ones and never raises."""
 
     malformed: int = 0
     # Whether a message is accepted, by its bytes and whether it is signed. None: all are accepted.
@@ -134,7 +134,7 @@ class Decoder:
 
 
 def _frame(data: bytes, start: int) -> tuple[MavlinkMessage | None, int] | None:
-    """Return the message of the frame at an index, and the index behind the frame.
+    """Return the message of the frame at an index, and the index after the frame.
 
     The message is None when its id is unknown. The result is None when there is no frame, or when
     the frame is incomplete or has a wrong checksum.

@@ -26,7 +26,7 @@ _REQUEST_PROTOCOL_VERSION = 519
 # Commands that are also answered when they are sent to all systems, and to any component.
 FOR_EVERYBODY = frozenset({_REQUEST_MESSAGE, _REQUEST_PROTOCOL_VERSION})
 
-# Parameters of larger size are ignored.
+# Parameters of larger magnitude are ignored.
 _MOST_INTEGER = 2**31
 _MOST_ALTITUDE_M = 1e5
 _MOST_POSITION_M = 1e4  # from the local origin, per axis
@@ -46,7 +46,7 @@ class CommandedLink(Protocol):
         """The autopilot behind the link."""
 
     def build(self, message_id: int) -> bytes | None:
-        """Return one message with its present content; None when it has none."""
+        """Return one message with its present content; None without content."""
 
     def ack(self, message: MavlinkMessage, command: int, result: CommandResult) -> bytes:
         """Return the answer to a command."""
@@ -172,7 +172,7 @@ def _reposition(link: CommandedLink, command: ReceivedCommand) -> Answer:
     latitude_deg = latitude * scale
     longitude_deg = longitude * scale
     if math.isinf(latitude_deg) or math.isinf(longitude_deg):
-        latitude_deg = math.nan  # as if it were missing: an infinite angle has no cosine
+        latitude_deg = math.nan  # treat it as missing, because an infinite angle has no cosine
         longitude_deg = math.nan
     position = np.array(link.view.to_local(latitude_deg, longitude_deg, altitude_m))
 
@@ -183,7 +183,7 @@ def _reposition(link: CommandedLink, command: ReceivedCommand) -> Answer:
 
 
 def _change_speed(link: CommandedLink, command: ReceivedCommand) -> Answer:
-    # The speed holds until the mode ends. Without a speed above zero the parameter holds again.
+    # The speed applies until the mode ends. Without a speed above zero the parameter applies again.
     speed_m_s: float | None = command[2]
     if command[2] <= 0.0:
         speed_m_s = None

@@ -32,7 +32,7 @@ VIEWER_PORT = 19410
 SIMULATOR_INSTANCES = 40
 
 _ENDPOINT = re.compile(r"(?P<scheme>udpin|udpout)://(?P<host>[^:/]*|\[[^\]]*\]):(?P<port>\d{1,5})")
-_MOST_DATAGRAMS = 64  # datagrams that are read at once from one socket
+_MOST_DATAGRAMS = 64  # datagrams read in one batch from one socket
 _LARGEST_DATAGRAM = 65535
 _RECEIVE_BUFFER_BYTES = 1 << 20
 
@@ -89,8 +89,8 @@ def ground_ports(
 
     px4_port = ground_port_of(autopilot)
     if px4_port is None:
-        # Outside of PX4's layout any free port (0) is right, because a ground station answers to
-        # the port of the sender.
+        # Outside PX4's layout any free port (0) will do, because a ground station answers to the
+        # sender's port.
         px4_port = 0
     return Ports(bind=("127.0.0.1", px4_port), peer=station)
 
@@ -204,7 +204,7 @@ class EndpointLink(Protocol):
 class Endpoint:
     """One link and its peer.
 
-    The endpoint is pure: it is given datagrams with their senders, and calls `send` to send.
+    The endpoint is pure: it receives datagrams with their senders, and calls `send` to send.
 
     Args:
         link: link that answers and sends datagrams.

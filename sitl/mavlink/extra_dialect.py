@@ -23,7 +23,8 @@ class MessageLayout:
     name: str
     packer: struct.Struct
     crc_extra: int  # seed of the checksum
-    # Name and count of each field in the order of the encoding. The count is 0 for no array.
+    # Name and count of each field in the order of the encoding. The count is 0 for a field that is
+    # not an array.
     fields: tuple[tuple[str, int], ...]
 
 

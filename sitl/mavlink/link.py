@@ -165,7 +165,7 @@ class Link:
         return frames
 
     def build(self, message_id: int) -> bytes | None:
-        """Return one message of those that can be streamed; None when it has no content."""
+        """Return one of the messages that can be streamed; None when it has no content."""
         if message_id in self.schedule.silent or message_id not in BUILDERS:
             return None
         values = BUILDERS[message_id](self.view)
@@ -213,7 +213,7 @@ class Link:
 
     def _chunks(self, text: StatusText) -> list[bytes]:
         """Return a text as STATUSTEXTs."""
-        # PX4 begins with 0, and counts texts of a single chunk as well.
+        # PX4 counts from 0, and includes texts of a single chunk.
         self._text_id = (self._text_id + 1) & 0xFFFF
 
         raw = text.text.encode("ascii", "replace")
@@ -413,7 +413,7 @@ class Link:
         if fields["frame_id"] not in (_LOCAL_NED, _LOCAL_FRD):
             return
 
-        # the heading of a quaternion of any length; NaN for a quaternion of zeros
+        # works for a quaternion of any length; NaN for a quaternion of zeros
         w, x, y, z = fields["q"]
         yaw_rad = math.nan
         if abs(w) + abs(x) + abs(y) + abs(z) > 0.0:
@@ -463,7 +463,7 @@ class Link:
         self.autopilot.play_tune()  # PX4 does not acknowledge a tune
 
     def _request_event(self, message: MavlinkMessage) -> list[bytes]:
-        # Sequence numbers have 16 bits, so that the last one may be smaller than the first.
+        # Sequence numbers have 16 bits, so the last one may be smaller than the first.
         first = message.fields["first_sequence"]
         last = message.fields["last_sequence"]
         span = (last - first) & 0xFFFF
@@ -486,7 +486,7 @@ class Link:
             )
         ]
 
-    # -- missions, which are not emulated: refused, so that no client waits for a timeout ----------
+    # -- missions: not emulated; refused, so that clients do not wait for a timeout ----------------
 
     def _mission_list(self, message: MavlinkMessage) -> list[bytes]:
         return [self._to_sender("MISSION_COUNT", message)]
@@ -507,7 +507,7 @@ class Link:
         return [self._to_sender("MISSION_ACK", message, type=invalid_sequence)]
 
     def _to_sender(self, name: str, message: MavlinkMessage, **fields: int) -> bytes:
-        """Return a message about missions to the sender of another."""
+        """Return a message about missions, addressed to the sender of another message."""
         return self.encoder.encode_named(
             name,
             target_system=message.system_id,

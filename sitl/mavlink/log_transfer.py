@@ -24,7 +24,7 @@ _HEAD = struct.Struct("<HBBBBBxI")
 _SIZE_BYTE = 4  # index of the size in a payload
 _MOST_DATA = PAYLOAD_BYTES - _HEAD.size
 LOG_DATA_BYTES = 90
-# An answer with at most this size of data is stored and sent again for a repeated request. A
+# An answer with at most this much data is stored and sent again for a repeated request. A repeated
 # request with a larger answer is carried out again.
 _REPEATED_BYTES = 4
 _PIECES_PER_POLL = 8
@@ -142,7 +142,7 @@ class FileServer:
             if self._reaches_limit(len(content)):
                 break
 
-            # An answer has the sequence number of its request plus one. So a piece answers a
+            # An answer has the sequence number of its request plus one. A piece therefore answers a
             # request with the number before its own.
             burst.pieces_left -= 1
             is_complete = burst.pieces_left == 0

@@ -1,8 +1,8 @@
 """Contents of the streamed messages of a PX4, with one builder for each message.
 
 A builder takes a view of the vehicle. It returns the values of the message in wire order, or None
-while the message has no content. Most builders return plain tuples, since they are called some
-thousand times a second. A comment behind a value names its field where the value does not. Where
+while the message has no content. Most builders return plain tuples, because they are called
+thousands of times a second. A comment after a value names its field where the value does not. Where
 many fields of a message are zero, `_ordered` puts the other fields into wire order by their names.
 """
 
@@ -337,7 +337,7 @@ def vfr_hud(v: View) -> Values:
 
 
 def home_position(v: View) -> Values | None:
-    # PX4 sets home once its checks pass. Programs rely on it as the sign that PX4 can be armed.
+    # PX4 sets home once its checks pass. Programs take this as the sign that PX4 can be armed.
     if not v.has_origin or v.time_s < BOOT_S:
         return None
 
@@ -409,7 +409,7 @@ def position_target_global_int(v: View) -> Values | None:
     if not px4.is_armed or goal is None or MODES[px4.mode].main != AUTO_MAIN:
         return None
 
-    # An axis of the goal without a position has the position of the vehicle.
+    # On an axis without a goal position, use the position of the vehicle.
     position_ned_m = list(v.sensed.position_ned_m)
     for axis, goal_m in enumerate(goal.position_ned_m.tolist()):
         if math.isfinite(goal_m):
@@ -430,7 +430,7 @@ def position_target_global_int(v: View) -> Values | None:
 
 
 def _commanded_thrust(v: View) -> float:
-    """Return the thrust commanded to the motors, which is before their lag."""
+    """Return the thrust commanded to the motors, before their lag."""
     actuation = v.autopilot.actuation
     if not actuation.motors_on:
         return 0.0
@@ -481,7 +481,7 @@ def highres_imu(v: View) -> Values:
         *(0.21, 0.0, 0.43),  # magnetometer [gauss]
         955.0,  # pressure [hPa]
         0.0,  # pressure of the airflow
-        v.ground_altitude_m - sensed.position_ned_m[2],  # altitude by the pressure
+        v.ground_altitude_m - sensed.position_ned_m[2],  # pressure altitude
         25.0,  # temperature [deg C]
         7167,  # bits of the updated fields
         0,  # id

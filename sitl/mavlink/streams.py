@@ -58,7 +58,7 @@ _FIRST_S: dict[int, float] = {
     ID_BY_NAME["HOME_POSITION"]: BOOT_S,
 }
 _STEP_S = 0.004  # step of the physics
-# The begins of the streams of a link are spread over _SPREAD_STEPS steps. The stream of the next
+# The start times of a link's streams are spread over _SPREAD_STEPS steps. The stream of the next
 # message begins 7 steps later, and that of the next vehicle 3 steps later, modulo _SPREAD_STEPS.
 _SPREAD_STEPS = 25
 _SPREAD_PER_MESSAGE = 7

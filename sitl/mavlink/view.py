@@ -24,8 +24,8 @@ _GYRO_NOISE_RAD_S = math.radians(0.33)
 _ACCEL_NOISE_M_S2 = (0.5, 1.7, 1.4)
 _ACCEL_NOISE_RESTING_M_S2 = 0.05
 _GRAVITY_M_S2 = 9.80665
-_NOISE_BLOCK = 4096  # number of random numbers that are drawn at once
-_RANDOM_STREAM = 7  # separates these random numbers from others with the same seed
+_NOISE_BLOCK = 4096  # random numbers drawn in one batch
+_RANDOM_STREAM = 7  # keeps these random numbers apart from others with the same seed
 
 Vector = tuple[float, float, float]
 Quaternion = frames.Quaternion
@@ -67,7 +67,7 @@ class View:
 
     @property
     def autopilot(self) -> EmulatedPx4:
-        """The vehicle's PX4, which a restart replaces by a new one."""
+        """The vehicle's PX4; a restart replaces this object."""
         return self.emulator.autopilots[self.index]
 
     @property
@@ -162,7 +162,7 @@ class View:
 
     @property
     def has_origin(self) -> bool:
-        """Whether PX4 has the position of its local frame on Earth, by satellites or a message."""
+        """Whether PX4 has the position of its local frame on Earth, from satellites or a message."""
         return self.has_fix or self.emulator.has_global_origin[self.index]
 
     @property
@@ -231,7 +231,7 @@ class View:
 
 
 def _local_origin(emulator: Emulator, index: int) -> EarthPoint:
-    """Return the origin of a vehicle's local frame on Earth, which is at its start."""
+    """Return the position on Earth of a vehicle's local frame, whose origin is its start."""
     east, north, _ = emulator.specs[index].start_enu_m
     latitude_deg, longitude_deg = degrees_at(emulator.origin, north, east)
     return EarthPoint(latitude_deg, longitude_deg, emulator.origin.altitude_m)

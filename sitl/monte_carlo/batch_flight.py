@@ -55,7 +55,7 @@ class Flown:
 
     plan: FlightPlan
     outcome: FlightOutcome
-    # time that the slowest vehicle needs without avoiding anybody; inf if it does not arrive
+    # time that the slowest vehicle needs without avoidance; inf if it does not arrive
     straight_line_s: float
     law_refusal: str = ""  # why Covey's law took over from a user's own law; empty: it did not
 
@@ -116,7 +116,7 @@ def straight_line_s(
     Noise and vehicles are the same, but the law is off and no messages are sent. The makespans do
     not depend on the law, its values or the messages, so each is flown once per process.
     """
-    # messages do not count here, so their values must not tell two setups apart
+    # messages do not matter here, so their settings must not make two setups different
     without_radio = replace(setup.perturbation, delay_s=0.0, loss_share=0.0)
     alone = replace(setup, law="off", law_table={}, perturbation=without_radio)
     keys = [_straight_key(alone, plan, physics) for plan in plans]
@@ -132,7 +132,7 @@ def straight_line_s(
 
 
 def _straight_key(alone: Setup, plan: FlightPlan, physics: str) -> _StraightKey:
-    """Return what decides a straight-line flight; two scenes of one name may have other goals."""
+    """Return the key of a straight-line flight; scenes with the same name may differ in goals."""
     places = plan.start_enu_m.tobytes() + plan.goals_enu_m.tobytes()
     return repr(alone), physics, plan.scenario, plan.seed, places
 
@@ -190,7 +190,7 @@ def _fly(
         if plan.intruder_m_s is not None:
             scripted[f, -1] = plan.intruder_m_s
 
-    # only a fleet that flies above each other by its file feels the rotors' wash
+    # only fleets whose file lets vehicles fly above each other feel the rotors' wash
     wash_m = 0.0
     if fleet.fleet.vertical_separation_m is not None:
         wash_m = fleet.fleet.body_diameter_m
@@ -239,13 +239,13 @@ def _fly(
         normals, link_draws = noise.next()
         states = sensors.update(truth, normals, throttle, hover)
         published_states = states
-        # of the positions that liars publish: their offset, and how fast it changes
+        # offset of the positions that liars publish, and its rate of change
         offset_m = np.zeros_like(start)
         velocity_m_s = offset_m
         if has_lies:
             offset_m, velocity_m_s = lies.offsets(metrics.time_s)
             published_states = shifted(states, offset_m, velocity_m_s, _OF_STATE)
-            # a liar that believes its false position flies by it, too
+            # a liar that believes its false position also flies by it
             states = np.where(lies.is_believed()[:, None], published_states, states)
 
         # they receive the messages of earlier ticks
@@ -263,7 +263,8 @@ def _fly(
         if radio is not None:
             neighbours = radio.receive(link_draws, is_mute, is_frozen, sensors.tracked())
 
-        # they control and publish; the autopilot of a frozen vehicle holds and avoids nobody
+        # they control and publish; the autopilot of a frozen vehicle holds position without
+        # avoiding
         has_neighbours = ~(is_frozen | orders.is_blind)
         is_present = np.broadcast_to(has_neighbours[..., None], neighbours.shape)
         goals = orders.goals(is_frozen, truth)
@@ -278,8 +279,8 @@ def _fly(
         world.advance(ticks["attitude"]["quaternion_wxyz"], throttle, normals)
         truth = world.truth()
 
-        # the metrics judge them; the law names the neighbour that it avoids most by its index among
-        # the received neighbours, the metrics need its index in the fleet
+        # the metrics judge them; the law gives the most avoided neighbour's index among the
+        # received neighbours, but the metrics need its index in the fleet
         most_avoided = ticks["law"]["active_neighbour"].astype(np.int64)
         most_avoided_vehicle = most_avoided
         if radio is not None:
@@ -306,10 +307,10 @@ def _fly(
 def _published_ticks(
     ticks: Rows, offset_m: Array, velocity_m_s: Array, is_believed: BoolArray
 ) -> Rows:
-    """Return the ticks as they are published: a liar's prediction is as false as its position.
+    """Return the ticks as published; a liar's prediction is as false as its position.
 
-    The prediction of a vehicle that believes its false position starts from that position already,
-    so it needs no change.
+    A vehicle that believes its false position already predicts from it, so its prediction needs no
+    change.
     """
     is_false = offset_m.any(-1) & ~is_believed[:, None]
     if not is_false.any():
@@ -326,7 +327,7 @@ def _with_other_law(
     start_enu_m: Array,
     obstacles: Sequence[Capsule],
 ) -> MixedFleet:
-    """Return the control of a fleet in which some vehicles fly by another law."""
+    """Return the control of a fleet in which some vehicles use another law."""
     count = start_enu_m.shape[1]
     fleet = replace(setup, law=other.name).fleet(count)
     return MixedFleet(

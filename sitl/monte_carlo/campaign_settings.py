@@ -50,7 +50,7 @@ _NOT_A_VEHICLE_VALUE = (
     "sitl",
     "mocap_required",
 )
-_UNBOUNDED_M = 1e6  # half width of a geofence that no flight reaches
+_UNBOUNDED_M = 1e6  # half width of a geofence too large for any flight to reach
 
 
 def _from_to(default: float, low: float, high: float) -> float:
@@ -71,7 +71,7 @@ class SimulatedErrors:
     delay_s: float = _from_to(0.04, 0.0, 2.0)
     loss_share: float = _from_to(0.10, 0.0, 1.0)  # share of each link's messages that is lost
     burst_s: float = _from_to(0.0, 0.0, 60.0)  # length of a sender's silences; 0 for none
-    burst_every_s: float = _from_to(10.0, 0.1, 1e4)  # mean interval of a sender's silences
+    burst_every_s: float = _from_to(10.0, 0.1, 1e4)  # mean interval between a sender's silences
     # std of a force per mass on each horizontal axis, correlated over 1 s
     gust_m_s2: float = _from_to(0.1, 0.0, 5.0)
     # velocity of a steady wind, which acts through the drag; the seed decides its direction
@@ -163,7 +163,7 @@ class Setup:
     """All settings of a campaign except its scenarios."""
 
     law: str
-    types: tuple[str, ...]  # names of vehicle types, which the vehicles get in turn
+    types: tuple[str, ...]  # names of vehicle types, assigned to the vehicles in turn
     # tables as in a fleet file
     type_tables: Mapping[str, Mapping[str, Any]]
     law_table: Mapping[str, Any]
@@ -176,9 +176,9 @@ class Setup:
         """Return a fleet of ``count`` vehicles, validated like any fleet file.
 
         Raises:
-            ConfigError: the values do not go together.
+            ConfigError: the values are inconsistent.
         """
-        # The starts only have to be valid: the scenarios replace them. So they are far apart.
+        # The scenarios replace these starts. They only have to be valid, so they are far apart.
         spacing_m = 2.0 + 10.0 * float(self.fleet_table.get("safety_distance_m", 0.8))
         vehicles = {}
         for i in range(count):
@@ -231,7 +231,7 @@ def setup_for(
 
     Args:
         law: name of the law; by default the fleet file's, or else Covey's.
-        types: names of vehicle types separated by commas, which the vehicles get in turn; by
+        types: names of vehicle types separated by commas, assigned to the vehicles in turn; by
             default sih, or else the first type of the fleet file.
         fleet_path: a fleet file with types, law and distances; by default the example fleets.
         errors: name of an error class.
@@ -307,7 +307,7 @@ def _type_tables(data: Mapping[str, Any]) -> dict[str, dict[str, Any]]:
 
 
 def _type_names(types: str | None, tables: Mapping[str, Any]) -> tuple[str, ...]:
-    """Return the names of the vehicle types, which the vehicles get in turn.
+    """Return the names of the vehicle types, to be assigned to the vehicles in turn.
 
     Raises:
         ConfigError: a type is unknown.
@@ -354,7 +354,7 @@ def _perturbed(
     """Return a perturbation with one value changed.
 
     Raises:
-        ConfigError: the value is no number, or out of bounds.
+        ConfigError: the value is not a number, or is out of bounds.
     """
     bounds = {entry.name: entry.metadata for entry in fields(SimulatedErrors)}
     low = bounds[key]["low"]

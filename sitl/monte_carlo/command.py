@@ -34,7 +34,7 @@ def run(
 
     Args:
         subjects: scenarios by name, or scenes.
-        seeds: the seeds, with each of which every subject is flown.
+        seeds: the seeds, each of which flies every subject.
         setup: the settings of all flights.
         jobs: number of processes.
         is_json: whether one JSON object per flight is printed instead of a table.
@@ -173,7 +173,7 @@ def _print_table(
 
     width = None  # the terminal's
     if not sys.stdout.isatty():
-        width = 140  # a file or a pipe has no width of its own
+        width = 140  # a file or a pipe has no width
     console = Console(file=drawing(sys.stdout), width=width)
     console.print(table)
 

@@ -1,7 +1,7 @@
 """Flies units of work with several processes or a Dask cluster, and keeps each result at once.
 
-So a run can be interrupted at any time. If the processes or the cluster are lost, the units that
-they were flying are flown again.
+A run can therefore be interrupted at any time. If the processes or the cluster are lost, the units
+that they were flying are flown again.
 """
 
 from __future__ import annotations
@@ -38,8 +38,8 @@ _ANSWER_S = 180.0  # longest wait until all workers have compiled the law
 class Work(Protocol):
     """A unit of work: some flights of one cell.
 
-    The result of one unit can decide whether its cell needs another one. So only one unit of each
-    cell is under way at a time.
+    The result of one unit can decide whether its cell needs another. Therefore only one unit of
+    each cell is in progress at a time.
     """
 
     @property
@@ -69,7 +69,7 @@ def fly_missing(
     Args:
         missing: returns the units that are still to be flown, in their order.
         fly: flies one unit and returns its row; with several processes it runs in one of them.
-        keep: keeps the row of a unit; called in this process, for one row after the other.
+        keep: keeps the row of a unit; called in this process, one row at a time.
         jobs: number of processes on this machine.
         scheduler: address of a Dask scheduler, whose workers fly instead of these processes.
         tell: called with each sentence about executors.
@@ -195,7 +195,7 @@ class _SameProcess(Executor):
 
 
 def _end_with_parent() -> None:
-    """Let this worker process end when its parent is killed, instead of waiting for ever."""
+    """Let this worker process end when its parent is killed, instead of waiting forever."""
 
     def _watch() -> None:
         parent = multiprocessing.parent_process()

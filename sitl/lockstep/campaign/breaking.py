@@ -36,7 +36,7 @@ _BEYOND_M = 5.0  # distance outside the fence
 _LEAST_HEIGHT_M = 0.5  # of a goal that is the position of another vehicle
 _TICK_S = 0.02  # period of the agents' ticks
 _WIND_RISES_IN_S = 20.0
-_STRONGEST_WIND_M_S = 30.0  # the emulator accepts no more
+_STRONGEST_WIND_M_S = 30.0  # the most that the emulator accepts
 _SLOW_DELAY_S = 0.4
 _STARVED_FOR_S = 6.0
 # times for which the ground stays away after vehicles have begun to land without it
@@ -90,7 +90,7 @@ def kill_and_start(flight: Lockstep, name: str) -> None:
 
 
 def hang(duration_s: float) -> Inject:
-    """Return an injection: the agent's event loop stalls; for good if the time is infinite."""
+    """Return an injection: the agent's event loop stalls, forever if the time is infinite."""
 
     def inject(flight: Lockstep, name: str) -> None:
         flight.agents[name].hang()
@@ -128,7 +128,7 @@ def cut(duration_s: float, *, keeps: tuple[str, ...] = (), all_agents: bool = Fa
 
 
 def cut_ground(duration_s: float) -> Inject:
-    """Return an injection: the ground is cut from all nodes; for good if the time is infinite."""
+    """Return an injection: the ground is cut from all nodes, forever if the time is infinite."""
 
     def inject(flight: Lockstep, _name: str) -> None:
         flight.bus.partition([GROUND])
@@ -145,7 +145,7 @@ def slow_ground(flight: Lockstep, _name: str) -> None:
 
 
 def starve_ground(flight: Lockstep, _name: str) -> None:
-    """Let the ground's event loop run only now and then, as on a computer that is too busy."""
+    """Let the ground's event loop run only now and then, as on an overloaded computer."""
     rng = np.random.default_rng([round(flight.time_s / STEP_S), 20])
     begin_s = flight.time_s
     while begin_s < flight.time_s + _STARVED_FOR_S:
@@ -170,7 +170,7 @@ def hang_ground_for_long(flight: Lockstep, _name: str) -> None:
 
 
 def kill_ground(flight: Lockstep, _name: str) -> None:
-    """End the ground's process: its connections close, and it does nothing any more."""
+    """End the ground's process: its connections close, and it does nothing more."""
     flight.bus.nodes[GROUND].stop()
     flight.hold_ground(flight.config.fleet.ground_lost_land_s + _DEAD_LONGER_S)
 
@@ -211,13 +211,13 @@ def tick_fails(count: int) -> Inject:
     return inject
 
 
-_FAR_AHEAD = 2**60  # a sequence number that no sender reaches
+_FAR_AHEAD = 2**60  # a sequence number that senders never reach
 
 
 def nonsense(flight: Lockstep, name: str) -> None:
     """Publish bad states of another vehicle, and bad poses of all, for 1.2 seconds.
 
-    Their values are not finite, huge or repeated, have a sequence number far ahead, or are of a
+    Values are infinite, NaN, huge or repeated, have a sequence number far ahead, or belong to a
     vehicle that does not exist.
     """
     other = next(vehicle for vehicle in flight.config.enabled_names if vehicle != name)
@@ -339,7 +339,7 @@ def repeated(inject: Inject, count: int, every_s: float) -> Inject:
 
 
 def stops(*names: str) -> Inject:
-    """Return an injection: some fields of PX4's reports never come again."""
+    """Return an injection: some fields of PX4's reports stop arriving."""
 
     def inject(flight: Lockstep, vehicle: str) -> None:
         link = flight.agents[vehicle].link

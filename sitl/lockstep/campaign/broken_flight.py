@@ -48,13 +48,13 @@ class BrokenFlight(NamedTuple):
 
     wrong: list[str]  # sentences about what must not happen
     seen: dict[str, int]  # name of a condition -> ticks of all vehicles in which it held
-    # smallest distance [m] of pairs of which no vehicle, one, or both are silenced
+    # smallest distance [m] of pairs in which no vehicle, one, or both are silenced
     smallest_m: tuple[float, float, float]
     verdict: Verdict
 
 
 def wind_of(mean_enu_m_s: tuple[float, float]) -> WindSettings:
-    """Return a wind with gusts in the share of the mean that the wind limit allows for."""
+    """Return a wind whose gusts are the share of the mean that the wind limit allows for."""
     east_m_s, north_m_s = mean_enu_m_s
     return WindSettings(
         mean_enu_m_s=(east_m_s, north_m_s, 0.0),

@@ -67,7 +67,7 @@ def _edge_distance_m(area: Area, point: Point) -> float:
     for (x1, y1), (x2, y2) in _sides(area):
         dx = x2 - x1
         dy = y2 - y1
-        # the nearest point of the side, as a share of the way from its begin to its end
+        # the nearest point of the side, as a share of the way from its start to its end
         along = ((east - x1) * dx + (north - y1) * dy) / (dx * dx + dy * dy)
         share = min(1.0, max(0.0, along))
         nearest = (x1 + share * dx, y1 + share * dy)
@@ -76,6 +76,6 @@ def _edge_distance_m(area: Area, point: Point) -> float:
 
 
 def _sides(area: Area) -> list[tuple[Point, Point]]:
-    """Return the begin and the end of each side of a polygon."""
+    """Return the start and the end of each side of a polygon."""
     corners = area.corners_enu_m
     return list(itertools.pairwise([*corners, corners[0]]))

@@ -60,8 +60,8 @@ def refuse_strong_wind(fleet: FleetConfig, wind_m_s: float) -> None:
     mean plus one standard deviation of the gusts must stay below the limit.
 
     Raises:
-        ConfigError: the wind with its gusts is above the lowest limit of the fleet, or it is below
-            0 or no number.
+        ConfigError: the wind with its gusts is above the lowest limit of the fleet, or it is
+            negative or not a number.
     """
     if not wind_m_s >= 0.0:
         raise ConfigError(f"--wind is {wind_m_s:g}; it must be 0 m/s or more.")
@@ -79,7 +79,7 @@ def refuse_strong_wind(fleet: FleetConfig, wind_m_s: float) -> None:
 
 
 def refuse_unknown_fault(only: str) -> None:
-    """Refuse a part of a name that no fault has.
+    """Refuse a filter that matches no fault name.
 
     Raises:
         ConfigError: no name of a fault contains it.
@@ -192,7 +192,7 @@ def possible_victims(fleet: FleetConfig, injection: Injection) -> list[str]:
         fitting = [name for name in names if fleet.vehicles[name].mocap_required]
     else:  # satellites
         fitting = [name for name in names if not fleet.vehicles[name].mocap_required]
-    # an injection that hits all vehicles needs a fleet in which all of them fit
+    # an injection that hits all vehicles needs a fleet in which every vehicle qualifies
     if "of all" in injection.name and len(fitting) < len(names):
         return []
     return fitting
@@ -268,7 +268,7 @@ def fly_case(fleet_path: str, mission_path: str, case: FlightCase) -> FlownCase:
         injection = injection_of(case.fault)
         at_s = case.at_s
 
-    extents: list[Extent] = []  # of the one flight, once it exists
+    extents: list[Extent] = []  # one flight, once it exists
 
     def watch(flight: Lockstep) -> None:
         extents.append(Extent(flight))
@@ -278,7 +278,7 @@ def fly_case(fleet_path: str, mission_path: str, case: FlightCase) -> FlownCase:
         victim = mission.fleet.enabled_names[0]
     wrong: list[str] = []
     seen: dict[str, int] = {}
-    smallest_m = (math.inf, math.inf, math.inf)  # of pairs with 0, 1 or 2 silenced vehicles
+    smallest_m = (math.inf, math.inf, math.inf)  # for pairs with 0, 1 or 2 silenced vehicles
     try:
         flown = fly_broken(
             mission,

@@ -1,4 +1,4 @@
-"""The table of injected faults: one row for each, with the conditions that have to be noticed.
+"""The table of injected faults: one row for each, with the conditions that vehicles have to notice.
 
 Tests and ``covey evidence`` fly a mission once with each row.
 """
@@ -57,8 +57,8 @@ class Injection:
         others: conditions of which at least one other vehicle has to notice at least one.
         is_silenced: whether the vehicle stops avoiding; distances to it are judged separately.
         is_cut_off: whether the ground may miss the events about it.
-        may_leave_fence: whether the vehicle may leave the fence, because PX4 flies it alone or
-            nobody does.
+        may_leave_fence: whether the vehicle may leave the fence, because only PX4 flies it, or
+            nothing controls it.
         is_falling: whether it falls faster than others can avoid it, so that bodies may touch.
         is_astray: whether it has less thrust than the law counts on, or follows a wrong position.
             Then no bodies may touch, but the law's distance is not promised.

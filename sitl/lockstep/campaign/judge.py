@@ -1,6 +1,6 @@
 """The judge of a flight with an injected fault: it checks every tick.
 
-It judges ground truth and the setpoints that leave the agents, not what agents say about
+It judges ground truth and the setpoints that leave the agents, not what agents report about
 themselves. It checks distances, the fence, the setpoints, and whether each vehicle does what its
 conditions demand. At the end all vehicles must be down and disarmed, and the events must name the
 condition.
@@ -66,7 +66,8 @@ class Judge:
         flight: the flight, which has not begun.
         injection: the fault.
         victim: name of the vehicle that it hits.
-        silenced: vehicles that stop avoiding after the fault; distances to them are noted apart.
+        silenced: vehicles that stop avoiding after the fault; distances to them are noted
+            separately.
         action_of: returns what a vehicle has to do; by default what the failsafe table says.
     """
 
@@ -92,7 +93,7 @@ class Judge:
         }
         self.truths: dict[str, Truth] = {}
 
-        # smallest distance [m] of pairs of which 0, 1 or 2 vehicles are silenced
+        # smallest distance [m] of pairs with 0, 1 or 2 silenced vehicles
         self.smallest = [math.inf, math.inf, math.inf]
 
         self.is_injected = False
@@ -137,7 +138,7 @@ class Judge:
     # -- while it flies ----------------------------------------------------------------------------
 
     def _check_setpoint(self, name: str, send: object, setpoint: AttitudeSetpoint) -> None:
-        """Note a setpoint if it is bad; send it in any case."""
+        """Note a setpoint if it is bad; send it either way."""
         q = np.asarray(setpoint.quaternion_wxyz)
         thrust_frac = setpoint.thrust_frac
         limit_deg = self.flight.config.vehicles[name].max_tilt_deg + _TILT_SLACK_DEG

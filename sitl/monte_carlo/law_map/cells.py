@@ -36,8 +36,8 @@ FIRST_SEED = 1000
 # flights
 STAGES = (range(1000, 1007), range(1007, 1034), range(1034, 1101), range(1101, 1168))
 _SCENARIO_FORMATS = ("swap{}x", "swap{}", "rand{}")  # completed by the number of vehicles
-# Scenarios are scaled so that a vehicle that avoids no other one flies for _HELD_S at _HELD_SHARE
-# of its top speed or faster.
+# Scenarios are scaled so that, without avoidance, a vehicle flies for _HELD_S at _HELD_SHARE of its
+# top speed or faster.
 _HELD_S = 2.0
 _HELD_SHARE = 0.9
 _CIRCLE_SPACING_M = 1.25  # distance of neighbours on the circle of a swap
@@ -168,8 +168,8 @@ def changes(cell: Cell) -> tuple[str, ...]:
     flown_margin_m = max(margin_m, effective_margin_m(fleet, accuracy))
     distance_m = fleet.fleet.safety_distance_m + flown_margin_m
 
-    # range from which on a neighbour is avoided: two vehicles that close head-on can then still
-    # brake, also with old messages and the lag of the attitude
+    # range at which avoidance of a neighbour begins: two vehicles that close head-on can then still
+    # brake despite old messages and the lag of the attitude
     closing_m_s = 2.0 * law.avoid_speed_frac * cell.speed_m_s
     row_range_m = bounds.row_range_m(closing_m_s, distance_m, law.kappa_1_1_s, law.kappa_2_1_s)
     late_m = closing_m_s * (message_age_s(fleet) + vehicle.lag_s)
@@ -204,7 +204,7 @@ def _set_by_axes(cell: Cell) -> tuple[str, ...]:
 
 
 def _rounded_up(value: float, step: float) -> float:
-    # 1e-9 keeps rounding errors of a whole number of steps from adding a step
+    # 1e-9 keeps a rounding error from adding a step
     return round(math.ceil(value / step - 1e-9) * step, 6)
 
 

@@ -29,11 +29,10 @@ def fly_map(
     Args:
         path: the file of results.
         selection: restricted axes, as for :func:`cells`.
-        least_flights: number of flights that are flown in each cell, at least; a cell that has
-            failed gets no more.
+        least_flights: minimum number of flights in each cell; a failed cell gets no more.
         jobs: number of processes.
         scheduler: address of a Dask scheduler that is used instead of processes.
-        is_anew: whether an existing file is put aside, so that the map begins anew.
+        is_anew: whether an existing file is put aside and a new map begun.
 
     Raises:
         ConfigError: the flights are impossible with these settings.

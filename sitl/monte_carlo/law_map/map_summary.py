@@ -96,7 +96,7 @@ def table_row(cell: Cell, rows: MapRows) -> list[str]:
 def _mean_ratio(flown: list[MapRow]) -> float:
     """Return the mean ratio of makespan to straight-line time over all flights; 0 without any.
 
-    Each stage has the mean ratio of its flights, and counts by the number of its flights.
+    Each stage has the mean ratio of its flights, and is weighted by their number.
     """
     measured = [row for row in flown if row["ratio"] is not None]
     weighted: float = sum(row["ratio"] * row["flights"] for row in measured)
@@ -106,7 +106,7 @@ def _mean_ratio(flown: list[MapRow]) -> float:
 
 def toml_summary(cells: Iterable[Cell], rows: MapRows, version: str) -> str:
     """Return the summary as TOML; cells without flights are left out."""
-    # 3 vehicles stand for any number: nothing that is written here depends on it
+    # 3 stands for any number of vehicles, because nothing written here depends on it
     fleets = {name: setup_for(errors=name).fleet(3) for name in ERRORS}
     first_fleet = next(iter(fleets.values()))
     lag_s = max(vehicle.lag_s for vehicle in first_fleet.vehicles.values())

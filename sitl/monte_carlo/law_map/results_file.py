@@ -54,8 +54,8 @@ class ResultsFile:
             is_anew: whether an existing file is put aside as PATH.old, and a new one begun.
 
         Raises:
-            ConfigError: another run is writing the file, or it is no such file, or of another
-                version.
+            ConfigError: another run is writing the file, or it is a different kind of file, or of
+                another version.
         """
         self.path = path
         self._kind = kind
@@ -164,7 +164,7 @@ def parsed(
         kind: kind of the file.
 
     Raises:
-        ConfigError: the text is no file of results, is damaged, or has an unknown schema.
+        ConfigError: the text is not a file of results, is damaged, or has an unknown schema.
     """
     try:
         head, *lines = (json_values(line, str(path)) for line in text.splitlines())

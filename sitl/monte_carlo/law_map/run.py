@@ -17,7 +17,7 @@ _SAY_EVERY_S = 5.0
 
 
 def has_failed(cell: Cell, file: ResultsFile) -> bool:
-    """Return whether vehicles have come too near to each other in any stage of a cell."""
+    """Return whether vehicles have come too close to each other in any stage of a cell."""
     for stage in range(len(STAGES)):
         row = file.rows.get((cell.key, stage))
         if row is not None and row["below"]:  # number of flights below the safety distance

@@ -26,7 +26,7 @@ def fly(unit: Unit) -> MapRow:
     if ratios:
         mean_ratio = round(statistics.fmean(ratios), 4)
 
-    # the greatest speed of each flight, and of these the median
+    # the median of the flights' greatest speeds
     speed_m_s = statistics.median(values["max_speed_m_s"] for values in records)
 
     return {
