@@ -1,8 +1,7 @@
-"""Emulated PX4s in real time: one process, and one UDP socket per link in PX4's layout of ports.
+"""Emulated PX4s in real time: one process, and one UDP socket per link in PX4's port layout.
 
 Only this module connects the emulator with the rest of the project. It reads fleet files, and it
-publishes poses and ground truth on the bus. It receives orders for faults from the bus, and nothing
-else.
+publishes poses and ground truth on the bus. From the bus it receives only orders for faults.
 """
 
 from __future__ import annotations
@@ -56,13 +55,13 @@ from sitl.px4.parameters import DEFAULTS
 from sitl.px4.versions import VERSIONS
 
 # A busy machine delays the process at times. The process catches up on a delay of up to this number
-# of steps, and reads its sockets between them. The number is below PX4's shortest COM_OF_LOSS_T in
-# use. After a longer delay the simulated time has paused.
+# of steps, and reads its sockets between them. This is less than the shortest COM_OF_LOSS_T in use.
+# After a longer delay, simulated time pauses instead.
 _LARGEST_BACKLOG_STEPS = 70
 TRUTH_EVERY_STEPS = 5  # every tick of the agents, 20 ms
 _REALTIME_PRIORITY = 5  # below the priority that the loops of agents may request
 _HOVER_S = 300.0  # hover time of a battery without a value in the fleet file
-_PEOPLE_SEED = 1  # added to the seed, so that people have other noise than the vehicles
+_PEOPLE_SEED = 1  # added to the seed, so that people get different noise from the vehicles
 _LONGEST_WAIT_S = 1e6  # longest time until an ordered fault begins
 
 
@@ -178,7 +177,7 @@ class Broadcast:
         emulator: emulator with the vehicles.
         vehicles: vehicles of the emulator, in its order.
         mocap: quality of the motion capture.
-        people: persons of the fleet file; the motion capture sees those that have a walk.
+        people: people in the fleet file; the motion capture sees those that have a walk.
         seed: seed of the noise of the motion capture.
         boot_id: boot id of the sender.
         stamp_ns: function from simulated seconds to the stamp of a message.
@@ -339,7 +338,7 @@ class Server:
             mocap,
             people=fleet.people,
             seed=seed,
-            boot_id=time.time_ns() & 0x7FFFFFFF,  # another one at each start
+            boot_id=time.time_ns() & 0x7FFFFFFF,  # different at each start
             # The clock of the event loop is the monotonic one, from which all nodes take stamps.
             stamp_ns=lambda time_s: round((self._epoch_s + time_s) * 1e9),
             source=own_node,
@@ -347,7 +346,7 @@ class Server:
         )
         self._sockets: list[Socket] = []
         self._ready = selectors.DefaultSelector()
-        self._epoch_s = 0.0  # time of the event loop at the begin of simulated time
+        self._epoch_s = 0.0  # time of the event loop at the start of simulated time
 
     def _put_keys(self, fleet: FleetConfig) -> None:
         """Store the key of each PX4 that supports signing, as if it had been set earlier."""
@@ -436,7 +435,7 @@ class Server:
             elapsed_steps = int((loop.time() - self._epoch_s) / STEP_S)
             due_steps = elapsed_steps - self.emulator.world.vehicles.steps
             if due_steps > _LARGEST_BACKLOG_STEPS:
-                # The delay is too long to make up for. Simulated time pauses for it, as PX4's does.
+                # The delay is too long to catch up. Simulated time pauses, as PX4's does.
                 self._epoch_s += (due_steps - 1) * STEP_S
                 due_steps = 1
 
@@ -511,7 +510,7 @@ def simulator_bus(
 
 
 def run(server: Server) -> None:
-    """Emulate until SIGINT or SIGTERM, and print "ready: ..." when all ports are bound.
+    """Emulate until SIGINT or SIGTERM, and print "ready: ..." once all ports are bound.
 
     Raises:
         StartError: a port or an endpoint cannot be used.

@@ -1,11 +1,11 @@
 """Ground truth of real PX4s with their built-in simulator (SIH), published on the bus.
 
 PX4's SIH sends its true state on a separate link, from port 19450 + N to 19410 + N, where N is the
-system id - 1. With it a flight of real PX4s can be judged like a flight of emulated ones. As motion
-capture (`--mocap`) it gives poses to agents that need them.
+system id - 1. With it a flight of real PX4s can be judged like a flight of emulated ones. With
+`--mocap` it also acts as a motion capture for agents that need poses.
 
-This is the command `covey sitl truth`. It replaces `server.py` of an emulated flight: it has the
-same node and topics, and no emulator.
+This is the command `covey sitl truth`. It replaces the `server.py` of an emulated flight. It has
+the same node and topics, but no emulator.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ _PERIOD_US = 10_000.0  # requested period of the states; PX4 then sends 99 Hz
 _REQUEST_AGAIN_S = 2.0  # time between two requests for the states
 _SHOW_S = 2.0  # time between two checks for silent vehicles
 
-_MOCAP_PERIOD_S = 0.019  # least time between two poses: every second state becomes one, 50 a second
+_MOCAP_PERIOD_S = 0.019  # least time between two poses; every second state becomes one (50 Hz)
 _MOCAP_NOISE_M = 0.002
 
 # A vehicle that is lower and slower than this counts as being on the ground.
@@ -50,7 +50,7 @@ _STILL_M_S = 0.10
 _FLIGHT_M = 0.5  # least height of a flight
 _CONTACT_M = 0.4  # largest height of a contact
 _STOPPED_M_S = 0.05  # a slower vehicle has stopped
-_CONTACT_NS = 50_000_000  # time before a contact whose largest speed is that of the contact
+_CONTACT_NS = 50_000_000  # the contact speed is the largest speed in this time before it
 
 HOME_PARAMS = ("SIH_LOC_LAT0", "SIH_LOC_LON0", "SIH_LOC_H0")
 _HOME_AGAIN_S = 0.3  # time between two requests for these parameters
@@ -64,7 +64,7 @@ Vec3 = tuple[float, float, float]
 def east_north_m(origin: tuple[float, float], position: tuple[float, float]) -> tuple[float, float]:
     """Return the distances by which a position on Earth is east and north of an origin.
 
-    Both are latitude and longitude in degrees. The result is right up to a few kilometres.
+    Both are latitude and longitude in degrees. The result is accurate up to a few kilometres.
     """
     latitude_deg, longitude_deg = position
     origin_latitude_deg, origin_longitude_deg = origin
@@ -79,10 +79,10 @@ class Body:
     """The true state of one vehicle in the fleet frame.
 
     States are relative to the start of PX4's simulator, which comes from PX4's parameters
-    (:data:`HOME_PARAMS`). So the result does not depend on the time at which this program starts,
-    nor on how far a vehicle has sunk into the ground. If the fleet has no global origin, the start
-    of the simulator is the start of the vehicle in the fleet file. All simulated vehicles may then
-    start at the same position on Earth.
+    (:data:`HOME_PARAMS`). The result therefore does not depend on when this program starts, or on
+    how far a vehicle has sunk into the ground. If the fleet has no global origin, the start of the
+    simulator is the start of the vehicle in the fleet file. All simulated vehicles may then start
+    at the same position on Earth.
     """
 
     vehicle: Vehicle
@@ -159,7 +159,7 @@ class Body:
             self._highest_m = height_m
 
     def _start_of_simulator(self, position: Vec3) -> Vec3:
-        """Return the start of the simulator: a position, if PX4 does not send its parameters."""
+        """Return the start of the simulator, or a position if PX4 does not send its parameters."""
         if self.missing():
             return position
         return cast(Vec3, tuple(self.home[name] for name in HOME_PARAMS))
@@ -229,7 +229,7 @@ class Listener(asyncio.DatagramProtocol):
         self._set_interval(addr, ID_BY_NAME[_ACTUATORS], -1.0)  # PX4 then stops sending it
 
     def _has_home(self, addr: tuple[str | Any, int], now_ns: int) -> bool:
-        """Return whether states are passed on: home is known, or did not come within the time."""
+        """Return whether states are passed on: home is known, or did not arrive in time."""
         if self._body is None:
             return True
         missing = self._body.missing()
@@ -291,7 +291,7 @@ class TruthRelay:
         self._pose_s = now_s
         self._sequence += 1
 
-        # Noise is needed, because agents refuse poses that do not change at all as frozen.
+        # Add noise, because agents reject poses that do not change at all as frozen.
         x, y, z = (truth.position_enu_m + self.noise.normal(0.0, _MOCAP_NOISE_M, 3)).tolist()
         pose = MocapPose(
             body=vehicle.mocap_body or vehicle.name,

@@ -85,9 +85,7 @@ class FlownAccident:
     is_defended: bool
     seed: int
     took_off: bool = False
-    min_separation_m: float = (
-        math.inf
-    )  # by ground truth, over pairs with at least one flying vehicle
+    min_separation_m: float = math.inf  # true distance of pairs with at least one flying vehicle
     collisions: int = 0
     outside_m: float = 0.0  # greatest distance of a flying vehicle outside the true fence
     down: bool = False  # whether all vehicles are on the ground at the end

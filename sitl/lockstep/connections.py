@@ -22,9 +22,7 @@ class BusSettings:
     # mean number of 50 Hz messages that a connection loses in a row; 1: losses are independent
     burst: float = 1.0
     reorder: float = 0.0  # chance that a message is reordered
-    reorder_s: float = (
-        0.04  # a reordered message is held back for this time, and others overtake it
-    )
+    reorder_s: float = 0.04  # time for which a reordered message is held back
     duplicate: float = 0.0  # chance that a message arrives twice
 
     def __post_init__(self) -> None:

@@ -405,7 +405,7 @@ class Lockstep:
         spares_pilot: bool = False,
         was_flown_by_hand: bool = False,
     ) -> DirectResult:
-        """Land or disarm a vehicle without its agent; see ``groundstation.client.direct_mavlink``."""
+        """Land or disarm a vehicle directly; see ``groundstation.client.direct_mavlink``."""
         emulator = self.simulation.emulator
         system_ids = [spec.system_id for spec in emulator.specs]
         index = system_ids.index(system_id)

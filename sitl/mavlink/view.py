@@ -162,7 +162,7 @@ class View:
 
     @property
     def has_origin(self) -> bool:
-        """Whether PX4 has the position of its local frame on Earth, from satellites or a message."""
+        """Whether PX4 knows the global origin of its local frame, from satellites or a message."""
         return self.has_fix or self.emulator.has_global_origin[self.index]
 
     @property

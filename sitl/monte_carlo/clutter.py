@@ -29,9 +29,7 @@ def forest(rows: int, seed: int) -> tuple[Capsule, ...]:
         rows: number of pillars in a column, along y.
         seed: the seed of the jitter.
     """
-    rng = np.random.default_rng(
-        [seed, 17]
-    )  # 17: different random numbers from the flights with this seed
+    rng = np.random.default_rng([seed, 17])  # 17: different numbers from the flights with this seed
     # In spacings: columns begin at 0 or 0.5, so all pillars lie between 0 and rows - 0.5.
     middle_row = 0.5 * (rows - 0.5)
     pillars = []
@@ -84,9 +82,7 @@ class Outlines:
         self._along = end - begin  # from end to end, (O, 1, 1, 2)
 
         length_2 = np.matmul(self._along, self._along.mT)[..., 0]  # (O, 1, 1)
-        self._length_2 = np.maximum(
-            length_2, 1e-12
-        )  # a pillar has length 0; avoids a division by 0
+        self._length_2 = np.maximum(length_2, 1e-12)  # avoids 0, the length of a pillar
         radius_m = np.array([obstacle.radius_m for obstacle in obstacles])
         self._radius_m = radius_m.reshape(-1, 1, 1)
 

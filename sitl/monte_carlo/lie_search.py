@@ -1,10 +1,10 @@
 """Guided search for the lie of one member that brings *others* nearest to each other.
 
-Random lies hardly ever do that, because a lie must come at the right moment, from the right side
-and with the right size. (SwarmFuzz guides its search by the distances, too.) Therefore this is an
-evolution strategy. The best few lies of all so far are kept, and the next generation is drawn from
-a normal distribution with their mean and spread. All flights of a generation are one compiled
-batch. The search is restarted several times, each time with many random lies.
+Random lies hardly ever do that, because a lie needs the right moment, side and size. (SwarmFuzz
+guides its search by the distances, too.) Therefore this is an evolution strategy. The best few lies
+of all so far are kept, and the next generation is drawn from a normal distribution with their mean
+and spread. All flights of a generation are one compiled batch. The search is restarted several
+times, each time with many random lies.
 
 Only the law flies here: no agent checks whether a neighbour's messages are plausible, and no
 failsafe holds or lands. The distances are therefore those that the law keeps by itself.
@@ -38,7 +38,7 @@ _RESTARTS = 2  # restarts for each kind of lie
 _FIRST_SHARE = 0.3  # share of the flights of a restart whose lies are random
 _GENERATION = 25  # lies in a generation
 _KEPT = 6  # best lies, from which the next generation is drawn
-_LEAST_SPREAD = 0.03  # least standard deviation of a generation, as a share of the range
+_LEAST_SPREAD = 0.03  # smallest standard deviation of a generation, as a share of the range
 _FIRST_SEED = 7000
 
 
@@ -56,14 +56,14 @@ class SearchReport:
 
     tries: int  # number of flights with a lie
     promised_m: float  # the safety distance
-    body_m: float  # body diameter: two vehicles that are nearer touch
+    body_m: float  # body diameter: closer vehicles touch
     honest_m: float  # in the same flights without a lie
     worst: dict[LieKind, Found]
     random_m: float  # over all flights with a random lie
 
     @property
     def is_right(self) -> bool:
-        """Whether no two other vehicles touched; they may come nearer than the safety distance."""
+        """Whether no two other vehicles touched; they may come closer than the safety distance."""
         return all(found.others_m >= self.body_m for found in self.worst.values())
 
     def as_mapping(self) -> dict[str, object]:
@@ -134,7 +134,8 @@ def search(
                 best = points[np.argsort(distances_m)[:_KEPT]]
                 spread = np.maximum(best.std(axis=0), _LEAST_SPREAD)
                 drawn = rng.normal(best.mean(axis=0), spread, (_GENERATION, len(BOUNDS) + 1))
-                # The first coordinate is the member. It has no mean, so it is one of the best.
+                # The first coordinate is the member. It has no mean, so take it from one of the
+                # best lies.
                 drawn[:, 0] = rng.choice(best[:, 0], _GENERATION)
                 drawn = np.clip(drawn, 0.0, 1.0)
                 new_m = _distances_m([_with_lie(plan, kind, point) for point in drawn], setup)

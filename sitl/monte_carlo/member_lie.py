@@ -1,9 +1,9 @@
 """One member of a fleet publishes a false position: its receiver is spoofed, or it lies.
 
-A spoofed vehicle believes the false position: it flies by it and publishes it. A liar flies by its
-true position and publishes the false one. The false position differs from the true one by an
-offset that rises, then stays or swings, and then ends. So the other vehicles avoid an empty place,
-and do not avoid the place where the vehicle really is.
+A spoofed vehicle believes the false position, flies by it and publishes it. A liar flies by its
+true position and publishes the false one. The false position differs from the true one by an offset
+that rises, then stays or swings, and then ends. The other vehicles therefore avoid an empty place,
+and not the place where the vehicle really is.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ class MemberLie(NamedTuple):
     kind: LieKind
     start_s: float
     lasts_s: float
-    size_m: float  # length of the horizontal offset at its largest
+    size_m: float  # greatest length of the horizontal offset
     direction_rad: float  # direction of the offset, counterclockwise from east
     rise_s: float  # time in which the offset rises to its full length
     swings_hz: float  # frequency at which the offset swings to the other side; 0: it does not
@@ -49,7 +49,7 @@ class MemberLie(NamedTuple):
 class _Plan(Protocol):
     @property
     def lie(self) -> MemberLie | None:
-        """The lie of this flight; None if nobody lies."""
+        """The lie of this flight; None if no vehicle lies."""
 
     @property
     def count(self) -> int:

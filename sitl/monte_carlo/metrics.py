@@ -29,7 +29,7 @@ HOLD_S = 0.5  # time for which all vehicles must be near their goals and slow to
 _RECENT_S = 3.0  # time constant that smooths the progress towards a goal
 _STUCK_M_S = 0.10  # a slower vehicle stands still
 _APPROACHING_M_S = 0.02  # a vehicle that approaches its goal faster than this makes progress
-_FIRST_SAMPLES = 512  # room of a trace at first
+_FIRST_SAMPLES = 512  # initial capacity of a trace
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,15 +56,15 @@ class FlightOutcome:
     violation_s: float
     violation_depth_m: float
     is_collision: bool
-    # Speed with which two bodies, or a body and a person's circle, approached each other when they
-    # touched first; NaN: none touched. A body that touches an obstacle has none.
+    # Closing speed of two bodies, or of a body and a person's circle, when they first touched; NaN:
+    # none touched. Contact with an obstacle does not count.
     contact_m_s: float
     makespan_s: float  # time at which all had arrived; inf if they did not arrive in time
     duration_s: float
-    # Why not all arrived in time: "blocked" (a lost vehicle is so near to the goals of the missing
-    # vehicles that these must not fly there), "deadlock" (the missing vehicles stand still),
-    # "livelock" (they move, but do not approach their goals) or "time" (they were still
-    # approaching them).
+    # Why not all arrived in time: "blocked" (a lost vehicle is so close to the goals of the missing
+    # vehicles that they must not fly there), "deadlock" (the missing vehicles stand still),
+    # "livelock" (they move, but do not approach their goals) or "time" (they were still approaching
+    # them).
     reason: str | None
     relaxed_share: float  # share of the vehicles' ticks in which the law was relaxed
     slew_rms_m_s3: float  # change of the horizontal command
@@ -103,8 +103,8 @@ class FlightMetrics:
             longest_s: times (F,) after which a flight has failed.
             fleet: the fleet of all flights.
             errors: error class, which says how near to its goal and how slow a vehicle must be.
-            gusts_m_s2: standard deviation (N,) per axis of the acceleration of each vehicle by
-                gusts. They widen both limits, as in the agent.
+            gusts_m_s2: standard deviation (N,) per axis of the acceleration that gusts cause on
+                each vehicle. They widen both limits, as in the agent.
             start_enu_m: starts (F, N, 3).
             has_trace: whether the outcomes hold samples.
         """
@@ -152,7 +152,7 @@ class FlightMetrics:
                 self._counts[f, plan.lie.member] = False
         self._is_judged = self._judged_pairs(plans)
         self._radius_m = self._pair_radii_m(plans)
-        # of a person and a vehicle, only the vehicle has half a body around the measured points
+        # in a pair of a person and a vehicle, only the vehicle has half a body around its point
         bodies = np.where(self._radius_m > 0.0, 0.5, 1.0)
         self._touching_m = bodies * self._body_m
 
@@ -167,7 +167,7 @@ class FlightMetrics:
         self.is_at_goal = np.zeros((flights, count), bool)
         has_one_goal = np.array([plan.later_goals_enu_m is None for plan in plans])
         self._is_last = np.repeat(has_one_goal[:, None], count, axis=1)
-        self._ticks_there = np.zeros(flights)  # ticks since all have been at their goals
+        self._ticks_there = np.zeros(flights)  # ticks since all reached their goals
         self._recent_speed = np.zeros((flights, count))
         self._recent_gain = np.zeros((flights, count))  # smoothed speed towards the goal
 
@@ -175,7 +175,7 @@ class FlightMetrics:
             "violation": np.zeros(flights),
             "relaxed": np.zeros(flights),
             "slew": np.zeros(flights),
-            "speed": np.zeros(flights),  # the greatest speed, which is no sum
+            "speed": np.zeros(flights),  # the greatest speed, which is not a sum
             "intervention": np.zeros(flights),
             "path": np.zeros(flights),
             "energy": np.zeros(flights),
@@ -264,7 +264,7 @@ class FlightMetrics:
         horizontal = offset[..., :2]
         distance = np.sqrt(np.einsum("fpc,fpc->fp", horizontal, horizontal)) - self._radius_m
 
-        # no distance from a liar is promised, so only the others are judged
+        # the distance from a liar is not promised, so only the others are judged
         distance = np.where(self._is_judged, distance, np.inf)
         touches = distance < self._touching_m
         before_m = self._apart_m
@@ -365,7 +365,7 @@ class FlightMetrics:
         else:
             reason = self._reason(row, missing=~is_there)
 
-        # no ratio if the goals are at the starts
+        # there is no ratio if the goals are at the starts
         path_ratio = math.nan
         if self._straight[row] > 0.1:
             path_ratio = sums["path"] / float(self._straight[row])

@@ -1,7 +1,7 @@
-"""A fleet in which some vehicles fly by a second law.
+"""A fleet in which some vehicles use a second law.
 
 Both laws are computed for all vehicles, and each vehicle flies the result of its own law. The
-unused results change nothing, because all that a vehicle knows of the others is their messages.
+unused results have no effect, because a vehicle knows the others only by their messages.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ class MixedFleet:
 
     @property
     def refusals(self) -> dict[int, str]:
-        """Why Covey's law took over from the first law, by number of the flight."""
+        """Why Covey's law took over from the first law, by flight number."""
         refusals: dict[int, str] = getattr(self._first, "refusals", {})
         return refusals
 

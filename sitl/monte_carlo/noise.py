@@ -16,8 +16,8 @@ from onboard.arrays import Array, IntArray
 _BLOCK_TICKS = 50  # ticks whose numbers are drawn at once
 
 # Numbers of each vehicle, and what uses them.
-_UNIFORM = 8  # differences from its type: lag, gain, drag, hover (4), tilt bias (2), no use (2)
-_NORMAL = 6  # error with which the estimate begins: position (3), velocity (3)
+_UNIFORM = 8  # differences from its type: lag, gain, drag, hover (4), tilt bias (2), unused (2)
+_NORMAL = 6  # initial error of the estimate: position (3), velocity (3)
 _PER_TICK = 9  # position error (3), velocity error (3), gust (2), thrust (1)
 
 

@@ -1,4 +1,4 @@
-"""The orders of flights: the goals of vehicles, and which of them are lost or blind, and when."""
+"""The orders of flights: the goals of vehicles, and which vehicles are lost or blind, and when."""
 
 from __future__ import annotations
 
@@ -76,7 +76,7 @@ class FlightOrders:
         return goals
 
     def advance(self, metrics: FlightMetrics) -> None:
-        """Give vehicles that have arrived their next goal, by which they are judged from now on."""
+        """Give vehicles that have arrived their next goal, and judge them by it from now on."""
         goes_on = metrics.is_at_goal & ~self.is_last
         if not goes_on.any():
             return

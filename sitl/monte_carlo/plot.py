@@ -65,7 +65,7 @@ class _TraceData:
 
     @property
     def is_few(self) -> bool:
-        """Whether each vehicle has a colour and a name of its own."""
+        """Whether each vehicle has its own colour and name."""
         return self.count <= _FEW
 
 
@@ -94,7 +94,7 @@ def draw(trace: Path, picture: Path) -> None:
 
         metadata = None
         if picture.suffix == ".svg":
-            metadata = {"Date": None}  # no date, so that the same flight gives the same file
+            metadata = {"Date": None}  # without a date, so that the same flight gives the same file
         try:
             figure.savefig(picture, metadata=metadata)
         except OSError as error:
@@ -210,7 +210,7 @@ def _draw_obstacle(axes: Any, ends_and_radius: Array) -> None:
     for middle in ((x_0, y_0), (x_1, y_1)):
         axes.add_patch(Circle(middle, radius, fc=_OBSTACLE, lw=0, zorder=1))
 
-    length = max(np.hypot(*(end - begin)), 1e-9)  # a pillar has length 0; no division by 0
+    length = max(np.hypot(*(end - begin)), 1e-9)  # a pillar has length 0; avoids dividing by 0
     across = radius * np.array([y_0 - y_1, x_1 - x_0]) / length
     corners = [begin + across, end + across, end - across, begin - across]
     axes.add_patch(Polygon(corners, fc=_OBSTACLE, lw=0, zorder=1))
@@ -344,7 +344,7 @@ def _draw_limit_words(axes: Any, data: _TraceData, distance_m: float, words: str
 
 
 def _draw_named_pairs(axes: Any, data: _TraceData) -> None:
-    """Draw each pair in a colour of its own."""
+    """Draw each pair in its own colour."""
     first, second = data.pairs
     for k in range(len(first)):
         name = f"{data.names[first[k]]} - {data.names[second[k]]}"
@@ -373,8 +373,7 @@ def _draw_many_pairs(axes: Any, data: _TraceData, top_m: float) -> None:
 def _activity(axes: Any, data: _TraceData) -> None:
     """Draw for each vehicle when the law changed its thrust.
 
-    With few vehicles the colour is that of the neighbour that is avoided most, with many that of
-    the status.
+    With few vehicles the colour shows the most avoided neighbour; with many it shows the status.
     """
     status = data.status[1:].T  # (N, T-1)
     row_edges = np.arange(data.count + 1) - 0.5

@@ -1,6 +1,6 @@
 """The flights of a campaign, split into chunks that several processes fly.
 
-Neither the sizes of the chunks nor the number of processes changes a digit of the results.
+The sizes of the chunks and the number of processes do not change a digit of the results.
 """
 
 from __future__ import annotations
@@ -15,8 +15,8 @@ from sitl.monte_carlo import flight_plans, results, worlds
 from sitl.monte_carlo.batch_flight import fly
 from sitl.monte_carlo.campaign_settings import Setup
 
-# most vehicles in a chunk: enough that the interpreter's time does not count, and few enough for
-# the processor's caches
+# most vehicles in a chunk: enough to make interpreter overhead negligible, and few enough for the
+# processor's caches
 CHUNK_VEHICLES = 768
 _CHUNK_LINKS = 60_000  # most radio links (vehicles squared) in a chunk
 
@@ -34,7 +34,7 @@ def campaign(
 
     Args:
         subjects: scenarios by name, or scenes.
-        seeds: the seeds, with each of which every subject is flown.
+        seeds: the seeds, each of which flies every subject.
         setup: the settings of all flights.
         jobs: number of processes.
         physics: name of the physics, of :data:`sitl.monte_carlo.worlds.WORLDS`.
@@ -53,7 +53,7 @@ def campaign(
     with ProcessPoolExecutor(min(jobs, len(chunks)), mp_context=spawn) as pool:
         try:
             yield from pool.map(_fly_chunk, chunks)
-        except BaseException:  # an interrupt, too: chunks that have not begun are not flown
+        except BaseException:  # including an interrupt; drop chunks that have not begun
             pool.shutdown(wait=False, cancel_futures=True)
             raise
 

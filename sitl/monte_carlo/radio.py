@@ -16,7 +16,7 @@ from sitl.monte_carlo.campaign_settings import SimulatedErrors
 from sitl.monte_carlo.vehicles import TICK_S
 
 _REQUEST_S = 0.04  # from the request for a vehicle's mocap poses to the first of them
-_TRACKED_AFTER_S = OVERDUE_S + _REQUEST_S  # age of a message from which on a pose replaces it
+_TRACKED_AFTER_S = OVERDUE_S + _REQUEST_S  # a pose replaces a message of this age or older
 _TRACKED_AGE_S = 0.04  # age of a motion from mocap poses when the law uses it
 _MOST_SENDERS = 32  # nearest senders that a receiver gathers; the law uses fewer
 
@@ -37,8 +37,8 @@ class Radio:
 
         Args:
             states: states (F, N) of the vehicles.
-            is_intruder: (F, N) whether a vehicle is no member of the fleet: the mocap sees it, but
-                it sends nothing and never cooperates.
+            is_intruder: (F, N) whether a vehicle is not a member of the fleet. The mocap sees it,
+                but it sends nothing and never cooperates.
             perturbation: delay, loss and silences.
             lateness_s: expected lateness of states, which is added to the time after which a
                 vehicle counts as silent.
@@ -95,7 +95,7 @@ class Radio:
         if tracked is not None:
             is_overdue = age_s > delay_s + _TRACKED_AFTER_S
             is_tracked = is_overdue | self._is_intruder[:, None, :]
-            if is_tracked.any():  # rare; without it the slow copies of the inbox are saved
+            if is_tracked.any():  # rare; in all other ticks this saves slow copies of the inbox
                 inbox = np.where(is_tracked, tracked[:, None], inbox)
                 age_s = np.where(is_tracked, _TRACKED_AGE_S, age_s)
                 is_cooperative = is_cooperative & ~is_tracked

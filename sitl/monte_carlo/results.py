@@ -179,7 +179,7 @@ def _table_row(name: str, records: Sequence[FlightRecord]) -> list[str]:
 
 
 def _numbers(records: Sequence[FlightRecord], key: str) -> list[float]:
-    """Return the values of a key, without those of flights that have none."""
+    """Return the values of a key, skipping flights that have none."""
     return [values[key] for values in records if values[key] is not None]
 
 
@@ -190,8 +190,8 @@ def _mean(records: Sequence[FlightRecord], key: str) -> float:
 def upper_bound(events: int, count: int) -> float:
     """Return the upper bound of the true rate of events, with 95 % confidence.
 
-    This is the one-sided bound of Clopper and Pearson: the rate at which at most this number of
-    events has a probability of 5 %. Without any event it is 1 - 0.05^(1/n), nearly 3/n.
+    This is the one-sided Clopper-Pearson bound, the rate at which the probability of at most this
+    many events is 5 %. Without any event it is 1 - 0.05^(1/n), nearly 3/n.
     """
     if events >= count:
         return 1.0
@@ -202,8 +202,8 @@ def upper_bound(events: int, count: int) -> float:
 def interval(events: int, count: int) -> tuple[float, float]:
     """Return the exact interval of the true rate of events, with 95 % confidence.
 
-    This is the interval of Clopper and Pearson. If all flights or none have the event, one end is
-    1 or 0, and all 5 % lie beyond the other end, as in :func:`upper_bound`.
+    This is the Clopper-Pearson interval. If all flights or none have the event, one end is 1 or 0,
+    and all 5 % lie beyond the other end, as in :func:`upper_bound`.
     """
     tail = 0.025  # the probability beyond each end
     if events in (0, count):
@@ -219,7 +219,7 @@ def interval(events: int, count: int) -> tuple[float, float]:
 
 
 def _upper_end(events: int, count: int, tail: float) -> float:
-    """Return the rate at which at most this number of events has the probability ``tail``."""
+    """Return the rate at which the probability of at most this many events is ``tail``."""
     low = events / count
     high = 1.0
     for _ in range(60):  # bisection

@@ -1,4 +1,4 @@
-"""Somebody else's physics under the same flights: the multirotors of RotorPy.
+"""The same flights with third-party physics, the multirotors of RotorPy.
 
 RotorPy (Folk, Paulos, Kumar: RotorPy: A Python-Based Multirotor Simulator with Aerodynamics for
 Education and Research, 2023) integrates a rigid body with four rotors, their lag and drag. Every
@@ -35,8 +35,8 @@ _KP_ATTITUDE_1_S2 = 200.0
 _KD_ATTITUDE_1_S = 25.0  # divided by the gain above: the lag of the attitude, 0.125 s
 _FACING_EAST = (0.0, 0.0, 0.0, 1.0)  # quaternion of RotorPy: x, y, z, w
 # RotorPy's quaternions are x, y, z, w, and ours are w, x, y, z
-_XYZW = (1, 2, 3, 0)  # where RotorPy's components stand in ours
-_WXYZ = (3, 0, 1, 2)  # where our components stand in RotorPy's
+_XYZW = (1, 2, 3, 0)  # index of RotorPy's components in ours
+_WXYZ = (3, 0, 1, 2)  # index of our components in RotorPy's
 
 
 class RotorPyPhysics:

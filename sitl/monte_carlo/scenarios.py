@@ -5,8 +5,8 @@ The name holds all options: ``swap8`` (jittered) or ``swap8x`` (exact), ``rand16
 Positions are in the fleet's ENU frame. All vehicles are at the same height, except in ``layers8``,
 ``heights8`` and ``climb8``.
 
-Each scenario draws its random numbers in a fixed order, which is part of the scenario: with another
-order, the same seed would give another flight.
+Each scenario draws its random numbers in a fixed order, which is part of the scenario: with a
+different order, the same seed would give a different flight.
 """
 
 from __future__ import annotations
@@ -72,8 +72,8 @@ class OtherLaw:
 class FlightPlan:
     """One flight to be flown; N vehicles.
 
-    Kinds of lost vehicles: "frozen" stops, avoids nobody and says so in its messages; "silent"
-    flies on and receives messages, but sends none; "dead" stops, avoids nobody and sends nothing.
+    Kinds of lost vehicles: "frozen" stops, does not avoid and says so in its messages; "silent"
+    flies on and receives messages, but sends none; "dead" stops, does not avoid and sends nothing.
     """
 
     scenario: str
@@ -82,7 +82,7 @@ class FlightPlan:
     goal_enu_m: Array  # (N, 3)
     duration_s: float = 0.0  # duration of the trajectories; 0: as fast as the limits allow
     earliest_s: float = 0.0  # the flight does not end before this time
-    # (3,) velocity of the last vehicle, which then is no member of the fleet and avoids nobody
+    # (3,) velocity of the last vehicle, which then is an outsider and does not avoid
     intruder_m_s: Array | None = None
     # If not 0, the last vehicle stands for a walking person within a circle of this radius.
     intruder_radius_m: float = 0.0
@@ -93,7 +93,7 @@ class FlightPlan:
 
     # Only scenes in files (open_benchmark) use the fields from here on.
     later_goals_enu_m: Array | None = None  # (G, N, 3): each vehicle's next goals after its first
-    blind: tuple[int, ...] = ()  # indexes of vehicles that hear nobody
+    blind: tuple[int, ...] = ()  # indexes of vehicles that receive no messages
     other_law: OtherLaw | None = None  # the same for all seeds of a scene
     longest_s: float = 0.0  # time after which the flight has failed; 0: by its straight-line time
 
@@ -300,7 +300,7 @@ def _swap(name: str, seed: int, number: str, exact: str) -> FlightPlan:
 
 
 def _rand(name: str, seed: int, number: str, density: str | None) -> FlightPlan:
-    """Starts and goals are random in a square; in each of both sets points are 1.4 m apart."""
+    """Starts and goals are random in a square; within each set, points are 1.4 m apart."""
     count = _number(name, number, 2, low=1)
     area = 6.0  # m^2 per vehicle
     if density is not None:
@@ -348,7 +348,7 @@ def _cross(name: str, seed: int, number: str | None, angle: str | None) -> Fligh
     turn_rad = math.radians(90.0)
     if angle is not None:
         turn_rad = math.radians(float(angle))
-    first = count // 2  # vehicles in the first block; of an odd number the second has one more
+    first = count // 2  # vehicles in the first block; if the number is odd, the second has one more
 
     # the second block, centred on the origin, (M, 2)
     width = math.ceil(math.sqrt(count - first))
@@ -485,7 +485,7 @@ def _gap(name: str, seed: int, number: str | None) -> FlightPlan:
 
 
 def _intruder(name: str, seed: int, number: str | None, speed: str | None) -> FlightPlan:
-    """A vehicle that is no member of the fleet flies straight through a hovering formation.
+    """A vehicle that is not a member of the fleet flies straight through a hovering formation.
 
     The formation has rows of three with a spacing of 2 m.
     """
@@ -532,7 +532,7 @@ def _lost(name: str, seed: int, number: str | None, kind: str | None) -> FlightP
     count = _number(name, number, 8)
     swap = _swap(name, seed, str(count), "")
 
-    rng = np.random.default_rng([seed, 9])  # other numbers than those of the swap's jitter
+    rng = np.random.default_rng([seed, 9])  # different random numbers from the swap's jitter
     index = int(rng.integers(count))
     time_s = float(rng.uniform(1.0, 5.0))
     if kind is None:

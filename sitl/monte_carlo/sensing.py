@@ -76,7 +76,7 @@ class MocapSensing:
         )
 
     def tracked(self) -> Rows:
-        """Return the vehicles (F, N) as others see them by mocap poses.
+        """Return the vehicles (F, N) as others see them from mocap poses.
 
         Poses contain no prediction and no intent, so the measured motion takes their place.
         """

@@ -58,7 +58,7 @@ class Physics:
         Args:
             vehicles: the N vehicles, the same in each flight.
             start_enu_m: starts (F, N, 3).
-            scripted: velocities (F, N, 3) [m/s]; a vehicle whose velocity is not NaN is no
+            scripted: velocities (F, N, 3) [m/s]; a vehicle whose velocity is not NaN is not a
                 multirotor and moves straight on at that velocity.
             noise: constant random numbers of each vehicle.
             perturbation: differences of vehicles from their types, wind and gusts.
@@ -165,7 +165,7 @@ class Physics:
                 air[flight] = wind.step()
 
     def _pushed_down(self) -> Array | float:
-        """Return the downward acceleration (F, N) by the downwash of vehicles above."""
+        """Return the downward acceleration (F, N) from the downwash of vehicles above."""
         if self._wash_diameter_m <= 0.0:
             return 0.0
         wash = Downwash()
@@ -200,7 +200,7 @@ class Physics:
 
 def wind_of_flight(count: int, perturbation: SimulatedErrors, seed: int) -> Wind:
     """Return the wind of one flight; the seed decides its direction."""
-    rng = np.random.default_rng([seed, 6])  # other numbers than those of the scenario
+    rng = np.random.default_rng([seed, 6])  # different random numbers from the scenario's
     bearing_rad = float(rng.uniform(-math.pi, math.pi))
     speed_m_s = perturbation.wind_m_s
     settings = WindSettings(
@@ -209,7 +209,7 @@ def wind_of_flight(count: int, perturbation: SimulatedErrors, seed: int) -> Wind
     )
     wind = Wind(count, settings, seed=seed, step_s=TICK_S)
 
-    # No flight begins with a sudden wind: it rises within the first seconds.
+    # Flights do not begin with a sudden wind. It rises within the first seconds.
     if speed_m_s > 0.0:
         mean = (speed_m_s * math.cos(bearing_rad), speed_m_s * math.sin(bearing_rad), 0.0)
         wind.change_mean(mean, _WIND_RISES_S)

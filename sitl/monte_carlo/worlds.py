@@ -1,4 +1,4 @@
-"""The physics under a campaign, by name: Covey's emulator, or somebody else's library."""
+"""The physics of a campaign, by name: Covey's emulator or a third-party library."""
 
 from __future__ import annotations
 

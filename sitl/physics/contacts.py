@@ -20,7 +20,7 @@ from sitl.physics.wind import Wind, WindSettings
 # of a diameter.
 HEIGHT_OF_DIAMETER = 0.5
 _MOST_COLLISIONS = 64  # collisions reported in one step
-# Beyond three of its radii less than 0.02 % of a jet is left. This is the square of three.
+# Beyond three of its radii, less than 0.02 % of a jet is left. This is three squared.
 _JET_REACH_SQUARE = 9.0
 
 
@@ -46,8 +46,8 @@ class Downwash:
     by ``push_m_s2 L (D / (D + h))^2 exp(-(r / (D / 2 + spread h))^2)``, where L is the upper one's
     lift over its weight. The push sets in over the first half diameter of height.
 
-    The default values have the size that is reported for small quadrotors: a push of 8 % of the
-    weight one diameter below. They were not measured on a vehicle of this project.
+    The default values match reports for small quadrotors, a push of 8 % of the weight one diameter
+    below. They were not measured on a vehicle of this project.
     """
 
     push_m_s2: float = 3.0
@@ -87,7 +87,7 @@ class World:
         self.commands = Commands.level(yaw_rad)
 
         self.collisions: list[Collision] = []
-        self.collided: set[int] = set()  # vehicles that have touched another one
+        self.collided: set[int] = set()  # vehicles that have touched another
         own_gusts_m_s2 = [profile.gust_std_m_s2 for profile in profiles]
         self.wind = Wind(n, wind or WindSettings(), seed=seed, own_gust_std_m_s2=own_gusts_m_s2)
         self._downwash = downwash or Downwash()

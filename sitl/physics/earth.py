@@ -1,8 +1,8 @@
 """The Earth around simulated vehicles: metres north and east of a point, and back.
 
-PX4 projects its local frame from a sphere, azimuthal and equidistant: distances and directions
-from the origin are right. This module uses the same projection, written independently of the
-agents' one. A test compares the two.
+PX4 projects its local frame from a sphere with an azimuthal equidistant projection, so distances
+and directions from the origin are exact. This module uses the same projection, written
+independently of the agents' one. A test compares the two.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ def degrees_at(origin: EarthPoint, north_m: float, east_m: float) -> tuple[float
     east = math.sin(angle) * math.sin(bearing)
     north = math.sin(angle) * math.cos(bearing)
 
-    # The vector turned into the frame of the equator and the origin's meridian.
+    # Rotate the vector into the frame of the equator and the origin's meridian.
     to_meridian = up * math.cos(from_latitude) - north * math.sin(from_latitude)
     to_pole = up * math.sin(from_latitude) + north * math.cos(from_latitude)
 
@@ -58,7 +58,7 @@ def metres_from(
     east = math.cos(latitude) * math.sin(turn)
     to_pole = math.sin(latitude)
 
-    # The vector turned into the frame up, east, north of the origin.
+    # Rotate the vector into the frame up, east, north of the origin.
     up = to_meridian * math.cos(from_latitude) + to_pole * math.sin(from_latitude)
     north = to_pole * math.cos(from_latitude) - to_meridian * math.sin(from_latitude)
 

@@ -2,8 +2,8 @@
 
 The emulator computes in PX4's frames, NED world and FRD body. The fleet's ENU and FLU appear only
 in poses that leave the emulator (motion capture, ground truth) and in start positions. This module
-is independent of the frame code of the agents, because a mistake in shared code would cancel and
-stay unseen.
+is independent of the frame code of the agents, because a mistake in shared code would cancel out
+unseen.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ _Q_FRD_FLU = np.array([0.0, 1.0, 0.0, 0.0])
 # A vector changes between ENU and NED by this order of its axes and these signs.
 _SWAPPED = [1, 0, 2]
 _SWAP_SIGNS = np.array([1.0, 1.0, -1.0])
-_LEAST_SINE = 1e-9  # below this sine of a tilt the angle equals its sine
+_LEAST_SINE = 1e-9  # below this sine of a tilt the angle is taken to equal its sine
 
 
 def multiply(a: Array, b: Array) -> Array:

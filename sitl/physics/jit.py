@@ -1,7 +1,7 @@
 """Compilation by numba, which no other module of the emulator imports.
 
 Loops over vehicles are compiled where numba is installed. Without numba the same functions are
-interpreted, with the same results and some hundred times slower.
+interpreted, with the same results but hundreds of times slower.
 """
 
 from __future__ import annotations

@@ -5,7 +5,7 @@ their attitude and thrust wander a little in flight. Without these differences t
 seeds would be almost the same, and vehicles would meet their goals closer than real PX4s do.
 
 The ranges were measured on PX4's SIH quadrotor over many flights, although all its instances should
-be alike: thrust to hover .487 to .493, drag .96 to 1.16 /s, dead time of the acceleration 47 to
+be identical: thrust to hover .487 to .493, drag .96 to 1.16 /s, dead time of the acceleration 47 to
 59 ms, natural frequency 11.0 to 12.0 rad/s, damping .57 to .62.
 """
 
@@ -26,11 +26,11 @@ _ATTITUDE_ZETA_FRAC = 0.04
 
 # Wander in flight of types whose profile sets less. With these values the paper's three vehicles
 # meet their goals as closely as real PX4s: the median over 20 seeds of the largest distance is
-# .032 m (.022 to .055 m), where real ones have .027 to .048 m.
+# .032 m (.022 to .055 m), compared with .027 to .048 m for real ones.
 _SIDEWAYS_STD_M_S2 = 0.04
 _THRUST_STD_FRAC = 0.004
 
-_RANDOM_STREAM = 6  # separates these random numbers from others with the same seed
+_RANDOM_STREAM = 6  # keeps these random numbers apart from others with the same seed
 
 
 def one_of_type(

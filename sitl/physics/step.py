@@ -28,7 +28,7 @@ THRUST_NOISE_CORRELATION_S = 0.1
 # The motors of a vehicle that meets the ground tilted by more than 60 deg stay off.
 CRASH_TILT_COS = 0.5
 LARGEST_TUMBLE_RAD_S = 15.0
-# A contact after a height below this one ends a hop during the lift-off, and not a flight.
+# A contact after a lower peak height than this ends a hop during lift-off, not a flight.
 HOP_M = 0.05
 
 MOTION = np.dtype(
@@ -71,7 +71,7 @@ RESPONSE = np.dtype(  # constants of one vehicle, from its profile
         ("tilt_by_rate", "f8", 2),
         ("rate_by_tilt", "f8", 2),
         ("rate_by_rate", "f8", 2),
-        ("gain", "f8"),  # tilt reached over tilt commanded
+        ("gain", "f8"),  # ratio of the tilt reached to the tilt commanded
         ("bias", "f8", 2),  # constant error of the tilt [rad]
         ("full_lift", "f8"),  # acceleration at full thrust [m/s^2]
         ("curve", "f8"),  # 0 for a lift linear in the thrust command, 1 for a quadratic one
@@ -112,7 +112,7 @@ COMMAND = np.dtype(
 _TWO_PI = 2.0 * math.pi
 _NOISE_BLEND = STEP_S / THRUST_NOISE_CORRELATION_S
 _NOISE_SPREAD = math.sqrt(2.0 * _NOISE_BLEND)
-# Below this sine or angle of a tilt the two are equal, and their quotient is not computed.
+# Below this sine or angle of a tilt the two are taken as equal, and their quotient is not computed.
 _LEAST_TILT = 1e-9
 _Quaternion = tuple[float, float, float, float]
 
@@ -184,7 +184,7 @@ def _heading(m: Record, r: Record, q: Array) -> tuple[float, float, float, float
 
 @compiled
 def _lift(m: Record, r: Record, thrust_frac: float, is_turning: bool, draw: float) -> float:
-    """Return the acceleration by the motors [m/s^2]; update thrust, its noise and the lift."""
+    """Return the acceleration from the motors [m/s^2]; update thrust, its noise and the lift."""
     thrust = 0.0
     if is_turning:
         thrust = m.thrust + r.motor_blend * (thrust_frac - m.thrust)
@@ -391,8 +391,8 @@ def step(
         m = motion[i]
         r = response[i]
 
-        # Whether motors and body rates are commanded counts at once. Everything else is commanded
-        # one dead time before it is flown.
+        # Commands to switch motors and body rates on or off act at once. All other commands act
+        # after a dead time.
         present = commanded[newest, i]
         by_tilt = commanded[(newest - r.tilt_delay) % depth, i]
         by_heading = commanded[(newest - r.yaw_delay) % depth, i]

@@ -42,15 +42,15 @@ _YAW_WN_RAD_S = 3.0
 
 _RATE_LAG_S = 0.03  # time constant with which body rates follow their setpoint
 _TRANSITION = ("tilt_by_tilt", "tilt_by_rate", "rate_by_tilt", "rate_by_rate")  # names in RESPONSE
-_BLOCK = 64  # number of steps for which random numbers are drawn at once
-_RANDOM_STREAM = 1  # separates these random numbers from others with the same seed
+_BLOCK = 64  # random numbers are drawn for this many steps at a time
+_RANDOM_STREAM = 1  # keeps these random numbers apart from others with the same seed
 
 # Positions of PX4's motors 1 to 4 of a quadrotor X, forward and to the right, in units of
 # arm / sqrt(2).
 _MOTORS = 4
 _MOTOR_POSITION = np.array([[1.0, 1.0], [-1.0, -1.0], [1.0, -1.0], [-1.0, 1.0]])
 _DEAD_BELOW = 0.1  # effectiveness below which a motor counts as dead
-# Share of the missing torque of a dead motor that stays; the opposite motor balances the rest.
+# Share of a dead motor's missing torque that remains; the opposite motor balances the rest.
 _UNBALANCED_SHARE = 0.3
 _LARGEST_OFFSET_RAD = 0.15  # largest offset of the tilt when a motor becomes weak
 
@@ -58,7 +58,7 @@ _LONGEST_FILTER_S = 0.2  # largest delay of PX4's filter of attitude setpoints
 # Delay of that filter times its natural frequency: 2 by theory, and one step of PX4's loop.
 _FILTER_RAD = 2.2
 
-# The damping with other gains than those of the measurement.
+# The damping with gains that differ from those of the measurement.
 _LEAST_RATIO = 0.1  # limits of the ratio of the gains
 _MOST_RATIO = 10.0
 _LAG_POWER = 0.9  # the lag is inversely proportional to this power of the ratio
@@ -75,10 +75,10 @@ class VehicleProfile:
     attitude_wn_rad_s: float = 11.0  # natural frequency of roll and pitch
     attitude_zeta: float = 0.6  # damping of roll and pitch
     drag_1_s: float = 1.0  # linear drag over mass
-    static_gain: float = 1.0  # tilt reached over tilt commanded
+    static_gain: float = 1.0  # ratio of the tilt reached to the tilt commanded
     # Largest constant tilt error per axis. The actual error is drawn from the seed.
     tilt_bias_deg: float = 0.0
-    # Quickness of the heading, with which its whole cascade scales. 3 was measured.
+    # Speed of the heading response; the whole cascade scales with it. 3 was measured.
     yaw_wn_rad_s: float = 3.0
     thrust_delay_s: float = 0.012  # dead time of the thrust
     motor_lag_s: float = 0.05  # time constant of the thrust
@@ -100,7 +100,7 @@ class VehicleProfile:
     setpoint_filter_rad_s: float = 0.0  # MC_REF_W_N; 0: PX4 has no such filter
 
     def damping(self, axis: int, attitude_p_1_s: float) -> float:
-        """Return the damping with another gain than that of the measurement.
+        """Return the damping with a gain that differs from that of the measurement.
 
         The lag behind a tilt that moves at a constant rate is delay + 2 zeta / wn. It varies with
         a power of the gain, which was measured on SIH. Delay and natural frequency do not change,
@@ -278,7 +278,7 @@ class Vehicles:
 
     @property
     def tilt_bias_rad(self) -> Array:
-        """Constant tilt errors (n, 2) about body x and y, which may be written."""
+        """Constant tilt errors (n, 2) about body x and y; callers may write them."""
         return self._response["bias"]
 
     @tilt_bias_rad.setter
@@ -347,8 +347,8 @@ class Vehicles:
         PX4's loop balances weak motors. With shares e_k the lift is the harmonic mean of the e_k,
         up to the lift at which the weakest motor is at its limit while all torques are balanced.
         The vehicle tilts towards a weakened motor until the integral of the loop has removed the
-        missing torque, which a weak loop never does. A dead motor cannot be balanced: the vehicle
-        turns over and falls.
+        missing torque, which a weak loop never does. A dead motor cannot be balanced, so the
+        vehicle turns over and falls.
         """
         profile = self.profiles[index]
         motion = self.motion[index]

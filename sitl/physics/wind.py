@@ -2,8 +2,8 @@
 
 A gust is an Ornstein-Uhlenbeck process per axis, which is Dryden's longitudinal spectrum with L / V
 as correlation time. The second pole of Dryden's other two spectra is left out. The air pushes a
-vehicle by the vehicle's linear drag. Where only the acceleration by gusts is known, and not the
-drag, a vehicle has gusts of its own: an acceleration that follows the same process.
+vehicle through its linear drag. Where only the acceleration by gusts is known, and not the drag, a
+vehicle has its own gusts, an acceleration that follows the same process.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from sitl.physics.step import STEP_S
 GUST_TIME_S = 1.0  # default correlation time of gusts
 
 _VERTICAL_SHARE = 0.5  # standard deviation of vertical gusts over that of horizontal ones
-_BLOCK = 64  # number of steps for which random numbers are drawn at once
+_BLOCK = 64  # random numbers are drawn for this many steps at a time
 # Separate the random numbers of the air and of the vehicles' own gusts from others of the seed.
 _AIR_STREAM = 4
 _OWN_GUSTS_STREAM = 5
@@ -34,8 +34,8 @@ class WindSettings:
     # Standard deviation of gusts per horizontal axis. Vertically it is half of this.
     gust_std_m_s: float = 0.0
     gust_time_s: float = GUST_TIME_S  # correlation time of gusts
-    # Whether the same gusts act on all vehicles, as by the ventilation of a hall. Otherwise each
-    # vehicle has different gusts, as outdoors and far apart.
+    # Whether the same gusts act on all vehicles, like ventilation in a hall. Otherwise each vehicle
+    # has different gusts, as vehicles far apart outdoors do.
     is_common: bool = False
 
 
@@ -70,7 +70,7 @@ class Wind:
         settings: wind at the start.
         is_calm: whether the air does not move.
         has_own_gusts: whether a vehicle has its own gusts.
-        push_ned_m_s2: acceleration (n, 3) by the vehicles' own gusts in the last step.
+        push_ned_m_s2: acceleration (n, 3) from the vehicles' own gusts in the last step.
     """
 
     def __init__(
@@ -145,7 +145,7 @@ class Wind:
         return np.broadcast_to(self._mean_ned + self._gust, (self._count, 3))
 
     def step_own_gusts(self) -> Array:
-        """Return the acceleration (n, 3) by the vehicles' own gusts, NED, one step later."""
+        """Return the acceleration (n, 3) from the vehicles' own gusts, NED, one step later."""
         normals = self._own_rng.standard_normal((self._count, 3))
         self.push_ned_m_s2 = wandered(
             self.push_ned_m_s2, self._own_std_m_s2, GUST_TIME_S, self._step_s, normals

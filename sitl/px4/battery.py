@@ -1,7 +1,7 @@
 """PX4's simulated battery: it empties while armed, down to a floor, and fills while disarmed.
 
-SIM_BAT_DRAIN is the time in which a whole charge is used. Measurements of PX4's simulator show half
-of this time for half a charge.
+SIM_BAT_DRAIN is the time to empty a full battery. Measurements of PX4's simulator show half of this
+time for half a charge.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """One PX4 commander: arming, mode requests, failsafes, landing.
 
-PX4 distinguishes two modes: `intent` is the requested mode, `mode` is the mode that is flown. A
-failsafe changes only `mode`. When the cause of the failsafe is over, PX4 flies `intent` again
+PX4 distinguishes two modes: `intent` is the requested mode, and `mode` is the active mode. A
+failsafe changes only `mode`. When the cause of the failsafe is over, PX4 returns to `intent`
 without a new request.
 
 The commander makes the decisions, and uses these modules:
@@ -35,7 +35,7 @@ from sitl.px4.signals import Actuation, AutopilotInputs, Setpoint, SetpointKind
 from sitl.px4.sticks import Axes, Sticks
 from sitl.px4.versions import Version
 
-_FORCE_MAGIC = 21196.0  # parameter 2 of a command that disarms in any case
+_FORCE_MAGIC = 21196.0  # parameter 2 of a command that forces disarming
 _REFUSAL_INTERVAL_S = 1.0  # time between two texts about refused modes
 # Keys of the journal.
 _BATTERY_TEXTS: dict[ChargeState, str] = {
@@ -71,7 +71,7 @@ class EmulatedPx4:
     _mode_after_disarming: Mode = Mode.LOITER  # intent that disarming restores
     _armed_time_s: float = 0.0  # time of the last arming
     _refused_time_s: float = -math.inf  # time of the last text about a refused mode
-    _tilted_since_s: float = math.inf  # begin of a tilt beyond the limits
+    _tilted_since_s: float = math.inf  # start of a tilt beyond the limits
     _has_attitude_failed: bool = False  # whether the attitude has failed since arming
     _inputs: AutopilotInputs | None = None  # newest inputs; None before the first tick
 
@@ -241,7 +241,7 @@ class EmulatedPx4:
 
         Args:
             now_s: present time.
-            height_m: height above home; NaN: MIS_TAKEOFF_ALT, which is the least height as well.
+            height_m: height above home, at least MIS_TAKEOFF_ALT; NaN: MIS_TAKEOFF_ALT.
         """
         result = self.request(now_s, Mode.TAKEOFF)
         if result is not CommandResult.ACCEPTED:
@@ -281,7 +281,7 @@ class EmulatedPx4:
         """Use the sticks of MANUAL_CONTROL.
 
         A pilot who moves a stick takes over from a program, unless the parameters forbid it or a
-        failsafe acts.
+        failsafe is active.
         """
         self.sticks.take(now_s, positions)
 
@@ -456,14 +456,14 @@ class EmulatedPx4:
         """Return a mode, or its fallback mode when there is no position."""
         if self._has_local_position:
             return mode
-        # POSCTL stays, since PX4 shows it. Without sticks it is a level descent in any case.
+        # POSCTL stays, because PX4 shows it. Without sticks it is always a level descent.
         while mode in modes.FALLBACK and mode is not Mode.POSCTL:
             mode = modes.FALLBACK[mode]
         return mode
 
     def _step_failsafe(self, now_s: float) -> None:
         """Advance the failsafes with the present inputs, and announce a new action."""
-        has_offboard_signal = True  # no other mode needs one
+        has_offboard_signal = True  # other modes do not need one
         if self.intent is Mode.OFFBOARD:
             has_offboard_signal = self.has_fresh_setpoint(now_s)
         inputs = FailsafeInputs(
@@ -518,7 +518,7 @@ class EmulatedPx4:
             self.journal.say(now_s, "no shutdown")
 
     def _watch_attitude(self, inputs: AutopilotInputs) -> None:
-        """Note an attitude failure when roll or pitch is beyond its limit for long."""
+        """Note an attitude failure when roll or pitch stays beyond its limit for too long."""
         if self._has_attitude_failed or inputs.on_ground:
             return
 

@@ -38,7 +38,7 @@ from sitl.px4.satellite_receiver import RTK_FIXED, RTK_FLOAT
 
 ESTIMATE_EVERY_STEPS = 2  # 125 Hz, the rate of PX4's estimator
 PERIOD_S = ESTIMATE_EVERY_STEPS * STEP_S
-_BLOCK = 64  # number of periods for which random numbers are drawn at once
+_BLOCK = 64  # random numbers are drawn for this many periods at a time
 _SELECT_EVERY = 4  # number of periods between two selections of the sources: 31 Hz
 _HISTORY = 64  # number of periods whose positions are stored for delayed vision
 # Separate these random numbers from others with the same seed.
@@ -54,17 +54,18 @@ _FUSE_GAIN = 0.2
 _YAW_FUSE_GAIN = 0.1
 _GATE_SIGMAS = 5.0  # a difference beyond this multiple of EKF2_EVP_NOISE is a jump
 _SMALLEST_GATE_M = 0.2
-_HEIGHT_REFUSAL_S = 5.0  # time for which a jump in height is refused
+_HEIGHT_REFUSAL_S = 5.0  # how long a jump in height is refused
 
-# Dead reckoning, measured on PX4 v1.16 that had lost its vision in flight. Pairs are the limits of
-# a uniform draw.
+# Dead reckoning, measured on a PX4 v1.16 that lost vision in flight. Pairs are the limits of a
+# uniform draw.
 _DRIFT_M = (0.9, 2.0)  # displacement after 3.5 s
 _TILT_ERROR_DEG = (0.7, 3.5)  # error of the attitude after that time
-_TILT_POWER = 1.5  # power of the draw of that error, by which small errors are more frequent
+_TILT_POWER = 1.5  # exponent on the draw of that error, which makes small errors more frequent
 _HEIGHT_ERROR_M = (-0.20, 0.30)  # error that the height reaches soon, positive upwards
-# Acceleration whose damped motion leads one metre away in 3.5 s.
+# This acceleration, damped, moves the estimate one metre in 3.5 s.
 _DRIFT_ACCELERATION_1_S2 = 0.214
-# On the ground the estimate drifts on at the same speed, until PX4 detects the rest.
+# On the ground the estimate keeps drifting at the same speed until PX4 detects that the vehicle is
+# at rest.
 _REST_DETECTION_S = 4.0
 
 _START_HEIGHT_M = (-0.2, 0.2)  # limits of the estimated height before the first flight
@@ -114,7 +115,7 @@ class Estimator:
     Args:
         start_ned_m: true start positions (n, 3), which are the origins of the local frames.
         seed: seed of all errors.
-        is_common: whether all vehicles have the same errors, as PX4 instances that are started
+        is_common: whether all vehicles have the same errors, like PX4 instances that are started
             together and share SIH's random numbers; otherwise the errors are independent.
         scale: scale of all random errors; 0 for an estimate without errors.
         ground_altitude_m: altitude above the sea of the ground at the start.
@@ -136,8 +137,8 @@ class Estimator:
         gps_delay_s: delay of horizontal position and velocity by satellites, per vehicle.
         gps_drift_ned_m_s: drift (n, 3) of positions by satellites, which velocities do not show.
         resets: counters (n, 5) XY, VXY, Z, VZ, HEADING.
-        origin_altitude_m: altitude of the origin of the local frame above the sea, per vehicle: as
-            received, or from satellites; None before either.
+        origin_altitude_m: altitude of the origin of the local frame above the sea, per vehicle, as
+            received or from satellites; None before either.
         jumps: index and shift of each position that has jumped; the emulator clears the list.
     """
 
@@ -306,9 +307,9 @@ class Estimator:
         delay_s: float,
         yaw_error_rad: float = 0.0,
     ) -> None:
-        """Fuse one external position of a vehicle; one that is not finite is ignored.
+        """Fuse one external position of a vehicle; non-finite positions are ignored.
 
-        With satellites the frame is theirs, and vision only corrects the estimate slightly: PX4
+        With satellites the frame is theirs, and vision only corrects the estimate slightly. PX4
         then estimates the offset between the two frames.
 
         Args:
@@ -332,7 +333,7 @@ class Estimator:
         if self.sees_satellites(index, time_s):
             self._fuse_beside_satellites(index, time_s, (x, y, z), estimated, is_first=is_first)
         else:
-            # PX4 reads the height as one above the sea, so that its local height differs by the
+            # PX4 reads the height as altitude above the sea, so its local height differs by the
             # altitude of its origin.
             z += self._known_origin_m(index)
             self._fuse_as_only_source(index, time_s, (x, y, z), estimated, is_first=is_first)
@@ -582,7 +583,8 @@ class Estimator:
         """Begin and end dead reckoning.
 
         The estimate of a vehicle in flight drifts from the loss of its last source until it has a
-        source again. After a landing it drifts on until PX4 detects the rest.
+        source again. After a landing it keeps drifting until PX4 detects that the vehicle is at
+        rest.
         """
         if not is_resting:
             self._rest_begin_s[index] = time_s
@@ -671,11 +673,10 @@ class Estimator:
         self._history[:, index] += correction
 
     def _random(self, draw: Callable[[int], Array]) -> Array:
-        """Return random numbers for each vehicle, which are equal if the errors are common.
+        """Return random numbers for each vehicle; they are equal if the errors are common.
 
         Args:
-            draw: function that returns the random numbers of as many vehicles as its argument
-                says, one row for each vehicle.
+            draw: function from a number of vehicles to their random numbers, one row per vehicle.
         """
         count = self._origin.shape[0]
         if self._is_common:

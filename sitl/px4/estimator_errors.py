@@ -5,12 +5,13 @@ integrates the velocity error, and measurements pull the position error back: e_
 T follows from the three measured numbers, since the variance of e_p is then
 sigma_v^2 T^2 tau / (T + tau).
 
-With a wrong heading, the filter integrates turned accelerations, and satellites pull its estimate
-back. So the error of the velocity grows by the difference of the turned and the true acceleration,
-and decays with the same tau and T. The estimated velocity shows little of the wrong heading.
+With a wrong heading, the filter integrates rotated accelerations, and satellites pull its estimate
+back. The velocity error therefore grows by the difference between the rotated and the true
+acceleration, and decays with the same tau and T. The estimated velocity shows little of the wrong
+heading.
 
-All these errors are slow, as those of a filter. That matters: how much separation an error costs
-depends more on its correlation time than on its size.
+All these errors are slow, like those of a filter. This matters, because the separation that an
+error costs depends more on its correlation time than on its size.
 
 All processes run with unit variance and are multiplied by their present sizes, which change
 smoothly when the source of the estimate changes.
@@ -69,7 +70,7 @@ ERRORS = np.dtype(
         ("yaw_smooth", "f8"),
         ("yaw_std", "f8"),
         ("yaw_mean", "f8"),
-        # Share of the compass in the heading, and the share that this approaches.
+        # Share of the compass in the heading, and its target value.
         ("yaw_share", "f8"),
         ("yaw_share_goal", "f8"),
         # Error of the heading by vision, and of the estimated heading [rad].
@@ -83,19 +84,18 @@ ERRORS = np.dtype(
 )
 
 # The error of the compass is white noise through two lags with this time constant, which was not
-# measured. The error changes in flight only, and smoothly, as the heading of a filter that
+# measured. The error changes only in flight, and smoothly, like the heading of a filter that
 # integrates a gyro.
 YAW_CORRELATION_S = 6.0
-# By satellites PX4 finds out in flight by how much its heading is wrong: the mean error decays with
-# the square of the horizontal acceleration times this [s^3/m^2]. PX4s in simulation had 0.13 to
-# 0.91.
+# With satellites PX4 corrects its heading in flight. The mean error decays at a rate of this
+# [s^3/m^2] times the square of the horizontal acceleration. PX4s in simulation had 0.13 to 0.91.
 YAW_FOUND_S3_M2 = 0.1
 BLEND_S = 0.5  # time constant of the change from one error level to another
 
 # Time constants north, east and down with which the velocity error of dead reckoning is damped. The
-# vertical one ends soon, so that the height stays at a wrong level.
+# vertical error stops growing soon, so the height stays at a wrong level.
 DRIFT_DAMPING_S = (4.0, 4.0, 0.5)
-# The error of the attitude begins at a quarter of its largest value, which it reaches after 3.5 s.
+# The attitude error starts at a quarter of its largest value and reaches that value after 3.5 s.
 TILT_ERROR_AT_FIRST = 0.25
 TILT_ERROR_GROWTH_S = 3.5 / math.log(4.0)
 
@@ -173,7 +173,7 @@ RTK_FIXED = ErrorLevel(
     bias_m=(0.005, 0.005, 0.010),
 )
 # A vehicle in flight without vision. The horizontal errors come in addition to the drift. The
-# height is that of the barometer, which PX4 compared with the vision until its loss.
+# height is that of the barometer, which PX4 compared with vision until vision was lost.
 RECKONING = ErrorLevel(
     position_m=(0.12, 0.20, 0.04),
     velocity_m_s=(0.16, 0.29, 0.07),
@@ -273,7 +273,7 @@ def _advance_motion(e: Record, draws: Array, dt_s: float, position: Array, veloc
 @compiled
 def _advance_turn(e: Record, dt_s: float, velocity: Array) -> None:
     """Advance the errors of velocity and position that a wrong heading causes."""
-    # The true change of the velocity, and below the same change turned by the wrong heading.
+    # The true velocity change, and below it the same change rotated by the wrong heading.
     north = velocity[0] - e.last_velocity[0]
     east = velocity[1] - e.last_velocity[1]
     e.last_velocity[0] = velocity[0]
@@ -292,7 +292,7 @@ def _advance_turn(e: Record, dt_s: float, velocity: Array) -> None:
         e.velocity[k] += e.turned_velocity[k]
         e.position[k] += e.turned_position[k]
 
-    # By its motion the vehicle finds out how wrong its heading is.
+    # The vehicle's motion reveals its heading error.
     acceleration_squared = (north * north + east * east) / (dt_s * dt_s)
     e.yaw_mean -= min(1.0, dt_s * YAW_FOUND_S3_M2 * acceleration_squared) * e.yaw_mean
 
@@ -336,7 +336,7 @@ def advance(
         dt_s: time since the last step.
         position: true positions (n, 3), NED, relative to the origins of the local frames.
         velocity: true velocities (n, 3), NED.
-        yaw_keep: part of the error of the compass that a lag keeps over a step.
+        yaw_keep: share of the compass error that a lag keeps over a step.
     """
     for i in range(errors.shape[0]):
         _advance_motion(errors[i], draws[i], dt_s, position[i], velocity[i])

@@ -1,11 +1,11 @@
 """PX4's failsafes as a table of triggers, with the parameter that selects the action of each.
 
-PX4 evaluates all triggers at each tick. Each trigger that holds selects an action, in most cases by
-a parameter of the user. PX4 carries out the most severe of these actions.
+PX4 evaluates all triggers at each tick. Each active trigger selects an action, in most cases
+through a user parameter. PX4 carries out the most severe of these actions.
 
 There are two exceptions:
 
-* An action that is not urgent (a critical battery, a lost ground station) follows after
+* An action that is not urgent (for a critical battery or a lost ground station) follows after
   COM_FAIL_ACT_T seconds of Hold, so that a pilot has time to take over.
 * Some actions are latched and outlast their trigger. `Clears` names the end of each action.
 """
@@ -302,7 +302,7 @@ class Failsafe:
     delayed: FailsafeAction = FailsafeAction.NONE  # action that follows the present Hold
     present: frozenset[str] = frozenset()  # names of the triggers with an action
     _latched: dict[str, FailsafeAction] = field(default_factory=dict)  # by name of the trigger
-    _waiting_since_s: float = math.inf  # begin of the Hold before an action that waits
+    _waiting_since_s: float = math.inf  # start of the Hold before a delayed action
 
     @property
     def is_active(self) -> bool:
@@ -311,7 +311,7 @@ class Failsafe:
 
     @property
     def is_terminated(self) -> bool:
-        """Whether a failsafe has ended the flight, for good until PX4 is restarted."""
+        """Whether a failsafe has ended the flight; only a restart of PX4 clears this."""
         return self.action is FailsafeAction.TERMINATE
 
     def reset(self) -> None:
@@ -346,7 +346,7 @@ class Failsafe:
             self._waiting_since_s = math.inf
             return False
 
-        # The most severe action that acts at once, and the most severe that waits.
+        # The most severe immediate action, and the most severe delayed one.
         urgent = FailsafeAction.NONE
         waiting = FailsafeAction.NONE
         present: list[str] = []
@@ -374,7 +374,7 @@ class Failsafe:
     def _latching_action(
         self, trigger: FailsafeTrigger, inputs: FailsafeInputs, params: Parameters
     ) -> FailsafeAction:
-        """Return the action of one trigger, present or latched; latch it if it is to outlast it."""
+        """Return the present or latched action of one trigger; latch it if it outlasts the trigger."""
         latched = self._latched.get(trigger.name, FailsafeAction.NONE)
 
         action = FailsafeAction.NONE
@@ -388,7 +388,7 @@ class Failsafe:
     def _hold_first(
         self, now_s: float, waiting: FailsafeAction, params: Parameters
     ) -> FailsafeAction:
-        """Return Hold until COM_FAIL_ACT_T has passed, then the action that has waited."""
+        """Return Hold until COM_FAIL_ACT_T has passed, then the delayed action."""
         self.delayed = FailsafeAction.NONE
         if waiting is FailsafeAction.NONE:
             self._waiting_since_s = math.inf

@@ -4,7 +4,7 @@ A ULog begins with the layouts of its topics. The samples follow in the order of
 texts that PX4 sent meanwhile. PX4's documentation describes the format in "ULog File Format". The
 emulator logs the topics that are needed to compare flights: attitude and its setpoint, local
 position, battery, status. Their fields are a part of PX4's fields, with PX4's names and units. The
-rates are some of PX4's rates.
+rates are taken from PX4's rates.
 
 Logs are stored in memory. When there are too many, the oldest is removed. A log ends when it is
 full, as on PX4's card.
@@ -28,7 +28,7 @@ _MOST_LOGS = 5
 _MOST_BYTES = 8_000_000  # largest size of one log
 _LEVEL_ZERO = ord("0")  # the level of a logged text is the digit of its severity
 _CELLS = 4
-_ARMING_TEXT_S = 0.1  # a log includes the texts of this time before its begin
+_ARMING_TEXT_S = 0.1  # a log includes texts from this long before its start
 
 # Ticks of 20 ms between two samples of a topic.
 _ATTITUDE_TICKS = 2
@@ -158,7 +158,7 @@ class LogFile:
     """One log on the vehicle's card."""
 
     path: str
-    unix_s: float  # date of its begin
+    unix_s: float  # date of its start
     writer: LogWriter
 
     @property
@@ -180,7 +180,7 @@ class FlightLogs:
     session_limit_bytes: int = 0
     _open: LogFile | None = None
     _ticks: int = 0
-    _texts_logged: int = 0  # number of texts of the journal that need not be logged any more
+    _texts_logged: int = 0  # number of journal texts that no longer need to be logged
 
     def tick(self, autopilot: EmulatedPx4, inputs: AutopilotInputs, unix_s: float) -> None:
         """Write the samples and texts of the present tick; begin and end the log with the flight.

@@ -16,7 +16,7 @@ from typing import Generic, NamedTuple, TypeVar
 from sitl.px4.signals import StatusText
 
 _INFO = 6  # MAV_SEVERITY
-_AUTOPILOT_NAMESPACE = 1 << 24  # the upper 8 bits of an event's number say who defines the event
+_AUTOPILOT_NAMESPACE = 1 << 24  # the upper 8 bits of an event's number are its namespace
 _STORED = 100  # smallest number of newest entries of each kind that are stored
 # Constants of the 32-bit FNV-1a hash.
 _FNV_OFFSET = 0x811C9DC5
@@ -85,7 +85,7 @@ class EntryLog(Generic[Entry]):
         self.newest.append(entry)
 
     def since(self, count: int) -> list[Entry]:
-        """Return the entries that came after the first `count` ones, as far as they are stored."""
+        """Return the entries after the first `count` that are still stored."""
         return self.newest[max(0, count - self.forgotten) :]
 
 

@@ -10,7 +10,7 @@ from sitl.px4.parameters import Parameters
 from sitl.px4.signals import AutopilotInputs
 
 # Time for which contact and low thrust have to last in PX4's own modes. These modes first push the
-# vehicle against the ground, and the time includes that. Setpoints of OFFBOARD do not push: there
+# vehicle against the ground, and the time includes this. OFFBOARD setpoints do not push, and there
 # the time depends on the version.
 _CONTACT_S = 4.3
 _LOWEST_THRUST = 0.12  # MPC_THR_MIN
@@ -32,7 +32,7 @@ class LandDetector:
     has_flown: bool = False  # whether there was a take-off since arming
     takeoff_time_s: float = math.inf  # detection of the first take-off since arming
     landed_time_s: float = 0.0  # detection of the last landing
-    _contact_time_s: float = 0.0  # begin of the present rest on the ground at low thrust
+    _contact_time_s: float = 0.0  # start of the present rest on the ground at low thrust
 
     def disarmed(self) -> None:
         """Report the vehicle as landed, as PX4 does while it is not armed."""

@@ -28,8 +28,8 @@ _SPOOL_S = 1.0  # time from arming until a take-off begins
 _FIRST_SHARE = 0.25  # share of the climb speed with which the ramp of a take-off begins
 _LEAST_RAMP_S = 0.1  # lower limit of the duration of that ramp
 
-# A take-off ends within the first distance from its height. Later than this time after arming it
-# ends within the second distance, which is larger.
+# A take-off ends within the first distance of its height. After this time since arming it ends
+# within the larger second distance.
 _TAKEOFF_REACHED_M = 0.1
 _TAKEOFF_NEAR_M = 0.4
 _TAKEOFF_LATE_S = 6.5
@@ -76,13 +76,13 @@ class ModeControl:
     goal: PositionGoal | None = None  # goal of the position control; None while it is not used
     home_ned_m: Array = field(default_factory=lambda: np.zeros(3))  # (3,) position of arming
     takeoff_height_m: float | None = None  # height of a command; None: MIS_TAKEOFF_ALT
-    # Horizontal speed of a command, which holds until the mode ends; None: MPC_XY_CRUISE.
+    # Commanded horizontal speed, which applies until the mode ends; None: MPC_XY_CRUISE.
     cruise_m_s: float | None = None
     has_lost_attitude: bool = False  # whether the attitude control has failed until a restart
     _control: PositionControl = field(default_factory=PositionControl)
     _armed_time_s: float = 0.0
     _entry: AutopilotInputs | None = None  # inputs at the begin of the mode
-    # Position that Hold or POSCTL holds. None in Hold: the position at the begin of the mode is
+    # Position that Hold or POSCTL holds. None in Hold: the position at the start of the mode is
     # held. None in POSCTL: no position is held, and the sticks command a velocity.
     _hold_ned_m: Array | None = None
     _yaw_setpoint_rad: float | None = None  # None before the first heading of the mode
@@ -118,7 +118,7 @@ class ModeControl:
     def frame_jumped(self, shift_ned_m: Array) -> None:
         """Shift all stored positions by a jump of the local frame.
 
-        So the jump does not move the vehicle.
+        The vehicle therefore does not move with the jump.
         """
         self.home_ned_m = self.home_ned_m + shift_ned_m
         if self._entry is not None:
@@ -128,7 +128,7 @@ class ModeControl:
             self._hold_ned_m = self._hold_ned_m + shift_ned_m
 
     def terminate(self) -> None:
-        """Stop the motors, also of a vehicle that is armed."""
+        """Stop the motors, even if the vehicle is armed."""
         self.actuation = _motors_off(self.actuation.attitude)
 
     def take_setpoint(self, setpoint: Setpoint) -> None:
@@ -204,7 +204,7 @@ class ModeControl:
 
     def _has_reached_takeoff_height(self, inputs: AutopilotInputs, params: Parameters) -> bool:
         left_m = abs(float(inputs.position_ned_m[2]) - self._takeoff_down_m(params))
-        # Slow errors of the estimate can prevent the last centimetres for seconds.
+        # Slow estimate errors can hold off the last centimetres for seconds.
         is_late = inputs.time_s - self._armed_time_s >= _TAKEOFF_LATE_S
         if is_late:
             return left_m < _TAKEOFF_NEAR_M
@@ -225,7 +225,7 @@ class ModeControl:
         start = self._start(inputs)
         north_m, east_m, _ = self.home_ned_m
         _, _, down_m = start.position_ned_m
-        home = np.array([north_m, east_m, down_m])  # home at the height of the begin
+        home = np.array([north_m, east_m, down_m])  # home, at the height at the start of the mode
         if math.dist(home[:2], inputs.position_ned_m[:2]) < _RTL_NEAR_M:
             self._descend(inputs, home, start.yaw_rad, params)
         else:
@@ -310,7 +310,7 @@ class ModeControl:
     # -- parts -------------------------------------------------------------------------------------
 
     def _start(self, inputs: AutopilotInputs) -> AutopilotInputs:
-        """Return the inputs at the begin of the mode."""
+        """Return the inputs at the start of the mode."""
         if self._entry is None:
             return inputs
         return self._entry
@@ -373,7 +373,7 @@ class ModeControl:
     def _heading(self, goal: PositionGoal, inputs: AutopilotInputs) -> float:
         """Return the heading to fly.
 
-        A goal without a heading keeps the last one. The first is the heading at the begin of the
+        A goal without a heading keeps the last one. The first is the heading at the start of the
         mode.
         """
         if math.isfinite(goal.yaw_rad):
@@ -414,7 +414,7 @@ class ModeControl:
 
     def _estimate_hover_thrust(self, inputs: AutopilotInputs) -> None:
         # PX4 estimates its hover thrust in flight. Without an estimate a heavy vehicle would sink
-        # at the begin of a failsafe.
+        # when a failsafe starts.
         is_level_flight = abs(inputs.velocity_ned_m_s[2]) <= _HOVER_SPEED_M_S
         if inputs.on_ground or not is_level_flight:
             return

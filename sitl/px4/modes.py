@@ -189,7 +189,7 @@ NAMES: dict[Mode, tuple[str, int]] = {
     Mode.LAND: ("Land", 11),
 }
 ARMED_BIT = 128
-# base_mode in OFFBOARD while no setpoints come, and while body rates are flown
+# base_mode in OFFBOARD without setpoints, and with body rate setpoints
 OFFBOARD_WITHOUT_SETPOINTS_BASE_MODE = 1
 OFFBOARD_RATES_BASE_MODE = 1
 
@@ -204,8 +204,8 @@ _IS_AUTO = 4
 _IS_GUIDED = 8
 _IS_STABILIZED = 16
 _IS_MANUAL = 64
-# Modes that a client requests by MAVLink's base_mode alone. The first row counts whose bits are all
-# set in the request.
+# Modes that a client requests by MAVLink's base_mode alone. The first row whose bits are all set in
+# the request applies.
 _BY_BASE_MODE: tuple[tuple[int, Mode], ...] = (
     (_IS_AUTO, Mode.MISSION),
     (_IS_MANUAL | _IS_GUIDED, Mode.POSCTL),
@@ -223,7 +223,7 @@ FALLBACK: dict[Mode, Mode] = {
     Mode.POSCTL: Mode.ALTCTL,
 }
 
-# Modes that are a level descent without a position while no sticks are received.
+# Modes that become a level descent when there is neither a position nor sticks.
 BLIND_DESCENT = frozenset({Mode.MANUAL, Mode.ALTCTL, Mode.POSCTL, Mode.STABILIZED, Mode.DESCEND})
 
 

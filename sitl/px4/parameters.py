@@ -1,7 +1,8 @@
 """PX4's parameters that the emulator obeys or that clients request, with PX4's defaults.
 
 MAVLink sends every value in a float field. PX4 copies the bytes of an integer into the field
-instead of converting the number. So the type of a parameter decides how its value is encoded.
+instead of converting the number. The type of a parameter therefore decides how its value is
+encoded.
 """
 
 from __future__ import annotations
@@ -29,7 +30,7 @@ _GROUPS: dict[str, dict[str, int | float]] = tomllib.loads(
 
 
 def _defaults(version: Version) -> dict[str, int | float]:
-    """Return the defaults of a version in alphabetical order; its own values replace the common."""
+    """Return a version's defaults in alphabetical order; its own values replace the common ones."""
     values = ChainMap(dict(version.parameters), *_GROUPS.values()).items()
     return {name: value for name, value in sorted(values) if name not in version.parameters_gone}
 
@@ -45,7 +46,7 @@ class Parameters:
     """Parameters of one vehicle."""
 
     version: Version = versions.DEFAULT
-    # Values by name, at the start the defaults of the version.
+    # Values by name, initially the defaults of the version.
     values: dict[str, int | float] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
@@ -95,8 +96,8 @@ class Parameters:
             packed = struct.pack(layout, self.values[name])
             checksum = zlib.crc32(name.encode("ascii") + packed, checksum)
 
-        # One bit is cleared, so that the four bytes are never those of a NaN. Python can change the
-        # bytes of a NaN when it converts them to a float.
+        # Clear one bit, so that the four bytes never form a NaN. Python can change the bytes of a
+        # NaN when it converts them to a float.
         checksum &= _NEVER_NAN
         (encoded,) = struct.unpack("<f", struct.pack("<I", checksum))
         return float(encoded)

@@ -1,8 +1,8 @@
 """The position controller of PX4's own modes and of position setpoints in OFFBOARD.
 
 It is a cascade: position to velocity, velocity with integral action to acceleration, acceleration
-to attitude and thrust. Take-off, hold, landing and return are safe and about as fast as those of
-PX4, but not equal to them.
+to attitude and thrust. Take-off, hold, landing and return are safe and about as fast as in PX4, but
+not identical.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ _INTEGRAL_GAIN_1_S2 = (0.4, 0.4, 2.0)
 _INTEGRAL_LIMIT_M_S2 = (2.0, 2.0, 8.0)
 
 _THRUST_MIN = 0.12  # MPC_THR_MIN
-_LEAST_LIFT = 0.2  # least lift in units of the weight, since the tilt is not defined without lift
+_LEAST_LIFT = 0.2  # minimum lift in units of the weight, because the tilt is undefined without lift
 _MOST_ACCELERATION_M_S2 = 20.0  # largest acceleration that a setpoint adds, per axis
 
 
@@ -108,7 +108,7 @@ class PositionControl:
         north_m_s2, east_m_s2, down_m_s2 = acceleration_m_s2
         lift_m_s2 = max(GRAVITY_M_S2 - down_m_s2, _LEAST_LIFT * GRAVITY_M_S2)
 
-        # The tilt is limited by reducing the horizontal acceleration, and never the lift.
+        # Limit the tilt by reducing the horizontal acceleration, never the lift.
         horizontal_m_s2 = math.hypot(north_m_s2, east_m_s2)
         most_m_s2 = math.tan(limits.tilt_rad) * lift_m_s2
         share = 1.0

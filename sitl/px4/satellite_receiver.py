@@ -1,12 +1,12 @@
-"""The satellite receiver of an emulated PX4, as far as corrections change its fix.
+"""The satellite receiver of an emulated PX4, limited to the effect of corrections on its fix.
 
 Fragments of GPS_RTCM_DATA are assembled to frames as MAVLink's documentation describes. A frame
 with a wrong checksum is ignored. With observations of a base whose position was received, the fix
-improves from 3D over RTK float to RTK fixed. It becomes worse when observations stay away. The
-position of a receiver is relative to the base: a base that reports another position shifts it.
+improves from 3D over RTK float to RTK fixed. It degrades when observations stop. The position of a
+receiver is relative to the base, so a base that reports a different position shifts it.
 
-The times to a fix are shorter than those of usual receivers under a free sky, so that simulated
-flights do not wait for a minute.
+The times to a fix are shorter than those of real receivers under an open sky, so that simulated
+flights do not have to wait a minute.
 """
 
 from __future__ import annotations
@@ -72,7 +72,7 @@ class Assembly:
             return data
 
         is_another = sequence != self.sequence or time_s - self.newest_s > _ASSEMBLY_S
-        # the fragment of this number has already come, with other data
+        # the fragment with this number has already arrived with other data
         is_in_contradiction = self.pieces.get(number, data) != data
         if is_another or is_in_contradiction:
             self.pieces.clear()
@@ -80,7 +80,8 @@ class Assembly:
         self.newest_s = time_s
         self.pieces[number] = data
 
-        # A frame is complete with all four fragments, or with all up to one that is not full.
+        # A frame is complete with all four fragments, or with all fragments up to one that is not
+        # full.
         frame = b""
         for index in range(_FRAGMENTS):
             piece = self.pieces.get(index)
@@ -113,7 +114,7 @@ class SatelliteReceiver:
         self._assembly = Assembly()
         self._base_m: Array | None = None  # position of the base from the centre of the Earth
         self._first_base_m: Array | None = None
-        self._corrected_from_s = math.inf  # begin of the present corrections without a gap
+        self._corrected_from_s = math.inf  # start of the present corrections without a gap
         self._newest_s = -math.inf  # time of the newest observations
 
     def hear(self, flags: int, data: bytes, time_s: float) -> None:
@@ -136,14 +137,14 @@ class SatelliteReceiver:
             return
 
         self.frames += 1
-        number = frame[3] << 4 | frame[4] >> 4  # of the message: 12 bits behind the header
+        number = frame[3] << 4 | frame[4] >> 4  # number of the message: 12 bits after the header
         if number in _BASE_POSITION and len(frame) >= _BASE_FRAME_BYTES:
             self._hear_base(frame)
         elif self._base_m is not None and any(number in span for span in _OBSERVATIONS):
             self._hear_observations(time_s)
 
     def _hear_base(self, frame: bytes) -> None:
-        # The 19 bytes behind the header end with the coordinates X, Y and Z, each in two's
+        # The 19 bytes after the header end with the coordinates X, Y and Z, each in two's
         # complement. Two other bits precede Y, and two precede Z.
         bits = int.from_bytes(frame[3:22], "big")
         modulus = 1 << _COORDINATE_BITS
@@ -201,7 +202,7 @@ class SatelliteReceiver:
 
 
 def _is_right(frame: bytes) -> bool:
-    """Return whether bytes are one frame with a right checksum."""
+    """Return whether bytes are one frame with a correct checksum."""
     if not _LEAST_FRAME_BYTES <= len(frame) <= _MOST_FRAME_BYTES:
         return False
     # preamble, then 6 reserved bits that are 0 and 10 bits of length

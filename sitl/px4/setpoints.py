@@ -1,8 +1,8 @@
 """Setpoints for OFFBOARD as PX4 reads them from MAVLink messages.
 
-PX4 refuses no number. Some unusual numbers are replaced or limited here: a thrust of NaN is 0, a
-rate is limited. Others have the effect that they have on a real PX4: an attitude of NaN makes the
-vehicle drift.
+PX4 does not refuse any number. Some unusual numbers are replaced or limited here; for example, a
+thrust of NaN becomes 0 and rates are limited. Others act as on a real PX4; for example, an attitude
+of NaN makes the vehicle drift.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ _IGNORE_YAW = 1024
 _IGNORE_TURN = 2048
 _IS_FORCE = 512
 
-# For each body rate the bit that ignores it, and its limit [rad/s].
+# For each body rate, the bit that ignores it and its limit [rad/s].
 _RATES: tuple[tuple[int, float], ...] = (
     (_IGNORE_ROLL_RATE, 3.84),  # MC_ROLLRATE_MAX, 220 deg/s
     (_IGNORE_PITCH_RATE, 3.84),  # MC_PITCHRATE_MAX, 220 deg/s
@@ -155,7 +155,7 @@ def from_global(
 
     Args:
         fields: fields of the message.
-        position_ned_m: position of the setpoint, which the caller has turned into the local frame.
+        position_ned_m: position of the setpoint, which the caller has converted to the local frame.
         now_s: present time.
     """
     mask = int(fields["type_mask"])
@@ -202,7 +202,7 @@ def _setpoint(
     has_acceleration = bool(np.isfinite(acceleration).any())
     if not has_position and not has_velocity and not has_acceleration:
         return "empty setpoint"
-    if has_acceleration and mask & _IS_FORCE:  # PX4 takes no forces
+    if has_acceleration and mask & _IS_FORCE:  # PX4 does not accept forces
         return "empty setpoint"
 
     goal = PositionGoal(

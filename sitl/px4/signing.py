@@ -81,14 +81,14 @@ class LinkSigning:
     def takes(
         self, frame: bytes, message_id: int, sender: tuple[int, int], *, is_signed: bool
     ) -> bool:
-        """Return whether PX4 accepts a frame; with a right signature, store its timestamp."""
+        """Return whether PX4 accepts a frame; if the signature is right, store its timestamp."""
         self._restart_after_change()
         if is_signed and self._is_fresh(frame, sender):
             return True
         return message_id in _ACCEPTED_UNSIGNED
 
     def _is_fresh(self, frame: bytes, sender: tuple[int, int]) -> bool:
-        """Return whether a frame has the right signature and is the newest of its sender."""
+        """Return whether a frame has the right signature and is the newest from its sender."""
         signed = frame[:-_HASH_BYTES]
         if sha256(self.store.key + signed).digest()[:_HASH_BYTES] != frame[-_HASH_BYTES:]:
             return False

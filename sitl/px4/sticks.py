@@ -72,7 +72,7 @@ class Sticks:
 
     def take(self, now_s: float, positions: Axes) -> None:
         """Update all sticks with a new sample."""
-        # bounded, because no sample is before the first, and two may come at one time
+        # bounded, because the first sample has no predecessor and two may have the same time
         dt_s = min(1.0, max(1e-3, now_s - self.time_s))
         self.time_s = now_s
         for axis, position in zip(self._axes, positions, strict=True):

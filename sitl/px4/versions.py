@@ -1,6 +1,6 @@
 """The versions of PX4 that can be emulated, from one table.
 
-In `versions.toml` the first version has all values. Each later version has only its changes.
+In `versions.toml` the first version has all values. Each later version has only its differences.
 """
 
 from __future__ import annotations

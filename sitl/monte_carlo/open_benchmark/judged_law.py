@@ -1,8 +1,8 @@
 """The law that a benchmark judges: how it flies in a campaign, and the time that it takes.
 
-A user's own law is interpreted. No law of Covey's takes over from it: if its answer is refused, the
-flight has failed. Covey's laws fly compiled. They are timed in a further flight, in which they are
-interpreted as on a drone.
+A user's own law is interpreted. Covey's law does not take over from it. If its answer is refused,
+the flight has failed. Covey's laws fly compiled. They are timed in a further flight, in which they
+are interpreted as on a drone.
 """
 
 from __future__ import annotations
@@ -51,7 +51,7 @@ class JudgedLaw:
 
         self.setup = setup
         if self.is_own:
-            self.setup = replace(setup, law="off")  # no law of Covey's is computed beside it
+            self.setup = replace(setup, law="off")  # Covey's law is not computed alongside it
         self.busy_s = 0.0
         self.calls = 0  # timed calls
         self._untimed_calls_left = _UNTIMED_CALLS

@@ -1,7 +1,7 @@
-"""Scenes of the open benchmark: files in JSON that say what is flown; docs/open-benchmark.md.
+"""Scenes of the open benchmark: JSON files that say what is flown; see docs/open-benchmark.md.
 
-A scene is a stranger's file: it is read within limits, unknown keys are refused, and every number
-has its bounds. Reading a scene runs no code; a law that it names is imported when it flies.
+A scene file is untrusted, so its size is limited, unknown keys are refused, and every number has
+bounds. Reading a scene runs no code; a law that it names is imported when it flies.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ BOUNDS: dict[str, tuple[float, float]] = {
     "person_radius_m": (0.0, 5.0),
     "within_s": (1.0, 3600.0),
 }
-# least area per drawn point, in squares of the spacing: denser points are hardly found by drawing
+# least area per drawn point, in squares of the spacing; random draws rarely find denser points
 _AREA_OF_SPACING = 1.75
 
 Point = tuple[float, float]  # east, north
@@ -82,7 +82,7 @@ class Obstacle(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class Intruder(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """Somebody else who goes straight on and avoids nobody: a vehicle, or a person who walks."""
+    """An outside vehicle or a walking person that goes straight on without avoiding."""
 
     start_enu_m: tuple[float, float]  # east, north
     velocity_enu_m_s: tuple[float, float]  # east, north
@@ -92,14 +92,14 @@ class Intruder(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class Others(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """Vehicles that fly by another law than the one that is judged."""
+    """Vehicles that use a different law from the one that is judged."""
 
     law: str  # as --law takes it
     vehicles: tuple[int, ...]  # indexes, from 0 on
 
 
 class Scene(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """A scene as its file says it."""
+    """A scene as its file describes it."""
 
     schema: int  # 1
     name: str  # up to 40 letters, digits, - and _
@@ -107,13 +107,13 @@ class Scene(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     placing: Circle | Square | Listed  # starts and goals; its "type" is circle, square or listed
     jitter_m: float = 0.05  # standard deviation of each start per axis; 0: none
     obstacles: tuple[Obstacle, ...] = ()  # the same for all seeds
-    type: str = "sih"  # vehicle types separated by commas, which the vehicles get in turn
+    type: str = "sih"  # vehicle types separated by commas, assigned to the vehicles in turn
     errors: str = "mocap"  # accuracy of the estimates
     # values as --set of covey simulate takes them: delay, loss, wind, limits
     set: dict[str, float | int | bool | str] = {}
-    intruder: Intruder | None = None  # a vehicle of somebody else, or a person
-    blind: tuple[int, ...] = ()  # indexes of vehicles that hear nobody
-    others: Others | None = None  # who flies by another law
+    intruder: Intruder | None = None  # an outside vehicle, or a person
+    blind: tuple[int, ...] = ()  # indexes of vehicles that receive no messages
+    others: Others | None = None  # vehicles that use another law
     # time in which all must arrive; without it 5.5 times the straight-line time
     within_s: float | None = None
 
@@ -130,7 +130,7 @@ class Scene(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 def is_scene(name: str) -> bool:
-    """Return whether a name on the command line is one of a file with a scene."""
+    """Return whether a name on the command line is that of a scene file."""
     return name.endswith(_SUFFIX)
 
 
@@ -148,7 +148,7 @@ def load(path: str | os.PathLike[str]) -> Scene:
         path: path of the file; a file that does not exist may be one of :func:`names`, with .json.
 
     Raises:
-        ConfigError: the file is missing, too large, no JSON, or no scene.
+        ConfigError: the file is missing, too large, not JSON, or not a scene.
     """
     found = Path(path)
     is_name_only = found.parent == Path()
@@ -256,7 +256,7 @@ def _points(scene: Scene) -> Iterator[tuple[str, Point]]:
 
 
 def _index_problems(scene: Scene) -> Iterator[str]:
-    """Yield a sentence for each index that is no vehicle of the scene."""
+    """Yield a sentence for each index that is not a vehicle of the scene."""
     last = scene.placing.vehicles - 1
     for index in scene.blind:
         yield from bound_problems("blind", index, 0, last)

@@ -24,7 +24,7 @@ from sitl.monte_carlo.scenarios import HEIGHT_M, FlightPlan, OtherLaw
 
 _STREAM = 31  # random numbers of scenes; no other part of a flight draws from this stream
 _ATTEMPTS = 400  # attempts for each point before the square is emptied
-_MOST_ATTEMPTS = 50_000  # attempts in all, which take a second
+_MOST_ATTEMPTS = 50_000  # total attempts, which take a second
 _BODY_M = 0.5  # diameter of a vehicle
 _FREE_M = 0.4  # least gap between the body of a vehicle at a drawn point and an obstacle
 
@@ -45,7 +45,7 @@ def setup(
         fleet_path: a fleet file with the vehicle types.
 
     Raises:
-        ConfigError: type, errors, a key or a value is wrong, or vehicles begin or end too near to
+        ConfigError: type, errors, a key or a value is wrong, or vehicles begin or end too close to
             each other or to an obstacle.
     """
     made = campaign_settings.setup_for(
@@ -60,7 +60,7 @@ def setup(
 
 
 def _check_places(scene: Scene, setup: campaign_settings.Setup) -> None:
-    """Refuse a scene whose starts or goals are too near to each other or to an obstacle."""
+    """Refuse a scene whose starts or goals are too close to each other or to an obstacle."""
     count = vehicle_count(scene)
     fleet = setup.fleet(count).fleet
     exact = plan(scene, seed=0, is_jittered=False)
@@ -164,7 +164,7 @@ def _points(
     if isinstance(placing, Listed):
         return np.array(placing.start_enu_m), np.array([placing.goal_enu_m])
 
-    # no two goals of a flight are near each other, so nobody waits on the next goal of another
+    # no two goals of a flight are near each other, so no vehicle waits on another's next goal
     start = _drawn(scene.name, placing, placing.vehicles, rng, obstacles)
     count = placing.vehicles * placing.goals_each
     goals = _drawn(scene.name, placing, count, rng, obstacles)

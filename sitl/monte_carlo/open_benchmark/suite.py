@@ -77,7 +77,7 @@ def units(law: str, seeds: range, physics: str = worlds.DEFAULT) -> list[Unit]:
         ConfigError: the law cannot be imported, or there is no such physics.
     """
     worlds.world_of(physics)  # refuses an unknown name
-    judged = JudgedLaw(_setup(scenes()[0], law))  # with any scene: only the law counts here
+    judged = JudgedLaw(_setup(scenes()[0], law))  # any scene: only the law matters here
     size = _SEEDS_OF_UNIT
     if judged.is_own:
         size = 1
@@ -138,7 +138,7 @@ def fly(unit: Unit) -> SuiteRow:
 
 
 def _kept(flown: batch_flight.Flown, judged: JudgedLaw) -> results.FlightRecord:
-    """Return what is kept of a flight; one in which the law was refused has failed."""
+    """Return what is kept of a flight; a flight whose law was refused has failed."""
     record = results.record(flown, judged.setup)
     values = {key: record[key] for key in _KEPT}
     values["energy_hover_s"] = round(flown.outcome.energy_hover_s, 3)

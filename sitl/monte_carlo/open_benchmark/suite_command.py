@@ -1,4 +1,4 @@
-"""``covey simulate --suite open``: judges a law over all scenes, or goes on with it."""
+"""``covey simulate --suite open``: judges a law over all scenes, or continues such a run."""
 
 from __future__ import annotations
 
@@ -33,11 +33,11 @@ def judge(
 
     Args:
         law: name of the law, as ``--law`` takes it.
-        seeds: the seeds with which each scene is flown.
+        seeds: the seeds that fly each scene.
         physics: name of the physics, of :data:`sitl.monte_carlo.worlds.WORLDS`.
         jobs: number of processes.
         scheduler: address of a Dask scheduler that is used instead of processes.
-        keep: file that keeps the results, from which the same command goes on; None keeps none.
+        keep: file of results, from which the same command continues; None keeps none.
         is_anew: whether an existing file is put aside, so that the benchmark begins anew.
 
     Raises:

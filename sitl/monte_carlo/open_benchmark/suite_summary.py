@@ -29,7 +29,7 @@ def table_row(rows: Sequence[SuiteRow]) -> list[str]:
     """Return the texts of :data:`COLUMNS` for the flights of some rows, at least one.
 
     Each row holds several flights of a law in a scene, and the time that the law took in them.
-    Flawless: all arrived, nobody came too near and nothing was touched. Ratio and energy are means
+    Flawless: all arrived, none came too close and nothing was touched. Ratio and energy are means
     over the flights in which all arrived.
     """
     flights = flights_of(rows)
@@ -66,7 +66,7 @@ def table_row(rows: Sequence[SuiteRow]) -> list[str]:
 
 
 def is_flawless(flight: FlightRecord) -> bool:
-    """Return whether all arrived, nobody came too near, and nothing was touched."""
+    """Return whether all arrived, none came too close, and nothing was touched."""
     is_clear = flight["violation_s"] == 0.0 and not flight["collision"]
     return bool(flight["success"]) and is_clear
 

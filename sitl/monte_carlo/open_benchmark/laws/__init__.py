@@ -1,6 +1,6 @@
-"""Laws of other people, each written anew from its paper, with the interface of a user's own law.
+"""Published laws, each reimplemented from its paper with the interface of a user's own law.
 
-Each file is one law of about thirty lines; ``around.py`` is what they share. They avoid obstacles
-as vehicles that do not cooperate and stand still. Each law is an entry point, so that ``--law
+Each file is one law of about thirty lines; ``around.py`` is what they share. They treat obstacles
+as vehicles that stand still and do not cooperate. Each law is an entry point, so that ``--law
 orca`` and ``[law] name = "orca"`` fly it.
 """

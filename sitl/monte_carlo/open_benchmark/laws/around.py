@@ -18,9 +18,9 @@ from onboard.vectors import Vec2, dot_2, length_2
 SHARE_OF_PAIR = 0.5  # share of a correction that each vehicle of a cooperating pair makes
 _GAIN_1_S = 4.0  # a velocity error times this is an acceleration
 _STUCK_M_S = 0.12  # a slower vehicle that is blocked turns to the right
-_BLOCKED_FRAC = 1.3  # of the distance to keep: nearer bodies ahead block
-_LEAST_DISTANCE_M = 1e-6  # smaller distances count as this one, so that none is 0
-_LEAST_BLOCKED_M_S2 = 0.3  # a vehicle whose baseline asks for less is at its goal
+_BLOCKED_FRAC = 1.3  # as a multiple of the distance to keep: closer bodies ahead block
+_LEAST_DISTANCE_M = 1e-6  # smaller distances are raised to this one, to avoid 0
+_LEAST_BLOCKED_M_S2 = 0.3  # a vehicle whose baseline commands less is at its goal
 _AHEAD_COS = 0.2  # cosine of the largest angle between the wanted direction and a body ahead
 # rows that cannot all hold give way by the first of these amounts that is enough
 _GIVES_WAY = (0.02, 0.05, 0.1, 0.2, 0.4, 0.8, 1.6, 3.2, 6.4)
@@ -45,7 +45,7 @@ class HalfPlane(NamedTuple):
 
 
 def bodies(inputs: LawInputs) -> list[Body]:
-    """Return the nearest neighbours, and of each obstacle its nearest point."""
+    """Return the nearest neighbours, and the nearest point of each obstacle."""
     found = []
     for near in inputs.neighbours:
         share = 1.0
@@ -79,7 +79,7 @@ def _nearest_point(obstacle: Capsule, x: float, y: float) -> Vec2:
 
 
 def own_velocity(inputs: LawInputs) -> Vec2:
-    """Return the own horizontal velocity at t + L."""
+    """Return this vehicle's horizontal velocity at t + L."""
     x_m_s, y_m_s, _ = inputs.predicted.velocity_enu_m_s
     return Vec2(x_m_s, y_m_s)
 
@@ -88,7 +88,7 @@ def preferred_velocity(inputs: LawInputs, around: Sequence[Body] = ()) -> Vec2:
     """Return the velocity that the baseline steers for, within the top speed.
 
     It is turned 60 degrees to the right while the vehicle stands still before one of the bodies.
-    Otherwise two vehicles would stand face to face for ever.
+    Otherwise two vehicles would stand face to face forever.
 
     Args:
         inputs: inputs of the law.
@@ -126,7 +126,7 @@ def turned_right(vector: Vec2, angle_rad: float) -> Vec2:
 
 def shortened(vector: Vec2, longest: float) -> Vec2:
     """Return a vector, shortened if it is longer."""
-    factor = min(1.0, longest / max(length_2(vector), 1e-12))  # no division by 0
+    factor = min(1.0, longest / max(length_2(vector), 1e-12))  # avoids a division by 0
     return Vec2(factor * vector.x, factor * vector.y)
 
 
@@ -159,7 +159,8 @@ def _nearest(point: Vec2, rows: Sequence[HalfPlane]) -> Vec2 | None:
         # the point of the edge that is nearest to the given point
         missing = bound - dot_2(normal, point)
         foot = Vec2(point.x + missing * normal.x, point.y + missing * normal.y)
-        # the part of the edge that the rows before allow: distances along the edge from the foot
+        # the part of the edge that the earlier rows allow, as distances along the edge from the
+        # foot
         along = Vec2(-normal.y, normal.x)
         low, high = -math.inf, math.inf
         for other, other_bound in rows[:index]:

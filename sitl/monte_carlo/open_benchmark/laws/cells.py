@@ -24,7 +24,7 @@ _HORIZON_S = 0.5  # time ahead of the point that the vehicle flies to
 
 
 def law(memory: Any, inputs: LawInputs) -> tuple[Any, Thrust]:
-    """Return the thrust towards the point of the own cell nearest to the preferred point."""
+    """Return the thrust towards the point of the vehicle's cell nearest to the preferred point."""
     around = bodies(inputs)
     preferred = preferred_velocity(inputs, around)
     target_m = Vec2(_HORIZON_S * preferred.x, _HORIZON_S * preferred.y)
@@ -34,7 +34,7 @@ def law(memory: Any, inputs: LawInputs) -> tuple[Any, Thrust]:
 
 
 def cell_row(body: Body) -> HalfPlane:
-    """Return the edge of the buffered cell towards a body, relative to the own position.
+    """Return the edge of the buffered cell towards a body, relative to this vehicle.
 
     Between two vehicles the edge lies in the middle, moved back by half of the distance to keep.
     An obstacle has no cell, so there the edge lies at the distance to keep from the obstacle.

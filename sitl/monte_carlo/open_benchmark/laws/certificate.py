@@ -26,7 +26,8 @@ from sitl.monte_carlo.open_benchmark.laws.around import (
 _BRAKE_M_S2 = 2.0  # braking of one vehicle
 _GAMMA = 1.0
 _GAIN_1_S = 4.0  # a velocity error times this is the wanted acceleration
-# A smaller room counts as this one: within the distance to keep the barrier has no value.
+# A smaller room is raised to this one, because within the distance to keep the barrier has no
+# value.
 _LEAST_ROOM_M = 0.005
 
 
@@ -44,7 +45,7 @@ def law(memory: Any, inputs: LawInputs) -> tuple[Any, Thrust]:
 
 
 def certificate_row(body: Body) -> HalfPlane:
-    """Return the half-plane of own accelerations that keeps the barrier."""
+    """Return the half-plane of this vehicle's accelerations that keep the barrier."""
     together_m_s2 = _BRAKE_M_S2 / body.share  # a body that does not cooperate does not brake
     radial_m_s = dot_2(body.unit, body.w_m_s)
     room_m = max(body.distance_m - body.d_m, _LEAST_ROOM_M)

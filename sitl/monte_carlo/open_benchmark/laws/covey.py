@@ -1,6 +1,6 @@
 """Covey's law with the interface of a user's own law.
 
-It is there to be timed, and to show that the interface passes everything that a law needs.
+It serves for timing, and shows that the interface passes everything that a law needs.
 """
 
 from __future__ import annotations

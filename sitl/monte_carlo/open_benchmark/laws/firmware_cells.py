@@ -3,8 +3,8 @@
 Bitcraze, crazyflie-firmware, modules/src/collision_avoidance.c, as its header describes it
 (J. A. Preiss, 2020): the setpoint is moved into the buffered cell, in which the vehicle stays for a
 horizon of 1 s; near a wall of the cell ahead it steps aside to the right; while the cell is empty
-it holds the last place in it. Here the radius is half of the fleet's distance to keep in place of
-0.3 m, and the speed is the fleet's in place of 0.5 m/s.
+it holds the last place in it. Here the radius is half of the fleet's distance to keep instead of
+0.3 m, and the speed is the fleet's instead of 0.5 m/s.
 """
 
 from __future__ import annotations

@@ -1,9 +1,9 @@
 """The flock of the thirty drones of Budapest: repulsion, and friction by a braking curve.
 
 Vasarhelyi, Viragh, Somorjai, Nepusz, Eiben, Vicsek: Optimized Flocking of Autonomous Drones in
-Confined Environments, Science Robotics 2018. Of its terms repulsion and velocity alignment fly
-here; the common direction of the flock is replaced by each vehicle's own way to its goal, as in
-the authors' later work on air traffic. Distances and gains are chosen for these vehicles.
+Confined Environments, Science Robotics 2018. This file uses its terms for repulsion and velocity
+alignment; the common direction of the flock is replaced by each vehicle's own way to its goal, as
+in the authors' later work on air traffic. Distances and gains are chosen for these vehicles.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from sitl.monte_carlo.open_benchmark.laws.around import (
 _REPULSION_1_S = 3.0  # p_rep
 _RANGE_M = 0.7  # r_0, beyond the distance to keep
 _FRICTION = 1.0  # C_frict
-_SLACK_M_S = 0.2  # v_frict: a smaller difference of velocities is left alone
+_SLACK_M_S = 0.2  # v_frict: smaller velocity differences are ignored
 _BRAKE_M_S2 = 1.0  # a_frict of the braking curve
 _SLOPE_1_S = 2.0  # p_frict, of its linear part
 
@@ -50,7 +50,7 @@ def law(memory: Any, inputs: LawInputs) -> tuple[Any, Thrust]:
 
 
 def braking_curve_m_s(room_m: float) -> float:
-    """Return D(r, a, p): the largest speed from which one can brake within the room."""
+    """Return D(r, a, p): the largest speed from which a vehicle can brake within the room."""
     if room_m <= 0.0:
         return 0.0
     linear_m_s = _SLOPE_1_S * room_m

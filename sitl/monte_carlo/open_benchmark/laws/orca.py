@@ -1,4 +1,4 @@
-"""ORCA: each vehicle of a pair makes half of the change of velocity that keeps them apart.
+"""ORCA: each vehicle of a pair makes half of the velocity change that keeps them apart.
 
 van den Berg, Guy, Lin, Manocha: Reciprocal n-Body Collision Avoidance, ISRR 2009, sections 3 to 5.
 Each neighbour gives a row, a half-plane of allowed velocities. Where the rows cannot all hold, each
@@ -23,8 +23,8 @@ from sitl.monte_carlo.open_benchmark.laws.around import (
     steered,
 )
 
-_HORIZON_S = 4.0  # tau: nobody comes too near within this time
-_TOO_NEAR_S = 0.2  # tau for a body that is too near already
+_HORIZON_S = 4.0  # tau: no body comes too close within this time
+_TOO_NEAR_S = 0.2  # tau for a body that is already too close
 
 
 def law(memory: Any, inputs: LawInputs) -> tuple[Any, Thrust]:

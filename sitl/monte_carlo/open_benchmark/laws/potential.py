@@ -1,7 +1,7 @@
-"""Artificial potential field: bodies push, the more the nearer, and closing speed is damped.
+"""Artificial potential field: closer bodies push harder, and closing speed is damped.
 
 Khatib: Real-Time Obstacle Avoidance for Manipulators and Mobile Robots, IJRR 1986: the force
-eta (1 / rho - 1 / rho_0) / rho^2 within rho_0. The damping is ours, since vehicles have inertia.
+eta (1 / rho - 1 / rho_0) / rho^2 within rho_0. We add the damping, because vehicles have inertia.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ _ETA_M3_S2 = 0.02
 _RHO_0_M = 1.0  # range of the force, counted from the distance to keep
 _DAMPING_1_S = 2.0
 _GAIN_1_S = 4.0  # a velocity error times this is the wanted acceleration
-_LEAST_ROOM_M = 0.05  # a smaller room counts as this one, so that the force stays finite
+_LEAST_ROOM_M = 0.05  # a smaller room is raised to this one, so that the force stays finite
 
 
 def law(memory: Any, inputs: LawInputs) -> tuple[Any, Thrust]:

@@ -1,8 +1,8 @@
-"""ORCA with priorities: of a pair the vehicle further west makes nearly all of the change.
+"""ORCA with priorities: the vehicle further west makes nearly all of a pair's change.
 
 In van den Berg, Guy, Lin, Manocha: Reciprocal n-Body Collision Avoidance, ISRR 2009, section 4,
-each vehicle makes half of the change u; the priority is ours. A vehicle with priority still makes a
-small part: with errors of the estimates both may believe that they have it.
+each vehicle makes half of the change u; we add the priority. A vehicle with priority still makes a
+small part, because estimate errors may make both believe that they have it.
 """
 
 from __future__ import annotations

@@ -1,11 +1,11 @@
 """Reciprocal velocity constraints over a horizon, inside the controller.
 
 RVC-NMPC: Nonlinear Model Predictive Control with Reciprocal Velocity Constraints for Mutual
-Collision Avoidance in Agile UAV Flight, arXiv 2512.08574, 2025. Its idea, much simplified: the rows
-(half-planes of allowed velocities, one for each neighbour, as in ORCA) hold for the velocities that
-the controller itself predicts, and not for one that another controller follows afterwards. In place
-of the nonlinear programme the acceleration is constant over the horizon, and the model is a point
-mass.
+Collision Avoidance in Agile UAV Flight, arXiv 2512.08574, 2025. This is its idea, much simplified.
+The rows (half-planes of allowed velocities, one for each neighbour, as in ORCA) hold for the
+velocities that the controller itself predicts, and not for one that another controller follows
+afterwards. Instead of a nonlinear program, the acceleration is constant over the horizon and the
+model is a point mass.
 """
 
 from __future__ import annotations

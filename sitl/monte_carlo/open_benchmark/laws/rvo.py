@@ -1,9 +1,9 @@
 """Reciprocal velocity obstacles: the vehicle flies the sampled velocity with the least penalty.
 
 van den Berg, Lin, Manocha: Reciprocal Velocity Obstacles for Real-Time Multi-Agent Navigation,
-ICRA 2008. The penalty of a velocity v is w / (time to collision) + |v_preferred - v|. The time to
-the collision with a vehicle that avoids, too, is that of the velocity 2 v - v_A, where v_A is the
-present velocity.
+ICRA 2008. The penalty of a velocity v is w / (time to collision) + |v_preferred - v|. For a vehicle
+that also avoids, the time to collision is that of the velocity 2 v - v_A, where v_A is the present
+velocity.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from sitl.monte_carlo.open_benchmark.laws.around import (
 )
 
 _W_M = 1.0  # w of the penalty
-_AT_ONCE_S = 0.05  # time to the collision with a body that is too near already
+_AT_ONCE_S = 0.05  # time to collision with a body that is already too close
 _SPEEDS = (0.0, 0.25, 0.5, 0.75, 1.0)  # shares of the top speed
 _HEADINGS = 24
 _ANGLE_RAD = np.arange(_HEADINGS) * (2.0 * math.pi / _HEADINGS)
@@ -66,7 +66,7 @@ def _times_to_collision_s(samples: Array, velocity: Array, around: list[Body]) -
     root_2 = b**2 - a * c
     comes_too_near = (b < 0.0) & (root_2 > 0.0)
     time_s = (-b - np.sqrt(np.maximum(root_2, 0.0))) / np.maximum(a, 1e-9)
-    # a body that is too near already collides at once if it comes still nearer
+    # a body that is already too close collides at once if it comes closer still
     is_too_near = c < 0.0
     time_s = np.where(is_too_near, _AT_ONCE_S, time_s)
     collides = comes_too_near | (is_too_near & (b < 0.0))
