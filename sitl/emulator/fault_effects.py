@@ -46,8 +46,7 @@ class FaultyEmulator(Protocol):
     autopilots: list[EmulatedPx4]
     receivers: list[SatelliteReceiver]
     disturbances: Disturbances
-    # begins (True) and ends faults outside the emulator, on the bus and agents; None: there are
-    # none
+    # begins (True) and ends faults of the bus and the agents; None: there are none
     outside: Callable[[Fault, bool], None] | None
 
     @property

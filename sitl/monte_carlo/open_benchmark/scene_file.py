@@ -82,7 +82,7 @@ class Obstacle(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class Intruder(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """An outside vehicle or a walking person that goes straight on without avoiding."""
+    """An outside vehicle or a walking person that goes straight on without avoiding others."""
 
     start_enu_m: tuple[float, float]  # east, north
     velocity_enu_m_s: tuple[float, float]  # east, north
