@@ -374,7 +374,7 @@ class Failsafe:
     def _latching_action(
         self, trigger: FailsafeTrigger, inputs: FailsafeInputs, params: Parameters
     ) -> FailsafeAction:
-        """Return the present or latched action of a trigger; latch it if it outlasts the trigger."""
+        """Return the present or latched action of a trigger; latch it if it is to outlast it."""
         latched = self._latched.get(trigger.name, FailsafeAction.NONE)
 
         action = FailsafeAction.NONE
