@@ -1,6 +1,7 @@
-"""Sorts the changed flights by whether they kept the promise, and writes the result in sentences.
+"""Sorts flights by whether they kept the promise, and writes the result in sentences.
 
-The promise is the safety distance of the fleet file.
+Each flight repeats the recorded one with one change. The promise is the safety distance of the
+fleet file.
 """
 
 from __future__ import annotations

@@ -221,7 +221,8 @@ class Fleet(Group):
     def leave_out(self, *names: str) -> None:
         """Go on without these vehicles.
 
-        "all" excludes them from now on, and their failures no longer end the mission.
+        From now on the selection "all" does not contain them, and their failures do not end the
+        mission.
 
         Args:
             names: names of vehicles. They do what their last order or their failsafe says, and

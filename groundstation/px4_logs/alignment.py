@@ -283,6 +283,7 @@ def _refined(
         offset_s: offset about which the search begins.
     """
     best = Alignment(offset_s, residual_deg=math.inf, overlap_s=0.0)
+    # first in coarse steps around the offset, then in fine steps around the best of them
     for step_s, half_s in ((GRID_S, _FINE_HALF_S), (FINE_S, GRID_S)):
         # half a step more, so that rounding does not exclude the last shift
         for shift_s in np.arange(-half_s, half_s + step_s / 2.0, step_s):

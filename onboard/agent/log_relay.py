@@ -84,6 +84,7 @@ class LogRelay:
     def _request_received(self, _topic: Topic, _name: str, message: Message | Malformed) -> None:
         if not isinstance(message, LogRequest):
             return
+        # `cut` returns whole packets, and a number for the bytes that are left
         for packet in cut(message.packet):
             if isinstance(packet, Packet) and is_allowed(packet, self._link.system_id):
                 self._requests.append(packet)

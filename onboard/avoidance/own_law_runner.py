@@ -98,8 +98,8 @@ class OwnLawRunner:
                 return after, output
             after, output = flown_instead(thrust, output, after, before, inputs)
 
-        # return a share of 0, because a jam of Covey's law must not slow down a vehicle that flies
-        # the user's law
+        # The share of relaxed ticks is kept here and returned as 0. A jam of Covey's law
+        # must not slow down a vehicle that flies the user's law.
         self._relaxed_share = after.relaxed_share
         return after._replace(relaxed_share=0.0), output
 

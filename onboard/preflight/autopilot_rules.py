@@ -126,7 +126,7 @@ def _link(facts: PreflightFacts, fleet: FleetConfig, vehicle: Vehicle) -> Judgem
 def _port(facts: PreflightFacts, fleet: FleetConfig, vehicle: Vehicle) -> Judgement:
     if facts.has_autopilot and facts.newest_refused:
         refused = facts.refused
-        source = "it"  # if the source is unknown, the sentence says "from it", meaning the port
+        source = "it"  # the port, which the sentence names before "from it"
         if refused.source:
             source = refused.source
         return "strangers", {

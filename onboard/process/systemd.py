@@ -30,7 +30,7 @@ class Notifier:
         self._every_ns = _LONGEST_NS  # time from one message to the next
         watchdog_us = environ.get("WATCHDOG_USEC", "")
         if watchdog_us.isdigit():
-            # a third of the longest time, so that two messages may be lost
+            # a third of WATCHDOG_USEC, so that two messages may be lost
             third_ns = int(watchdog_us) * 1000 // 3
             self._every_ns = min(_LONGEST_NS, third_ns)
 

@@ -1,7 +1,7 @@
 """The estimate that each vehicle has of its own state.
 
 It comes from the agent's own filter and simulated mocap poses, or it is the truth plus given
-errors.
+errors. Arrays hold F flights of N vehicles.
 """
 
 from __future__ import annotations

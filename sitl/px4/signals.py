@@ -61,7 +61,7 @@ class AutopilotInputs(Struct, frozen=True):
 class Actuation(Struct, frozen=True):
     """Command to the vehicle at one tick."""
 
-    attitude: Array  # (4,) NED <- FRD, relative to the estimated heading
+    attitude: Array  # (4,) NED <- FRD, with the heading as PX4 estimates it
     rate_rad_s: Array  # (3,) body rates
     is_rate: bool  # whether the rates are flown instead of the attitude
     thrust_frac: float  # collective thrust, in [0, 1]

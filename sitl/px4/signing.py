@@ -108,7 +108,7 @@ class LinkSigning:
         return True
 
     def _restart_after_change(self) -> None:
-        """Restart the timestamps at that of the store after a new key or a restart of PX4."""
+        """Restart from the stored timestamp after a new key or a restart of PX4."""
         if self._changes != self.store.changes:
             self._timestamp = self.store.timestamp
             self._changes = self.store.changes
