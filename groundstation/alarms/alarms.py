@@ -119,6 +119,8 @@ class Alarms:
     def __init__(self, fleet: FleetConfig) -> None:
         self.fleet = fleet
         self.has_new = False  # whether the last update brought an alarm above NOTE
+        # vehicles that raised no alarm at the last update for what they have not heard yet
+        self.starting: list[str] = []
         self._lines: dict[_Key, AlarmLine] = {}  # alarms that hold, or held until recently
         self._last_ns: dict[_Key, int] = {}  # last time at which each of them held
         self._over: deque[AlarmLine] = deque(maxlen=MAX_OVER)
@@ -138,6 +140,11 @@ class Alarms:
             self._over.clear()
             self._last_event = None
         self._now_ns = now_ns
+        self.starting = [
+            name
+            for name, view in state.vehicles.items()
+            if view.is_fresh(now_ns) and _has_not_heard_yet(view)
+        ]
 
         severities_before = {key: line.alarm.severity for key, line in self._lines.items()}
 
@@ -158,6 +165,13 @@ class Alarms:
             severity_before = severities_before.get(key, AlarmSeverity.NOTE)
             if line.alarm.severity > severity_before:
                 self.has_new = True
+
+    @property
+    def words_without_alarm(self) -> str:
+        """What a line says that has no alarm to show."""
+        if self.starting:
+            return f"starting: {listed(self.starting, _GROUPED)}"
+        return "all well"
 
     def _begin_or_go_on(self, key: _Key, alarm: Alarm, now_ns: int) -> None:
         """Add the line of an alarm that holds now, or update the line that it already has."""
@@ -435,6 +449,14 @@ def _of_vehicle(
         yield _alarm(GroundCondition.LAW_OFF, name, is_flying=True)
     elif is_flying and telemetry.law_status.lower() in ("relaxed", "infeasible"):
         yield _alarm(GroundCondition.LAW_STRAINED, name, is_flying=True)
+
+
+def _has_not_heard_yet(view: VehicleView) -> bool:
+    """Return whether a vehicle whose agent starts reports that it has not heard something."""
+    telemetry = view.telemetry
+    if telemetry is None or not _is_starting(view, telemetry):
+        return False
+    return any(kind.value in telemetry.conditions for kind in NOT_HEARD_YET)
 
 
 def _is_starting(view: VehicleView, telemetry: Telemetry) -> bool:

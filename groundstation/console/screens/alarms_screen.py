@@ -107,7 +107,10 @@ class AlarmList(ScrollView, can_focus=True):
 
     def _present_rows(self, now_ns: int, width: int) -> list[_Row]:
         if not self._present:
-            return [(_NO_ALARM, [Segment("  ● all well", theme.style(GOOD))])]
+            style = theme.style(GOOD)
+            if self.alarms.starting:
+                style = theme.style(FAINT)
+            return [(_NO_ALARM, [Segment(f"  ● {self.alarms.words_without_alarm}", style)])]
 
         rows: list[_Row] = []
         for index, line in enumerate(self._present):

@@ -124,7 +124,7 @@ class StatusBar(Bar):
 
         lines = alarms.lines
         worst = None
-        text = " ● all well"
+        text = f" ● {alarms.words_without_alarm}"
         more = ""
         if lines:
             worst = lines[0]
@@ -146,7 +146,10 @@ class StatusBar(Bar):
         if cell_len(text) > room_for_sentence:
             text = theme.fit(text, room_for_sentence)
         text += more
-        alarm = Segment(theme.fit(text, room), _alarm_style(worst))
+        style = _alarm_style(worst)
+        if worst is None and alarms.starting:
+            style = theme.style(FAINT)
+        alarm = Segment(theme.fit(text, room), style)
         hint = Segment(f" {keys} ", theme.style(FAINT))
         if has_two_lines:
             self.put([alarm], [hint])

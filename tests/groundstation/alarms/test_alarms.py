@@ -194,6 +194,24 @@ def test_what_an_armed_or_flying_vehicle_does_not_hear_is_an_alarm_at_once(
     assert ground.kinds() == [condition]
 
 
+def test_while_an_agent_has_not_heard_px4_yet_nobody_says_that_all_is_well(
+    ground: Ground3,
+) -> None:
+    ground.all_hear(**AT_REST)
+    ground.update()
+    assert ground.alarms.words_without_alarm == "all well"
+
+    ground.sequence = 1
+    ground.hear("mav1", boot_id=2, conditions=("PX4 silent",), **AT_REST)
+    ground.update()
+    assert ground.texts() == []
+    assert ground.alarms.words_without_alarm == "starting: mav1"
+
+    ground.hear("mav1", boot_id=2, **AT_REST)
+    ground.update()
+    assert ground.alarms.words_without_alarm == "all well"
+
+
 def test_an_agent_that_starts_anew_in_flight_alarms_at_once(ground: Ground3) -> None:
     ground.all_hear()
     ground.sequence = 1
