@@ -191,38 +191,16 @@ class NeighbourMonitor:
         implausible = self._check_plausibility(rows, now_ns)
         uncooperative = self._check_predictions(rows, {*other_files, *implausible})
         endangered = self._check_distances(rows, view)
+        telemetries = self._heard_telemetries(rows)
         return SlowNeighbourFacts(
             without_position=without_position,
-            blind=self._blind(rows, view),
+            blind=_blind(telemetries, view),
             late=late,
             other_files=other_files,
             implausible=tuple(f"{name} {reason}" for name, reason in implausible.items()),
             uncooperative=uncooperative,
-            wind_above=self._wind_above(rows),
+            wind_above=_wind_above(telemetries),
             endangered=endangered,
-        )
-
-    def _blind(self, rows: Iterable[NeighbourRow], view: FlightView) -> tuple[str, ...]:
-        """Return which neighbours use dead reckoning.
-
-        Empty while this vehicle itself uses dead reckoning, because vehicles that have all lost
-        their poses brake and sink together.
-        """
-        if view.is_blind:
-            return ()
-
-        blind = []
-        for telemetry in self._heard_telemetries(rows):
-            if telemetry.is_airborne and telemetry.state_age_s > NEIGHBOUR_BLIND_S:
-                blind.append(telemetry.vehicle)
-        return tuple(blind)
-
-    def _wind_above(self, rows: Iterable[NeighbourRow]) -> tuple[str, ...]:
-        """Return which neighbours report that the wind is above their limit."""
-        return tuple(
-            telemetry.vehicle
-            for telemetry in self._heard_telemetries(rows)
-            if Condition.WIND_ABOVE.value in telemetry.conditions
         )
 
     def _heard_telemetries(self, rows: Iterable[NeighbourRow]) -> list[Telemetry]:
@@ -314,3 +292,28 @@ class NeighbourMonitor:
         limit_m = self._limits.safety_distance_m
         # a neighbour within the limit counts as SEPARATION_BREACHED instead
         return left_m < limit_m - _PREDICTED_SLACK_M and math.hypot(*apart_m) > limit_m
+
+
+def _blind(telemetries: Iterable[Telemetry], view: FlightView) -> tuple[str, ...]:
+    """Return which neighbours use dead reckoning.
+
+    Empty while this vehicle itself uses dead reckoning, because vehicles that have all lost their
+    poses brake and sink together.
+    """
+    if view.is_blind:
+        return ()
+
+    return tuple(
+        telemetry.vehicle
+        for telemetry in telemetries
+        if telemetry.is_airborne and telemetry.state_age_s > NEIGHBOUR_BLIND_S
+    )
+
+
+def _wind_above(telemetries: Iterable[Telemetry]) -> tuple[str, ...]:
+    """Return which neighbours report that the wind is above their limit."""
+    return tuple(
+        telemetry.vehicle
+        for telemetry in telemetries
+        if Condition.WIND_ABOVE.value in telemetry.conditions
+    )
