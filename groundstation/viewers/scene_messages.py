@@ -39,6 +39,7 @@ from onboard.bus.schema import Event
 from onboard.config.fleet_config import FleetConfig, Origin
 from onboard.config.flight_space import flight_space_of
 from onboard.plain_text import plain_line
+from onboard.tuples import Xyz
 
 PointEnu = tuple[float, float, float]  # metres
 Quaternion = tuple[float, float, float, float]  # wxyz, from body to ENU
@@ -309,12 +310,7 @@ def vehicle_entity(look: VehicleLook, ring_m: float, body_m: float, stamp_ns: in
         ring.color.CopyFrom(_colour(colour, 0.7))
         ring.points.extend(_capsule((x, y, x, y, ring_m), z))
 
-    if len(look.trail_enu_m) > 1:
-        trail = entity.lines.add(type=LinePrimitive.LINE_STRIP, thickness=2.5, scale_invariant=True)
-        trail.color.CopyFrom(_colour(colour, 0.8))
-        for east_m, north_m, up_m in look.trail_enu_m:
-            # Finer digits than millimetres are noise, and do not compress.
-            trail.points.add(x=round(east_m, 3), y=round(north_m, 3), z=round(up_m, 3))
+    _add_trail(entity, look.trail_enu_m, colour)
 
     if look.goal_enu_m is not None:
         goal = entity.spheres.add()
@@ -329,12 +325,7 @@ def vehicle_entity(look: VehicleLook, ring_m: float, body_m: float, stamp_ns: in
         for east_m, north_m, up_m in (look.position_enu_m, look.avoided_enu_m):
             line.points.add(x=east_m, y=north_m, z=up_m)
 
-    label = entity.texts.add(
-        billboard=True, font_size=14.0, scale_invariant=True, text=plain_line(look.name)
-    )
-    label.pose.position.x, label.pose.position.y = x, y
-    label.pose.position.z = z + 0.25
-    label.color.CopyFrom(_colour(colour, 1.0))
+    _add_label(entity, plain_line(look.name), (x, y, z), colour)
     return entity
 
 
@@ -451,16 +442,9 @@ def person_entity(look: PersonLook, stamp_ns: int) -> SceneEntity:
     body.size.z = height_m
     body.color.CopyFrom(_colour(colour, 0.4))
 
-    if len(look.trail_enu_m) > 1:
-        trail = entity.lines.add(type=LinePrimitive.LINE_STRIP, thickness=2.5, scale_invariant=True)
-        trail.color.CopyFrom(_colour(colour, 0.8))
-        for east_m, north_m, _ in look.trail_enu_m:
-            trail.points.add(x=round(east_m, 3), y=round(north_m, 3), z=0.0)
-
-    label = entity.texts.add(billboard=True, font_size=14.0, scale_invariant=True, text=words)
-    label.pose.position.x, label.pose.position.y = x, y
-    label.pose.position.z = height_m + 0.25
-    label.color.CopyFrom(_colour(colour, 1.0))
+    on_ground = [(east_m, north_m, 0.0) for east_m, north_m, _ in look.trail_enu_m]
+    _add_trail(entity, on_ground, colour)
+    _add_label(entity, words, (x, y, height_m), colour)
     return entity
 
 
@@ -607,6 +591,29 @@ def _add_thrust(
     east_m_s2, north_m_s2 = thrust_m_s2
     line.points.add(x=x, y=y, z=z)
     line.points.add(x=x + M_PER_M_S2 * east_m_s2, y=y + M_PER_M_S2 * north_m_s2, z=z)
+
+
+def _add_trail(
+    entity: SceneEntity, trail_enu_m: Sequence[Xyz], colour: tuple[float, float, float]
+) -> None:
+    """Add the line of a trail, if it has two points."""
+    if len(trail_enu_m) < 2:
+        return
+    trail = entity.lines.add(type=LinePrimitive.LINE_STRIP, thickness=2.5, scale_invariant=True)
+    trail.color.CopyFrom(_colour(colour, 0.8))
+    for east_m, north_m, up_m in trail_enu_m:
+        # Finer digits than millimetres are noise, and do not compress.
+        trail.points.add(x=round(east_m, 3), y=round(north_m, 3), z=round(up_m, 3))
+
+
+def _add_label(
+    entity: SceneEntity, text: str, top_enu_m: Xyz, colour: tuple[float, float, float]
+) -> None:
+    """Add a text that faces the viewer, a little above a point."""
+    x, y, z = top_enu_m
+    label = entity.texts.add(billboard=True, font_size=14.0, scale_invariant=True, text=text)
+    label.pose.position.x, label.pose.position.y, label.pose.position.z = x, y, z + 0.25
+    label.color.CopyFrom(_colour(colour, 1.0))
 
 
 def _entity(name: str, stamp_ns: int) -> SceneEntity:
