@@ -129,6 +129,15 @@ def test_from_two_and_a_half_metres_all_are_down_softly_before_reckoning_errs(ca
 
 
 @pytest.mark.long
+@pytest.mark.parametrize("case", [Case("six", 1.0, 0, 0.98), Case("pair", 2.5, 0, 0.98)])
+def test_poses_lost_just_after_a_lift_off_in_wind_let_nobody_touch(case: Case) -> None:
+    flown = fly_case(case._replace(wind_m_s=3.0))
+    assert flown.wrong == ""
+    assert flown.collisions == 0
+    assert flown.nearest_m > 0.50
+
+
+@pytest.mark.long
 def test_poses_of_all_that_are_back_within_0_6_s_cost_nobody_the_flight(lockstep) -> None:
     flight = lockstep(fleet_of(3), seed=5)
     for name in flight.config.enabled_names:
