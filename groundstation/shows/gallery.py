@@ -27,6 +27,8 @@ GALLERY = (
     "search",
     "escort",
     "rooms",
+    "gap",
+    "maze",
     "evacuation",
     "intruder",
     "visitor",
