@@ -19,8 +19,7 @@ from typing import Annotated, Any, Literal
 from cyclopts import App, Parameter
 
 from groundstation.commands.parameters import FILE_OR_TEXT, LAW_OR_TEXT
-from onboard.agent.main import main
-from onboard.agent.main import parser as agent_parser
+from onboard.agent.main import command_line, main
 from onboard.process import deploy, service
 
 # On a drone's computer, which has only the base libraries, argparse parses these commands. Here the
@@ -128,8 +127,8 @@ _SERVICE_HELP = {
     "logs": "Print what the service of one vehicle's agent wrote.",
 }
 
-agent = App(name="agent", help=agent_parser().description)
-agent.default(_command(agent_parser()))
+agent = App(name="agent", help=command_line().description)
+agent.default(_command(command_line()))
 for _verb in service.VERBS:
     agent.command(_command(_service_parser(_verb), _verb), name=_verb)
 agent.command(_command(deploy.parser(), "deploy"), name="deploy")

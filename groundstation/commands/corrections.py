@@ -5,8 +5,9 @@ Examples:
   covey corrections --fleet fleet.toml --check --seconds 10
   covey corrections --fleet fleet.toml --source mock
 
-Exit status: 0 stopped, or base and observations came until the end of --seconds; 1 one of them did
-not; 2 wrong input; 10 no frame came. docs/corrections.md says more.
+Exit status: 0 it was stopped, or --seconds have passed and the base's position and observations
+came until then; 1 --seconds have passed and one of the two did not come; 2 wrong input; 10 nothing
+came. docs/corrections.md says more.
 """
 
 from __future__ import annotations
@@ -14,9 +15,7 @@ from __future__ import annotations
 import asyncio
 import os
 import signal
-from typing import Annotated, Literal
-
-from cyclopts import Parameter
+from typing import Literal
 
 from groundstation.commands.parameters import FleetFile, Seconds, refuse_wrong_times
 from onboard.config.fleet import load_fleet
@@ -27,7 +26,7 @@ from onboard.corrections.relay.sources import source_of, with_source
 def corrections(
     *,
     fleet: FleetFile,
-    source: Annotated[Literal["mock"] | None, Parameter()] = None,
+    source: Literal["mock"] | None = None,
     check: bool = False,
     seconds: Seconds | None = None,
     every_s: Seconds = 5.0,

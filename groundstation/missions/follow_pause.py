@@ -21,14 +21,14 @@ _HOME_S = 90.0  # longest wait for vehicles that are brought home
 class FollowGround(PauseGround, Protocol):
     """What a pause of followers needs from the flight's :class:`MissionGround`."""
 
-    watch: FleetWatch  # notices when somebody else has taken the fleet
+    watch: FleetWatch  # its look() returns who has taken the fleet from this ground, or None
 
 
 class FollowPause:
-    """Knows from telemetry whether followers are paused, whichever ground has paused them.
+    """Knows from telemetry whether followers are paused, whichever ground station paused them.
 
     Args:
-        ground: gives the orders of the mission, and shows its lines and its title.
+        ground: sends the mission's orders, and shows the mission's lines and title to the user.
         names: names of the followers.
     """
 
@@ -82,6 +82,8 @@ class FollowPause:
     async def wait(self) -> int:
         """Wait until the pause has ended, and return how long it was [ns].
 
+        The wait also ends when somebody else takes the fleet.
+
         Raises:
             OrderFailed: the weakest battery had just enough charge for the way home, so all were
                 brought home.
@@ -93,7 +95,11 @@ class FollowPause:
             ground.say(f"  paused; {reserve}")
 
         try:
-            while self.is_paused and ground.watch.look() is None:
+            while self.is_paused:
+                is_taken = ground.watch.look() is not None
+                if is_taken:
+                    break
+
                 self._watch.show(reserve)
                 if reserve is not None and reserve.is_used_up:
                     self.has_brought_home = True

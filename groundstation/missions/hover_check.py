@@ -1,8 +1,9 @@
 """The hover check of a mission: is the wind too strong to fly on after a take-off?
 
-Only a hovering vehicle can measure the wind, because it tilts against it. It reports a mean over
-two seconds, which gusts change. If gusts can explain a wind above the limit, this check waits up to
-ten seconds until the wind is within the limit. If they cannot, the mission ends at once.
+A hovering vehicle tilts against the wind, and measures the wind by its tilt. It reports the mean
+over two seconds, in which gusts still count. If gusts can explain a mean above the limit, this
+check waits up to ten seconds until the mean is within the limit. If they cannot, the mission ends
+at once.
 """
 
 from __future__ import annotations
@@ -15,7 +16,7 @@ from dataclasses import dataclass
 from groundstation.fleet.state import FleetState
 from onboard.config.wind_limit import GUSTY
 
-_NOTABLE_SHARE = 0.8  # share of the limit from which a line states the wind
+_NOTABLE_SHARE = 0.8  # a wind above this share of its limit is told to the user
 _SAMPLE_S = 0.2  # time between two samples
 _SAMPLE_COUNT = 50  # these take ten seconds
 
@@ -33,7 +34,7 @@ class _Strongest:
 
     @property
     def may_be_a_gust(self) -> bool:
-        """Whether the wind is above the limit, but no stronger than gusts of a permitted wind."""
+        """Whether the wind is above the limit, but may be a gust of a wind within the limit."""
         return 1.0 < self.share <= GUSTY
 
 

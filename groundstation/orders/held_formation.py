@@ -22,9 +22,12 @@ class HeldFormation:
     """The formation that moves of several vehicles keep."""
 
     name: str | None  # name in the fleet file; None if the file has no formation
-    spacing_m: float | None = None  # distance of its two nearest slots; None: as in the fleet file
+    # distance of the two slots that are nearest to each other; None: as in the fleet file
+    spacing_m: float | None = None
     rotation_deg: float = 0.0  # rotation from the fleet file's formation, counterclockwise
-    # place -> the place whose slot it takes; None, or no entry: it has its own slot
+    # Vehicles that have exchanged their slots: vehicle -> the vehicle whose slot it flies in.
+    # A vehicle without an entry flies in its own slot. None: nobody has exchanged slots. A spare
+    # has the name of the vehicle that it replaces.
     takes: Mapping[str, str] | None = None
 
 
@@ -58,7 +61,7 @@ def held_slots(fleet: FleetConfig, held: HeldFormation) -> dict[str, Xyz]:
         held: name, spacing and rotation of the formation, and the slot of each vehicle.
 
     Returns:
-        Offset of each place from the formation's position, metres ENU. A spare has the place of
+        Offset of each vehicle from the formation's position, metres ENU. A spare has the name of
         the vehicle that it replaces.
     """
     if held.name is None:
@@ -67,7 +70,7 @@ def held_slots(fleet: FleetConfig, held: HeldFormation) -> dict[str, Xyz]:
     slots = slots_of(fleet, held.name, held.spacing_m, held.rotation_deg)
     if held.takes is None:
         return slots
-    return {place: slots[held.takes.get(place, place)] for place in slots}
+    return {name: slots[held.takes.get(name, name)] for name in slots}
 
 
 def slots_of(
@@ -78,7 +81,8 @@ def slots_of(
     Args:
         fleet: the fleet file.
         formation: name of the formation.
-        spacing_m: distance [m] of its two nearest slots; None leaves the formation as it is.
+        spacing_m: distance [m] of the two slots that are nearest to each other; None leaves the
+            formation as it is.
         rotation_deg: angle by which the formation is turned, counterclockwise.
 
     Returns:

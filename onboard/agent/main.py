@@ -12,38 +12,36 @@ from onboard.exit_status import EXIT_WRONG_INPUT
 from onboard.process import deploy, service
 
 
-def parser() -> argparse.ArgumentParser:
+def command_line() -> argparse.ArgumentParser:
     """Return the parser of an agent's command line."""
-    arguments = argparse.ArgumentParser(
+    parser = argparse.ArgumentParser(
         prog="covey agent",
         description="Fly one vehicle of a fleet.",
         epilog="As a service of systemd: covey agent install, status or logs, "
         "with --fleet, --vehicle and --help. "
         "Onto all companions: covey agent deploy --help.",
     )
-    arguments.add_argument("--fleet", required=True, metavar="FILE", help="fleet file")
-    arguments.add_argument(
+    parser.add_argument("--fleet", required=True, metavar="FILE", help="fleet file")
+    parser.add_argument(
         "--vehicle", required=True, metavar="NAME", help="vehicle of the fleet file"
     )
-    arguments.add_argument(
-        "--law", metavar="NAME", help="avoidance law instead of the fleet file's"
-    )
-    arguments.add_argument(
+    parser.add_argument("--law", metavar="NAME", help="avoidance law instead of the fleet file's")
+    parser.add_argument(
         "--apply-params",
         action="store_true",
         help="set PX4's required parameters instead of only checking them",
     )
-    arguments.add_argument(
+    parser.add_argument(
         "--mocap",
         choices=["bus"],
         help="listen to poses on the bus, whatever mocap.direct says: for emulated vehicles",
     )
-    arguments.add_argument(
+    parser.add_argument(
         "--realtime",
         action="store_true",
         help="let the control loop take precedence over other processes, if allowed",
     )
-    return arguments
+    return parser
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -56,21 +54,22 @@ def main(argv: Sequence[str] | None = None) -> int:
     if words and words[0] == "deploy":
         return deploy.main(words[1:])
 
-    arguments = parser().parse_args(words)
+    arguments = command_line().parse_args(words)
     try:
         fleet = load_fleet(arguments.fleet).with_law(arguments.law)
         fleet.import_law()
-        (name,) = fleet.select(arguments.vehicle)
+        names = fleet.select(arguments.vehicle)
     except ConfigError as error:
         print(f"agent: {error}", file=sys.stderr)
         return EXIT_WRONG_INPUT
-    except ValueError:
+
+    if len(names) != 1:  # --vehicle may name a group
         print(f"agent: --vehicle {arguments.vehicle} must name one vehicle.", file=sys.stderr)
         return EXIT_WRONG_INPUT
 
     return run_agent(
         fleet,
-        name,
+        names[0],
         apply_params=arguments.apply_params,
         is_realtime=arguments.realtime,
         has_bus_mocap=arguments.mocap == "bus",

@@ -17,7 +17,7 @@ from sitl.physics.frames import Array
 
 _ATTITUDE_NOISE_RAD = math.radians(0.15)
 _TIME_TOLERANCE_S = 1e-9  # times that differ by less count as equal
-_LARGEST_LAG_S = 0.1  # frames that are later than this are skipped
+_LARGEST_LAG_S = 0.1  # frames that are due for longer than this are skipped
 _RANDOM_STREAM = 3  # keeps these random numbers apart from others with the same seed
 
 
@@ -28,7 +28,7 @@ class MocapSettings:
     rate_hz: float = 50.0  # frames per second
     noise_m: float = 0.003  # standard deviation of each coordinate
     latency_s: float = 0.02  # time from the exposure to the delivery
-    dropout_per_s: float = 0.0  # losses of the markers of a body per second
+    dropout_per_s: float = 0.0  # how often a second a body's markers are lost
     dropout_s: float = 0.1  # duration of a loss
 
 
@@ -50,7 +50,7 @@ class Mocap:
         count: number of bodies.
         settings: quality of the system.
         seed: seed of noise and losses.
-        faults: faults of the poses of single bodies; an emulator has them in its `disturbances`.
+        faults: faults of the poses of single bodies, which may change in flight; None: none.
     """
 
     def __init__(
@@ -74,7 +74,8 @@ class Mocap:
     def step(self, time_s: float, position_enu_m: Array, attitude_enu_flu: Array) -> list[Pose]:
         """Expose a frame if one is due; return the poses that arrive now, oldest first."""
         if time_s + _TIME_TOLERANCE_S >= self._next_s:
-            self._next_s = max(self._next_s, time_s - _LARGEST_LAG_S) + 1.0 / self.settings.rate_hz
+            due_s = max(self._next_s, time_s - _LARGEST_LAG_S)
+            self._next_s = due_s + 1.0 / self.settings.rate_hz
             for pose in self._measure(time_s, position_enu_m, attitude_enu_flu):
                 arrival_s = time_s + self.settings.latency_s + self._faults.delay_s(pose.index)
                 self._pose_count += 1
@@ -95,8 +96,8 @@ class Mocap:
         count = position_enu_m.shape[0]
 
         loss_chance = settings.dropout_per_s / settings.rate_hz
-        is_lost_now = self._rng.random(count) < loss_chance
-        self._lost_until_s = np.where(is_lost_now, time_s + settings.dropout_s, self._lost_until_s)
+        begins = self._rng.random(count) < loss_chance
+        self._lost_until_s = np.where(begins, time_s + settings.dropout_s, self._lost_until_s)
 
         # Columns: position (3), quaternion (4), each with noise.
         measured = np.empty((count, 7))
@@ -112,12 +113,12 @@ class Mocap:
             measured = self._faults.apply(measured, time_s)
 
         poses: list[Pose] = []
-        is_out = (time_s < self._lost_until_s).tolist()
+        are_markers_lost = (time_s < self._lost_until_s).tolist()
         for index, (x, y, z, qw, qx, qy, qz) in enumerate(measured.tolist()):
-            if is_out[index] or self._faults.is_lost(index):
-                lost = self._lost(index, time_s)
-                if lost is not None:
-                    poses.append(lost)
+            if are_markers_lost[index] or self._faults.is_lost(index):
+                untracked = self._untracked_pose(index, time_s)
+                if untracked is not None:
+                    poses.append(untracked)
                 continue
 
             pose = Pose(
@@ -131,7 +132,7 @@ class Mocap:
             poses.append(pose)
         return poses
 
-    def _lost(self, index: int, time_s: float) -> Pose | None:
+    def _untracked_pose(self, index: int, time_s: float) -> Pose | None:
         """Return the last pose of a body that is not seen; None before its first pose."""
         last = self._last[index]
         if last is None:

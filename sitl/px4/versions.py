@@ -44,9 +44,10 @@ class Version:
         return major, minor
 
 
-# In these fields a version lists only the entries that it adds or changes. In all other fields its
-# value replaces that of the version before.
-_ADDED = ("parameters", "severities")
+# Tables of which a version lists only the entries that it adds or changes. In all other fields the
+# value of a version replaces that of the version before.
+_TABLES = ("parameters", "severities")
+# fields that are lists in the file, and sets in Version
 _SETS = ("unsupported_commands", "silent_streams", "parameters_gone")
 
 
@@ -56,8 +57,10 @@ def _versions(table: Mapping[str, Mapping[str, Any]]) -> dict[str, Version]:
     values: dict[str, Any] = {}  # values of the version before
 
     for name, changes in table.items():
-        added = {key: {**values.get(key, {}), **changes.get(key, {})} for key in _ADDED}
-        values = {**values, **changes, **added}
+        tables = {}
+        for key in _TABLES:
+            tables[key] = {**values.get(key, {}), **changes.get(key, {})}
+        values = {**values, **changes, **tables}
 
         sets = {key: frozenset(values[key]) for key in _SETS}
         versions[name] = Version(name=name, **{**values, **sets})
