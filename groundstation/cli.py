@@ -14,6 +14,7 @@ status.
 from __future__ import annotations
 
 import importlib
+import inspect
 import os
 import sys
 import warnings
@@ -423,6 +424,7 @@ def _add_with_parts(app: App, command: Command, called: list[str], *, is_whole: 
     command_app = App(name=command.name, help_epilogue=None)
     module, function = command.load()
     command_app.help_epilogue = _epilogue(module)
+    command_app.help = _description(function)
     command_app.default(function)  # type: ignore[call-overload]
     for part in command.parts:
         if is_whole or called == [part.name]:
@@ -441,7 +443,19 @@ def _add(app: App, command: Command) -> None:
         target.help_epilogue = _epilogue(module)
         app.command(target)
     else:
-        app.command(target, name=command.name, help_epilogue=_epilogue(module))  # type: ignore[call-overload]
+        app.command(  # type: ignore[call-overload]
+            target,
+            name=command.name,
+            help=_description(target),
+            help_epilogue=_epilogue(module),
+        )
+
+
+def _description(function: object) -> str:
+    """Return the text above the options of a command: its docstring without the arguments."""
+    docstring = inspect.getdoc(function) or ""
+    description, _, _ = docstring.partition("\n\nArgs:")
+    return _for_any_width(description)
 
 
 def _epilogue(module: ModuleType) -> str:
@@ -451,7 +465,19 @@ def _epilogue(module: ModuleType) -> str:
     """
     _, _, further_paragraphs = (module.__doc__ or "").partition("\n\n")
     texts = [further_paragraphs.strip(), getattr(module, "MORE_HELP", "")]
-    return "\n\n".join(text for text in texts if text)
+    return _for_any_width("\n\n".join(text for text in texts if text))
+
+
+def _for_any_width(text: str) -> str:
+    """Return a text with each paragraph on one line, which the terminal breaks where it must.
+
+    A paragraph with indented lines stays as it is: it is a list.
+    """
+    paragraphs = []
+    for paragraph in text.split("\n\n"):
+        is_list = "\n " in paragraph
+        paragraphs.append(paragraph if is_list else " ".join(paragraph.splitlines()))
+    return "\n\n".join(paragraphs)
 
 
 def _default(value: object) -> str | None:

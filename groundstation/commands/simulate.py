@@ -43,8 +43,10 @@ _LAWS = ", ".join(BUILT_IN)
 _ERRORS = ", ".join(campaign_settings.ERRORS)
 
 MORE_HELP = f"""\
-Scenarios: {scenarios.KNOWN}
+Scenarios: {scenarios.KNOWN}.
+
 Laws: {_LAWS}, or your own as module:function. Classes of errors: {_ERRORS}.
+
 Keys of --set: {", ".join(campaign_settings.keys(with_aliases=True))}."""
 
 _DEFAULT_SEEDS = "0:10"

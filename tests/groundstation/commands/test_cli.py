@@ -5,6 +5,7 @@ from __future__ import annotations
 import shutil
 import subprocess
 import sys
+from itertools import pairwise
 from pathlib import Path
 
 import pytest
@@ -137,6 +138,21 @@ def test_every_command_has_a_page_of_help_with_an_example_and_its_exit_statuses(
     page = capsys.readouterr().out
     assert f"covey {' '.join(words)}" in page
     assert "xit status" in page
+
+
+@pytest.mark.parametrize("columns", [60, 80, 130])
+def test_prose_in_help_is_broken_only_at_the_edge_of_the_terminal(
+    columns: int, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setenv("COLUMNS", str(columns))
+    assert cli.main(["simulate", "--help"]) == 0
+    lines = [line.rstrip() for line in capsys.readouterr().out.splitlines()]
+
+    for line, following in pairwise(lines):
+        is_prose = line[:1].isalnum() and following[:1].isalnum()
+        if is_prose:
+            next_word, _, _ = following.partition(" ")
+            assert len(line) + 1 + len(next_word) > columns, line
 
 
 @pytest.mark.parametrize("old", sorted(cli.FORMER))
