@@ -31,7 +31,8 @@ def draw(flight: FlightData) -> Any:
 
             if row == 0:
                 ax.set_title(track.name, loc="left", color=colour(index))
-                ax.legend(loc="upper right", fontsize=8.5, ncols=2)
+                # beside the title, so that it hides no curve
+                ax.legend(loc="lower right", bbox_to_anchor=(1.0, 0.98), fontsize=8.5, ncols=2)
             else:
                 ax.set_xlabel("time since take-off [s]")
             if index == 0:
@@ -114,7 +115,14 @@ def _draw_nearest(ax: Any, flight: FlightData) -> None:
         ]
         nearest_m = np.fmin.reduce(distances_m)
         ax.plot(flight.grid_s, nearest_m, color=colour(index), linewidth=1.2, label=name)
-    ax.legend(loc="upper right", ncols=5, fontsize=8, title="distance to the nearest")
+    # above the plot, so that it hides no curve
+    ax.legend(
+        loc="lower right",
+        bbox_to_anchor=(1.0, 0.99),
+        ncols=len(flight.tracks),
+        fontsize=8,
+        title="distance to the nearest",
+    )
 
 
 def _draw_limit(ax: Any, limit_m: float) -> None:
