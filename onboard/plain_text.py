@@ -11,6 +11,8 @@ import textwrap
 from collections.abc import Sequence
 from typing import Any, TextIO, cast
 
+MOST_NAMES = 12  # more names in a line are counted, not read
+
 
 def plain_line(text: str) -> str:
     """Return text from outside as one line without control characters.
@@ -24,7 +26,7 @@ def plain_line(text: str) -> str:
     return " ".join(plain_lines(text).split())
 
 
-def listed(names: Sequence[str], most: int) -> str:
+def listed(names: Sequence[str], most: int = MOST_NAMES) -> str:
     """Return names in one line: the first names, and how many more there are.
 
     Args:

@@ -11,6 +11,7 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import functools
+import textwrap
 from collections.abc import Callable, Iterator, Mapping, Sequence
 
 from msgspec.structs import replace
@@ -31,10 +32,12 @@ from groundstation.orders.result import OrderFailed, OrderResult, Results, Vehic
 from groundstation.verdict.observations import Arrival, StepResult, arrival_of
 from groundstation.verdict.other_ends import LastOrder, last_order, other_ends
 from onboard.bus.schema import Order
+from onboard.plain_text import MOST_NAMES, listed
 from onboard.tuples import Xyz
 
 _LOOK_S = 0.2  # period of the checks for the end of a pause
 _HEARD_S = 0.5  # age of telemetry up to which a vehicle counts as heard
+_MOST_CHARACTERS = 240  # of the line that shows an order
 _SILENCE_S = 0.7  # longest wait for telemetry before this ground checks its own link
 
 
@@ -124,7 +127,7 @@ class MissionGround:
         if taken is not None:
             raise FleetTaken(taken)
 
-        self.say(f"{intent}")
+        self.say(order_in_brief(intent, self.client.fleet.enabled_names))
         client = self.client
         begin_ns = client.now_ns()
         planned = client.plan(intent)
@@ -234,7 +237,7 @@ class MissionGround:
         for index, wave in enumerate(waves):
             if index:
                 await asyncio.sleep(intent.every_s)
-            self.say(f"Wave {index + 1} of {len(waves)}: {', '.join(wave)}")
+            self.say(f"Wave {index + 1} of {len(waves)}: {listed(wave)}")
 
             vehicles = self.client.state.vehicles
             not_flying = [name for name in results if not vehicles[name].is_airborne]
@@ -251,7 +254,7 @@ class MissionGround:
                 later = [name for name in intent.names if name not in results]
                 if later:
                     failed = ", ".join(not_flying)
-                    self.say(f"  {', '.join(later)} stay on the ground: {failed} failed.")
+                    self.say(f"  {listed(later)} stay on the ground: {failed} failed.")
                 for name in later:
                     results[name] = VehicleResult(name, "", "refused", _not_started(not_flying))
                 raise OrderFailed(intent, results)
@@ -483,6 +486,19 @@ class MissionGround:
         if pair is None:
             return ""
         return f"; smallest distance so far {pair.distance_m:.2f} m ({pair.first}, {pair.second})"
+
+
+def order_in_brief(intent: Intent, enabled_names: Sequence[str]) -> str:
+    """Return an order in words that fit a few lines of a terminal, also for a large fleet.
+
+    Args:
+        intent: the order.
+        enabled_names: all vehicles of the fleet, of which many together are called "all".
+    """
+    words = str(intent)
+    if len(enabled_names) > MOST_NAMES:
+        words = words.replace(",".join(enabled_names), "all")
+    return textwrap.shorten(words, _MOST_CHARACTERS, placeholder=" ...")
 
 
 def _not_started(not_flying: Sequence[str]) -> str:

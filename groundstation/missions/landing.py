@@ -22,6 +22,7 @@ from groundstation.missions.own_link import OwnLink, silent_in_flight
 from groundstation.missions.taken import FleetWatch, flown_by_hand
 from groundstation.orders.intents import Land
 from groundstation.orders.result import OrderResult, Results
+from onboard.plain_text import listed
 
 LAND_AGAIN_S = 6.0  # wait for vehicles that land, before the next order
 TELEMETRY_WITHIN_S = 0.3  # longest wait for telemetry that shows the newest order
@@ -102,7 +103,7 @@ async def land_all(
             remaining = tuple(name for name in remaining if not _is_down(client, name))
             continue
 
-        say_once(f"Landing {', '.join(ordered)}.")
+        say_once(f"Landing {listed(ordered)}.")
         planned = client.plan(Land(vehicles=ordered, is_everybody=True))
         order = client.send(planned, is_by_mission=not is_by_person)
         await client.wait_for(_has_ended(client, order), (end_ns - client.now_ns()) * 1e-9)

@@ -31,6 +31,7 @@ from onboard.bus.schema import Light as LightMessage
 from onboard.bus.schema import Order
 from onboard.bus.topics import Topic
 from onboard.control.path import Path, point_at
+from onboard.plain_text import listed
 from onboard.tuples import Xyz
 
 AHEAD_S = 3.0  # time from the order to the start, in which all replies arrive
@@ -116,7 +117,7 @@ async def follow_paths(
     else:
         order = await _start_at(ground, paths, on_lag, at)
         begin_words = f"from {at.words} on"
-    ground.say(f"follow_path {','.join(paths)}: {longest_s:.0f} s, {begin_words}")
+    ground.say(f"follow_path {listed(tuple(paths))}: {longest_s:.0f} s, {begin_words}")
 
     begin_ns = ground.client.now_ns()
     tasks = [

@@ -31,6 +31,7 @@ from groundstation.orders.intents import Home
 from groundstation.verdict.observations import FlightObservations, collided_vehicles
 from groundstation.verdict.verdict import Verdict, judge
 from onboard.config.fleet import ConfigError
+from onboard.plain_text import listed
 
 LAND_TIMEOUT_S = 40.0
 HOME_TIMEOUT_S = 90.0
@@ -258,7 +259,7 @@ class MissionRun:
         """Wait for the vehicles, and fly the steps or the function of the mission."""
         await self.client.wait_for(self._is_heard, LAST_TELEMETRY_S)
         self.fleet.ground.leave_out_disabled()
-        self.fleet.say(f"Waiting for {', '.join(self.fleet.names)} to be ready.")
+        self.fleet.say(f"Waiting for {listed(self.fleet.names)} to be ready.")
         await self.fleet.ready(self._ready_timeout_s)
 
         times = self._step_times()

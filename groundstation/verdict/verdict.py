@@ -32,6 +32,7 @@ from onboard.exit_status import (
     EXIT_OK,
     EXIT_WRONG_INPUT,
 )
+from onboard.plain_text import listed
 
 _MOST_LOOPS = 4  # the loop periods of up to this many vehicles are all stated; of more, the longest
 _LAW_REFUSED = "own-law-refused"  # code of the event of an agent that flies Covey's law instead
@@ -229,7 +230,7 @@ def describe(verdict: Verdict) -> list[str]:
 
     landed = [name for name, has_landed in verdict.landed.items() if has_landed]
     not_landed = [name for name, has_landed in verdict.landed.items() if not has_landed]
-    landed_sentence = f"Landed and disarmed: {', '.join(landed) or 'nobody'}"
+    landed_sentence = f"Landed and disarmed: {listed(landed) or 'nobody'}"
     if not_landed:
         landed_sentence += f"; NOT: {', '.join(not_landed)}"
     lines.append(f"{landed_sentence}.")

@@ -9,6 +9,7 @@ from pathlib import Path
 from groundstation.flights.simulation_settings import SimulationSettings
 from groundstation.mission_files.mission import Mission
 from onboard.bus.schema import Event
+from onboard.plain_text import listed
 from sitl.lockstep.reflight import record_digests
 from sitl.lockstep.simulated_flight import open_flight
 
@@ -24,7 +25,7 @@ def fly_mission(mission: Mission, folder: Path, simulation: SimulationSettings) 
     Raises:
         ConfigError: a fault or an order is impossible.
     """
-    names = ", ".join(mission.fleet.enabled_names)
+    names = listed(mission.fleet.enabled_names)
     print(
         f"Lockstep: {names} in simulated time, without a console; everything goes to {folder}.",
         flush=True,

@@ -16,7 +16,7 @@ from typing import NamedTuple, TextIO, cast
 import pytest
 
 from groundstation import cli
-from onboard.plain_text import PlainStream, drawing, fitted, plain_line, plain_lines
+from onboard.plain_text import PlainStream, drawing, fitted, listed, plain_line, plain_lines
 from onboard.process import realtime
 
 PAPER = Path(__file__).parents[2] / "configs" / "fleets" / "paper.toml"
@@ -27,6 +27,13 @@ def test_control_characters_become_spaces_and_all_else_stays() -> None:
     assert plain_lines("  Größe: 3 m²\n→ ok\n") == "  Größe: 3 m²\n→ ok\n"
     assert plain_lines(f"a{_ESCAPE}b\n\tc") == "a ]0;owned  [2J 1m  b\n c"
     assert plain_line("one\n  two\x1b") == "one two"
+
+
+def test_many_names_are_counted_and_few_are_named() -> None:
+    names = [f"mav{number}" for number in range(30)]
+    assert listed(names[:2]) == "mav0, mav1"
+    assert listed(names[:12]) == ", ".join(names[:12])
+    assert listed(names) == ", ".join(names[:12]) + " and 18 more"
 
 
 def test_what_a_process_prints_passes_through_it_and_drawings_do_not() -> None:

@@ -10,6 +10,7 @@ import pytest
 
 from groundstation.mission_files.loading import mission_from_mapping
 from groundstation.missions.api import Fleet, OrderFailed
+from groundstation.missions.ground import order_in_brief
 from groundstation.missions.mission_orders import MissionOrders
 from groundstation.missions.runner import MissionRun
 from groundstation.orders.grammar import OrderError, parse
@@ -110,3 +111,17 @@ def test_the_course_of_a_mission_counts_every_wave(fleet: FleetConfig) -> None:
 
     assert takes_s(by=4, every_s=5.0) == pytest.approx(2 * takes_s() + 5.0)
     assert takes_s(by=8) == takes_s()
+
+
+def test_an_order_to_a_large_fleet_is_said_in_a_few_lines() -> None:
+    fleet = load_fleet(ROOT / "configs/fleets/sixteen.toml")
+    names = fleet.enabled_names
+    takeoff = parse(f"takeoff {','.join(names)} 1.0", fleet)
+    assert order_in_brief(takeoff, names) == "takeoff all 1"
+    fewer = order_in_brief(parse(f"takeoff {','.join(names[:3])} 1.0", fleet), names)
+    assert fewer == f"takeoff {','.join(names[:3])} 1"
+
+    words = " ".join(f"{name} {index}.125 0.125 1.125" for index, name in enumerate(names))
+    goto = order_in_brief(parse(f"goto {words}", fleet), names)
+    assert len(goto) <= 240
+    assert goto.endswith(" ...")
