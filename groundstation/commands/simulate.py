@@ -17,8 +17,8 @@ loss_pct, errors).
 
 With --suite: all scenes of the open benchmark, as a table with exact intervals.
 
-Exit status: 0 all flights succeed without violation, no cell of a map fails; 1 otherwise; 2 wrong
-input.
+Exit status: 0 all flights succeed by their own law, without violation or collision, and no cell of
+a map fails; 1 otherwise; 2 wrong input.
 """
 
 from __future__ import annotations

@@ -188,15 +188,26 @@ def _print_table(
 
     failed = [values for values in records if not results.is_flawless(values)]
     for values in failed[:_MOST_FAILURES]:
-        reason = values["reason"]
-        if not reason:
-            depth_m = values["violation_depth_m"]
-            reason = f"{depth_m:.3f} m too near for {values['violation_s']:.2f} s"
-        if "contact_m_s" in values:
-            reason += f", touched with {values['contact_m_s']:.2f} m/s"
-        console.print(f"{values['scenario']} seed {values['seed']}: {reason}")
+        console.print(f"{values['scenario']} seed {values['seed']}: {_reason(values)}")
     if len(failed) > _MOST_FAILURES:
         console.print(f"... and {len(failed) - _MOST_FAILURES} more")
+
+
+def _reason(values: results.FlightRecord) -> str:
+    """Return why a flight was not flawless."""
+    if values["reason"]:
+        reason = str(values["reason"])
+    elif values["violation_s"] > 0.0:
+        depth_m = values["violation_depth_m"]
+        reason = f"{depth_m:.3f} m too near for {values['violation_s']:.2f} s"
+    elif values["collision"]:
+        reason = "a body touched an obstacle or another body"
+    else:
+        reason = f"Covey's law took over: {values['law']} {values['law_refused']}"
+
+    if "contact_m_s" in values:
+        reason += f", touched with {values['contact_m_s']:.2f} m/s"
+    return reason
 
 
 def _draw(folder: Path, picture: Path, records: Sequence[results.FlightRecord]) -> None:

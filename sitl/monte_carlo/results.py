@@ -74,8 +74,9 @@ def line(values: FlightRecord) -> str:
 
 
 def is_flawless(values: FlightRecord) -> bool:
-    """Return whether all vehicles arrived in time and kept the safety distance."""
-    return bool(values["success"]) and values["violation_s"] == 0.0
+    """Return whether all arrived by their own law, kept the distance, and touched nothing."""
+    is_clear = values["violation_s"] == 0.0 and not values["collision"]
+    return bool(values["success"]) and is_clear and "law_refused" not in values
 
 
 def write_trace(folder: Path, flown: Flown, setup: Setup) -> Path:

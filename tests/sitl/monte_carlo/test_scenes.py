@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from groundstation.cli import main
 from onboard.config.fleet import ConfigError
 from sitl.monte_carlo import batch_flight, results
 from sitl.monte_carlo.open_benchmark import scene_file, scene_plans
@@ -188,3 +189,35 @@ def test_the_distance_from_a_person_is_measured_and_kept_to_the_circle():
     assert nearest_m("off", 0.4) == pytest.approx(nearest_m("off", 0.0) - 0.4, abs=1e-9)
     assert nearest_m("covey", 0.4) > 0.8
     assert 0.8 < nearest_m("covey", 0.0) < nearest_m("covey", 0.4) + 0.4
+
+
+# Flies into a wall beside the way to the goal, and only then to the goal.
+_LAW_INTO_A_WALL = """
+def law(memory, inputs):
+    ((east, north, _),) = inputs.baseline
+    if inputs.state.position_enu_m[0] < 0:
+        north = 1.5
+    return None, inputs.limited(east, north)
+"""
+
+
+@pytest.mark.parametrize(
+    ("law", "sentence"),
+    [
+        (_LAW_INTO_A_WALL, "a body touched an obstacle or another body"),
+        ("def law(memory, inputs):\n    return 1 / 0\n", "Covey's law took over"),
+    ],
+)
+def test_a_flight_through_a_wall_or_by_another_law_is_no_success_of_a_law(
+    law, sentence, tmp_path, monkeypatch, capsys
+):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "mine.py").write_text(law)
+    placing = {"type": "listed", "start_enu_m": [[-3, 0]], "goal_enu_m": [[3, 0]]}
+    wall = {"begin_enu_m": [-4, 0.9], "end_enu_m": [4, 0.9], "radius_m": 0.2}
+    scene = {**SCENE, "name": "one", "placing": placing, "obstacles": [wall]}
+    (tmp_path / "one.json").write_text(json.dumps(scene))
+
+    assert main(["simulate", "one.json", "--seeds", "0", "--law", "mine:law"]) == 1
+    printed = " ".join(capsys.readouterr().out.split())
+    assert f"one seed 0: {sentence}" in printed
