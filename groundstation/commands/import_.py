@@ -53,10 +53,9 @@ def import_(
 
     original = read_show(show)
     folder = out or Path(show.stem)
-    if (folder / "fleet.toml").exists():
-        raise ConfigError(
-            f"{folder / 'fleet.toml'} exists already. Name another folder with --out."
-        )
+    for path in (folder / "fleet.toml", folder / "mission.toml"):
+        if path.exists():
+            raise ConfigError(f"{path} exists already. Name another folder with --out.")
     own_fleet = None
     if fleet is not None:
         own_fleet = load_fleet(fleet)

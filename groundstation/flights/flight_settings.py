@@ -159,8 +159,8 @@ def open_folder(folder: Path, files: Mapping[str, str], *, is_headless: bool) ->
         is_headless: whether the flight runs without the console.
 
     Raises:
-        ConfigError: there is no terminal for the console, the folder contains another flight, or it
-            cannot be written.
+        ConfigError: there is no terminal for the console, the folder contains another flight or
+            other files of these names, or it cannot be written.
     """
     if not is_headless and not sys.stdout.isatty():
         raise ConfigError("The console needs a terminal, and this output is none. Add --headless.")
@@ -177,16 +177,36 @@ def write_files(folder: Path, files: Mapping[str, str]) -> None:
         files: name of a file -> its text.
 
     Raises:
-        ConfigError: the folder or a file cannot be written.
+        ConfigError: the folder or a file cannot be written, or it would replace another file.
     """
     try:
         folder.mkdir(parents=True, exist_ok=True)
+        _refuse_other_files(folder, files)
         for name, text in files.items():
             (folder / name).write_text(text, encoding="utf-8")
     except OSError as error:
         raise ConfigError(
             f"{folder}: cannot be written ({error.strerror}). Choose another with --record."
         ) from None
+
+
+def _refuse_other_files(folder: Path, files: Mapping[str, str]) -> None:
+    """Refuse a folder in which somebody's own files have the names of the flight's files.
+
+    Args:
+        folder: the flight folder.
+        files: name of a file -> the text that it would get.
+
+    Raises:
+        ConfigError: a file of one of these names has another text.
+    """
+    for name, text in files.items():
+        path = folder / name
+        if path.is_file() and path.read_bytes() != text.encode("utf-8"):
+            raise ConfigError(
+                f"{path} is there already, and the flight would overwrite it. "
+                "Choose another folder with --record."
+            )
 
 
 def simulated_fleet(

@@ -358,3 +358,32 @@ def test_a_lab_s_file_flies_in_simulation_on_ports_of_this_computer(tmp_path: Pa
     for vehicle in settings.mission.fleet.vehicles.values():
         assert vehicle.host == "127.0.0.1"
         assert vehicle.autopilot.startswith("udpin://127.0.0.1:")
+
+
+def test_a_flight_is_not_recorded_over_the_files_it_is_flown_from(tmp_path: Path) -> None:
+    assert cli.main(["init", str(tmp_path), "--vehicles", "2", "--companions", "here"]) == 0
+    fleet_path = tmp_path / "fleet.toml"
+    own_text = fleet_path.read_text()
+
+    with pytest.raises(ConfigError, match="the flight would overwrite it"):
+        prepare(
+            str(tmp_path / "mission.toml"),
+            tmp_path,
+            fleet_path=None,
+            law="off",
+            is_simulated=True,
+            has_free_ports=True,
+            is_headless=True,
+        )
+    assert fleet_path.read_text() == own_text
+
+
+def test_import_does_not_overwrite_a_mission_that_is_there(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    mission_path = tmp_path / "mission.toml"
+    mission_path.write_text("mine")
+
+    assert cli.main(["import", "configs/shows/thirty.skyc", "--out", str(tmp_path)]) == 2
+    assert "mission.toml exists already" in capsys.readouterr().err
+    assert mission_path.read_text() == "mine"
