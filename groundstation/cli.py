@@ -13,6 +13,7 @@ status.
 
 from __future__ import annotations
 
+import errno
 import importlib
 import inspect
 import os
@@ -200,6 +201,7 @@ FORMER: dict[str, tuple[str, ...]] = {
     "sitl-truth": ("sitl", "truth"),
 }
 
+_NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 _HELP_WORDS = ("--help", "-h")
 _COMPLETION_WORD = "--install-completion"
 # The line of bash that the library writes splits file names at spaces, and puts a space after
@@ -264,6 +266,22 @@ def _run_in_sentences(words: list[str]) -> int:
         # The reader has read enough, as in `covey check FILE | head`.
         os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
         return EXIT_OK
+    except OSError as error:
+        # An agent's log keeps the traceback; so does whatever is no matter of a file.
+        is_of_file = error.filename is not None or error.errno in _NO_ROOM
+        if words[:1] == ["agent"] or not is_of_file:
+            raise
+        return _refuse(_file_sentence(error))
+
+
+def _file_sentence(error: OSError) -> str:
+    """Return what is wrong with a file or folder, and what to do."""
+    if error.errno in _NO_ROOM:
+        return f"nothing more can be written ({error.strerror}). Make room, and start again."
+    return (
+        f"{error.filename}: this file or folder cannot be used ({error.strerror}). "
+        "Name another place, or give yourself the right to use it."
+    )
 
 
 def _missing_library(error: ImportError) -> str | None:

@@ -387,3 +387,23 @@ def test_import_does_not_overwrite_a_mission_that_is_there(
     assert cli.main(["import", "configs/shows/thirty.skyc", "--out", str(tmp_path)]) == 2
     assert "mission.toml exists already" in capsys.readouterr().err
     assert mission_path.read_text() == "mine"
+
+
+@pytest.mark.parametrize("words", [["init"], ["import", "configs/shows/thirty.skyc", "--out"]])
+def test_a_place_where_nothing_can_be_written_is_one_sentence(
+    words: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    file = tmp_path / "file"
+    file.write_text("")
+
+    assert cli.main([*words, str(file)]) == 2
+    assert f"{file}: this file or folder cannot be used (File exists)" in capsys.readouterr().err
+
+
+def test_a_full_disk_is_one_sentence() -> None:
+    command = [sys.executable, "-m", "groundstation", "check", "paper"]
+    with open("/dev/full", "w") as full:
+        ended = subprocess.run(command, stdout=full, stderr=subprocess.PIPE, text=True, timeout=60)
+
+    assert ended.returncode == 2
+    assert ended.stderr.startswith("covey: nothing more can be written (No space left on device)")
