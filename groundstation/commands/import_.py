@@ -13,6 +13,7 @@ nothing written.
 
 from __future__ import annotations
 
+import shlex
 from pathlib import Path
 from typing import Annotated
 
@@ -76,7 +77,8 @@ def import_(
         nearest_pair = closest_pairs(sample(imported.paths))[0]
         print(f"Nearest: {pair_words(nearest_pair)}.")
 
+    mission = shlex.quote(str(folder / "mission.toml"))
     print(f"Written: {folder}/fleet.toml, mission.toml and paths/. Next:")
-    print(f"  covey check {folder}/mission.toml")
-    print(f"  covey fly {folder}/mission.toml --lockstep")
+    print(f"  covey check {mission}")
+    print(f"  covey fly {mission} --lockstep")
     return EXIT_OK

@@ -15,6 +15,7 @@ Exit status: 0 written; 2 wrong input, nothing written.
 
 from __future__ import annotations
 
+import shlex
 import sys
 from collections.abc import Sequence
 from dataclasses import fields
@@ -161,13 +162,15 @@ def _refuse_existing(*paths: Path | None) -> None:
 
 def _print_next(fleet_path: Path, mission_path: Path) -> None:
     """Print which commands come next, and what each does."""
+    mission = shlex.quote(str(mission_path))
+    fleet = shlex.quote(str(fleet_path))
     print("Both have comments on what to measure and to look up. Next:")
     for command, effect in (
-        (f"covey check {mission_path}", "what can be flown, and how closely"),
-        (f"covey fly {mission_path} --lockstep", "the flight in simulated time: seconds"),
-        (f"covey fly {mission_path} --sitl", "the same with console, agents and emulated PX4s"),
+        (f"covey check {mission}", "what can be flown, and how closely"),
+        (f"covey fly {mission} --lockstep", "the flight in simulated time: seconds"),
+        (f"covey fly {mission} --sitl", "the same with console, agents and emulated PX4s"),
         (
-            f"covey check vehicles --fleet {fleet_path}",
+            f"covey check vehicles --fleet {fleet}",
             "the real vehicles; first read docs/deployment.md",
         ),
     ):

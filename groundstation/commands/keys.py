@@ -18,6 +18,7 @@ right; 1 covey keys list found a fault; 2 wrong input.
 from __future__ import annotations
 
 import datetime
+import shlex
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated
@@ -104,7 +105,9 @@ def _sign_mavlink(path: str) -> int:
     for name, vehicle in signed.vehicles.items():
         print(f"  to {vehicle.host}: {file}, {signed.fleet.keys}/{key_file(name)}")
     print("  to a ground that orders: all of them, for land and kill past an agent")
-    print(f"Give each PX4 its key, with its agent stopped: covey px4 signing --set --fleet {path}")
+
+    command = shlex.join(["covey", "px4", "signing", "--set", "--fleet", path])
+    print(f"Give each PX4 its key, with its agent stopped: {command}")
     return EXIT_OK
 
 

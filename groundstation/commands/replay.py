@@ -19,6 +19,7 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import shlex
 from pathlib import Path
 from typing import Annotated
 
@@ -133,5 +134,6 @@ def _fly_again(
         print(f"{reflown.flown_s:6.1f} s  {line}")
     if flown.digests:
         print(f"Its state was the recorded one up to {reflown.equal_until_s:g} s.")
-    print(f"Both ways side by side: covey report {folder} --compare {flight}")
+    both = shlex.join(["covey", "report", str(folder), "--compare", str(flight)])
+    print(f"Both ways side by side: {both}")
     return reflown.verdict.exit_status

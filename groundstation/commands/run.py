@@ -21,6 +21,7 @@ fleet in the state that the script declares; a second one ends at once.
 
 from __future__ import annotations
 
+import shlex
 from pathlib import Path
 from typing import Annotated
 
@@ -127,7 +128,7 @@ def _rehearse(
     if status != EXIT_OK:
         raise ConfigError(
             f"The rehearsal of {script} ended with status {status}, for the reason above: nothing "
-            f"has taken off. See it: covey replay {folder}"
+            f"has taken off. See it: covey replay {shlex.quote(str(folder))}"
         )
     print("The rehearsal went well.\n", flush=True)
 

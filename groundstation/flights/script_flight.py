@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import ast
 import asyncio
+import shlex
 import sys
 import traceback
 from collections.abc import Callable, Sequence
@@ -143,7 +144,7 @@ def fly_script(
 
     for line in verdict.sentences:
         print(plain_lines(line), flush=True)
-    print(f"See it again: covey replay {folder}", flush=True)
+    print(f"See it again: covey replay {shlex.quote(str(folder))}", flush=True)
     if end.status != EXIT_OK:
         return end.status
     return verdict.exit_status

@@ -407,3 +407,11 @@ def test_a_full_disk_is_one_sentence() -> None:
 
     assert ended.returncode == 2
     assert ended.stderr.startswith("covey: nothing more can be written (No space left on device)")
+
+
+def test_commands_to_type_next_can_be_typed_when_a_name_has_a_space(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    folder = tmp_path / "my fleet"
+    assert cli.main(["init", str(folder), "--vehicles", "2", "--companions", "here"]) == 0
+    assert f"covey check '{folder}/mission.toml'" in capsys.readouterr().out
