@@ -6,7 +6,8 @@ Three things can be missing, and each is watched for:
 * The reply. Most orders end with "no answer". Land and kill go straight to PX4 instead: a kill
   soon, a landing only after it was sent to the agent several times, because vehicles that PX4 lands
   alone do not avoid each other. A mission's landing goes to PX4 only if a single vehicle is silent;
-  two that fall silent at once show that this ground has lost its own link.
+  two that fall silent at once show that this ground has lost its own link. An agent that is heard
+  lives, and only its link is bad: a mission repeats the landing to it for longer.
 * The effect of a land or a kill that was accepted. Such an order then goes straight to PX4, too. It
   goes at once if the agent reports that it does not hear PX4.
 * The event about the end, because a link broke. Telemetry then shows that the vehicle no longer
@@ -45,6 +46,9 @@ _LAND_REPLY_S = 1.0  # shortest wait for the reply to a landing
 _WAIT_ROUND_TRIPS = 3.0  # a landing waits for its reply for at least this many round trips
 _AGAIN_ROUND_TRIPS = 1.5  # a landing is sent again after at least this many round trips
 _MOST_ROUND_TRIPS = 8  # newest round trips of a vehicle that are kept
+# Longest time that a mission's landing is repeated to an agent that is heard and does not answer.
+_REPEAT_TO_HEARD_S = 6.0
+_HEARD_S = 1.0  # age of telemetry up to which an agent counts as heard, over a link that loses much
 _QUIET_S = 0.5  # age of telemetry from which another vehicle in flight counts as silent as well
 _AT_ONCE_S = 1.0  # vehicles that fall silent within this time do so for the same reason
 _KILL_EFFECT_S = 1.3  # longest wait for the disarm, which PX4 reports once a second
@@ -326,9 +330,17 @@ class OpenOrders:
         if kind == "land":
             limit_s = self._land_limit_s(vehicle)
 
+        waited_s = limit_s
+        has_reply = await self._wait_for_reply(result, vehicle, replied, limit_s)
+        while not has_reply and waited_s < _REPEAT_TO_HEARD_S:
+            if kind != "land" or not self._is_heard_by_mission(result, vehicle):
+                break
+            waited_s += limit_s
+            has_reply = await self._wait_for_reply(result, vehicle, replied, limit_s)
+
         problem = ""  # why the order goes straight to PX4; empty if it does not
-        if not await self._wait_for_reply(result, vehicle, replied, limit_s):
-            problem = _no_answer_words(vehicle, limit_s)
+        if not has_reply:
+            problem = _no_answer_words(vehicle, waited_s)
             if kind == "land" and self._is_own_link_dead(result, vehicle):
                 sentence = f"{problem}, nor is another heard: my own link. {_WITHOUT_GROUND}"
                 result.update(vehicle, "no answer", sentence)
@@ -452,6 +464,10 @@ class OpenOrders:
         """Whether telemetry shows that the agent follows the order, though no reply came."""
         telemetry = self._view(vehicle).telemetry
         return telemetry is not None and telemetry.order_id == result.results[vehicle].order_id
+
+    def _is_heard_by_mission(self, result: OrderResult, vehicle: str) -> bool:
+        """Whether a mission gave the order, and the agent is heard although it does not answer."""
+        return result.is_by_mission and self._view(vehicle).age_s(self._feed.now_ns()) <= _HEARD_S
 
     def _is_own_link_dead(self, result: OrderResult, vehicle: str) -> bool:
         """Whether this ground's own link is probably the reason of a silence.

@@ -159,6 +159,28 @@ def test_a_landing_of_all_over_a_link_that_answers_after_a_while_stays_with_the_
     assert all("land is sent again, and goes straight to PX4 in" in line for line in repeated)
 
 
+@pytest.mark.parametrize(
+    ("names", "delay_s", "loss"),
+    [
+        (("mav1",), 0.7, 0.0),
+        pytest.param(("mav0", "mav1", "mav2"), 0.3, 0.3, marks=pytest.mark.long),
+        pytest.param(("mav2",), 0.3, 0.6, marks=pytest.mark.long),
+    ],
+)
+def test_a_mission_lands_who_is_heard_and_answers_late_through_its_agent(
+    lockstep, paper: FleetConfig, names: tuple[str, ...], delay_s: float, loss: float
+) -> None:
+    flight = lockstep(paper, seed=1)
+    flight.takeoff(1.0)
+    for name in names:
+        flight.bus.set_link(GROUND, name, BusSettings(delay_s=delay_s, loss=loss))
+
+    results = flight.wait_for(flight.fleet.land())
+
+    assert all(result.is_done for result in results.values()), results
+    assert sentences(flight, "direct_command") == []
+
+
 @pytest.mark.long
 def test_a_person_who_lands_all_without_a_link_reaches_px4_after_a_second(
     lockstep, paper: FleetConfig
