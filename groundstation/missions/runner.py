@@ -184,6 +184,7 @@ class MissionRun:
         """
         watch = self.fleet.ground.watch
         if not self._has_begun:
+            watch.note_earlier_orders()
             return self.abort_if_silent()
         if watch.taken is not None:
             self.client.notice_own_stall()
@@ -266,9 +267,11 @@ class MissionRun:
         refusal = begin_refusal(self.mission, self.client.state)
         if refusal:
             raise _NotBegun(refusal)
+        self._refuse_killed()
         if self._at is not None:
             await self.fleet.countdown(self._at)
             await self.fleet.ready(_STILL_READY_S)
+            self._refuse_killed()
 
         self.client.forget_distances()
         self._observations.earlier_touchdowns = self.client.state.touchdowns
@@ -294,6 +297,19 @@ class MissionRun:
             self._observations.is_wrong_input = True
             raise
         await steps.run()
+
+    def _refuse_killed(self) -> None:
+        """Refuse to begin with a vehicle that somebody has killed while the mission waited.
+
+        Raises:
+            _NotBegun: there is such a vehicle.
+        """
+        killed = self.fleet.ground.watch.kill_before_begin(self.fleet.names)
+        if killed:
+            raise _NotBegun(
+                f"{self.mission.path} was not begun: {killed} while it waited. "
+                "Look at the vehicle, then start the mission again."
+            )
 
     def _step_times(self) -> dict[str, WorldTime]:
         """Return the times at which steps start; none in simulated time.

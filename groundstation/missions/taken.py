@@ -13,7 +13,7 @@ name finish their present order, and hold.
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from dataclasses import dataclass
 
 from groundstation.client.client import FleetClient
@@ -71,16 +71,34 @@ class FleetWatch:
         self.taken = None
         self._has_begun = True
         self._earlier_order_ids.clear()
-        self._note_earlier_orders()
+        self.note_earlier_orders()
 
-    def _note_earlier_orders(self) -> None:
+    def note_earlier_orders(self) -> None:
         """Note the newest order of each vehicle that is heard for the first time.
+
+        Call it several times a second before the mission begins.
 
         A vehicle whose agent has just started may report an order of an earlier flight.
         """
         for name, view in self._client.state.vehicles.items():
             if view.telemetry is not None:
                 self._earlier_order_ids.setdefault(name, _newest_order_id(view))
+
+    def kill_before_begin(self, names: Collection[str]) -> str:
+        """Return who has killed one of these vehicles since it was first heard; empty if nobody.
+
+        Args:
+            names: vehicles of the mission, which has not begun.
+        """
+        self.note_earlier_orders()
+        for name in names:
+            view = self._client.state.vehicles[name]
+            telemetry = view.telemetry
+            if telemetry is None or telemetry.taken_order_kind != "kill":
+                continue
+            if _newest_order_id(view) != self._earlier_order_ids[name]:
+                return f"{telemetry.taken_order_from} has killed {name}"
+        return ""
 
     def look(self) -> Taken | None:
         """Return who took the fleet first; None while the mission has it.
@@ -91,7 +109,7 @@ class FleetWatch:
             return self.taken
 
         if self._has_begun:
-            self._note_earlier_orders()
+            self.note_earlier_orders()
         vehicles_by_order: dict[tuple[str, str], list[str]] = {}  # author and verb -> vehicles
         is_by_other = False  # whether one of these orders came from another ground
         for name, view in self._client.state.vehicles.items():

@@ -287,3 +287,21 @@ def test_a_vehicle_that_falls_silent_in_a_taken_fleet_is_not_waited_for_beyond_i
     assert verdict.landed == {"mav0": True, "mav1": False, "mav2": True}
     assert "ada (ground-2) has the fleet for 30 s; up: mav1." in "\n".join(said)
     assert flight.time_s - taken_s[0] == pytest.approx(hover_s, abs=5.0)
+
+
+@pytest.mark.parametrize("is_own", [False, True])
+def test_a_mission_is_not_begun_with_a_vehicle_that_was_killed_while_it_waited(
+    lockstep: Any, paper: FleetConfig, is_own: bool
+) -> None:
+    flight = lockstep(paper, seed=3)
+    killer = second_ground(flight)
+    if is_own:
+        killer = flight.client
+    flight.at(0.6, lambda: killer.submit_now("kill mav1"))
+
+    verdict = flight.fly(crossing(paper))
+
+    assert verdict.exit_status == 2
+    assert "crossing.toml was not begun" in verdict.summary
+    assert "has killed mav1 while it waited" in verdict.summary
+    assert _orders(flight) == {"mav0": [], "mav1": ["kill"], "mav2": []}
