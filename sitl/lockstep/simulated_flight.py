@@ -15,7 +15,7 @@ from groundstation.flights.simulation_settings import (
     timed_order,
     wind_of,
 )
-from groundstation.orders.grammar import OrderError
+from groundstation.orders import grammar
 from onboard.config.fleet import ConfigError, FleetConfig
 from onboard.control.pipeline import pipeline_params
 from onboard.rollout.first_compilation import compile_law
@@ -100,7 +100,12 @@ def _plan(flight: Lockstep, settings: SimulationSettings) -> None:
 
     other_ground = OtherGround(flight)
     for line in settings.orders:
-        other_ground.plan(timed_order(line))
+        order = timed_order(line)
+        try:
+            grammar.parse(order.text, flight.config)
+        except grammar.OrderError as error:
+            raise ConfigError(f"The order '{line}': {error}") from None
+        other_ground.plan(order)
 
     for line in settings.changes:
         at_s, change = timed_change(line)
@@ -172,7 +177,7 @@ class OtherGround:
         )
         try:
             await client.submit(order.text)
-        except OrderError as error:
+        except grammar.OrderError as error:
             client.publish_event("warning", "order", f"'{order.text}': {error}")
 
     async def _joined(self) -> FleetClient:

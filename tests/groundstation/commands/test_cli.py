@@ -415,3 +415,18 @@ def test_commands_to_type_next_can_be_typed_when_a_name_has_a_space(
     folder = tmp_path / "my fleet"
     assert cli.main(["init", str(folder), "--vehicles", "2", "--companions", "here"]) == 0
     assert f"covey check '{folder}/mission.toml'" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("line", "sentence"),
+    [("3 fliege", "'fliege' is no order"), ("3 move mav9 0 0 1", "mav9")],
+)
+def test_an_order_of_another_ground_that_cannot_be_understood_is_refused_before_the_flight(
+    line: str, sentence: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    words = ["fly", "paper", "--lockstep", "--record", str(tmp_path / "flight")]
+
+    assert cli.main([*words, "--order", line]) == 2
+    printed = capsys.readouterr().err
+    assert f"The order '{line}': " in printed
+    assert sentence in printed
