@@ -2,7 +2,9 @@
 
 1. Each vehicle gets its path in parts, and checks it on board.
 2. One order sends all vehicles to the first points of their paths.
-3. The start is ordered some seconds ahead, for one instant of the fleet's clock. If a vehicle does
+3. Whoever arrived early may have gone aside for the others since. So all are waited for until they
+   are at these points together.
+4. The start is ordered some seconds ahead, for one instant of the fleet's clock. If a vehicle does
    not accept it, all are ordered to hold before that instant.
 
 The instant may be a wall-clock time. Then the vehicles wait at the first points of their paths,
@@ -12,6 +14,7 @@ and an operator may stop the countdown until they start.
 from __future__ import annotations
 
 import asyncio
+import math
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import AbstractContextManager
 from typing import Protocol
@@ -42,6 +45,8 @@ _LOAD_S = 10.0  # longest wait for the reply to one part of a path
 _LOOK_S = 0.5  # time between two checks for a pause
 _HOME_S = 120.0  # longest wait for vehicles that are brought home
 _LIGHT_S = 0.2  # time between two checks for a new colour
+_AT_BEGIN_M = 0.4  # largest distance from the first point before the start; agents allow AT_START_M
+_AT_BEGIN_S = 20.0  # longest wait for all vehicles to be there at the same time
 _SPARE_S = 0.3  # margin of the time that an order needs
 
 Paths = Mapping[str, Path]  # by vehicle
@@ -108,6 +113,7 @@ async def follow_paths(
         begins[name] = point_at(path, 0.0).position_enu_m
     to_begins = Goto(vehicles=tuple(paths), goals=begins)
     await ground.order(to_begins, _LATE_S, may_be_left_out=False)
+    await _wait_at_begins(ground, begins)
 
     longest_s = max(path.duration_s for path in paths.values())
     if at is None:
@@ -219,6 +225,34 @@ async def _load(ground: PathGround, paths: Paths) -> None:
         order = ground.client.order_paths("load_path", orders)
         results = await ground.end_of(order, _LOAD_S)
         _require_done(ground, results, "load_path")
+
+
+async def _wait_at_begins(ground: PathGround, begins: Mapping[str, Xyz]) -> None:
+    """Wait until all vehicles are at the begins of their paths at the same time, or not for long.
+
+    A vehicle may have gone aside for others that arrived later. The agent of one that is still
+    elsewhere after the wait refuses the start.
+    """
+    client = ground.client
+
+    def are_there(state: FleetState) -> bool:
+        return not _away_from(state, begins)
+
+    away = _away_from(client.state, begins)
+    if not away:
+        return
+    ground.say(f"  waits until {', '.join(away)} is back at the begin of its path")
+    await client.wait_for(are_there, _AT_BEGIN_S)
+
+
+def _away_from(state: FleetState, begins: Mapping[str, Xyz]) -> list[str]:
+    """Return the vehicles whose newest telemetry is not near the begins of their paths."""
+    away = []
+    for name, begin in begins.items():
+        telemetry = state.vehicles[name].telemetry
+        if telemetry is None or math.dist(telemetry.position_enu_m, begin) > _AT_BEGIN_M:
+            away.append(name)
+    return away
 
 
 async def _start_at(ground: PathGround, paths: Paths, on_lag: OnLag, at: WorldTime) -> OrderResult:

@@ -67,7 +67,12 @@ class OrderFailed(RuntimeError):
         not_done = [result for result in results.values() if not result.is_done]
         # The failure that came first is named first, because it may be the cause of the others.
         not_done.sort(key=lambda result: result.ended_before)
-        reasons = [f"{result.vehicle} {result.phase}: {result.sentence}" for result in not_done]
+        # Who has only accepted it, and says nothing, is no reason.
+        reasons = [
+            f"{result.vehicle} {result.phase}: {result.sentence}"
+            for result in not_done
+            if result.sentence or result.phase != "accepted"
+        ]
         super().__init__(f"'{intent}' failed. {' '.join(reasons)}")
 
 

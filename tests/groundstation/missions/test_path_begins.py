@@ -1,0 +1,72 @@
+"""Paths begin together, once all vehicles are at the first points."""
+
+from __future__ import annotations
+
+import asyncio
+import functools
+from typing import Any
+
+import numpy as np
+
+from groundstation.missions.ground import MissionGround
+from groundstation.missions.path_following import follow_paths
+from groundstation.orders.intents import FollowPath
+from groundstation.orders.result import OrderFailed, VehicleResult
+from groundstation.paths.pieces import fitted
+from onboard.config.fleet import FleetConfig
+from tests.groundstation.conftest import FakeBus
+
+FLYING = {"state": "flying", "is_airborne": True, "is_armed": True}
+
+
+def begin_above_the_starts(fleet: FleetConfig, bus: FakeBus) -> dict[str, Any]:
+    """Return paths that stand 1 m above the starts, where all vehicles are."""
+    paths = {}
+    for name in fleet.enabled_names:
+        x, y, _ = fleet.vehicles[name].start_enu_m
+        paths[name] = fitted(np.arange(5.0), np.array([[x, y, 1.0, 0.0]] * 5))
+        spot = (x, y, 1.0)
+        bus.tell(name, position_enu_m=spot, goal_position_enu_m=spot, **FLYING)
+    return paths
+
+
+async def test_who_went_aside_for_others_that_came_later_is_waited_for(
+    fleet: FleetConfig, bus: FakeBus, client: Any
+) -> None:
+    lines: list[str] = []
+    loop = asyncio.get_running_loop()
+
+    def say(line: str) -> None:
+        lines.append(line)
+        if line.startswith("goto"):  # mav1 has arrived after 0.2 s, and mav2 has not
+            go_aside = functools.partial(bus.tell, "mav1", position_enu_m=(x + 1.0, y, 1.0))
+            loop.call_later(0.2, go_aside)
+
+    ground: Any = MissionGround(client, say=say)
+    paths = begin_above_the_starts(fleet, bus)
+    x, y, _ = fleet.vehicles["mav1"].start_enu_m
+    bus.misbehave["mav2"] = "late"
+
+    def starts() -> list[str]:
+        return [name for name, order in bus.orders if order.kind == "follow_path"]
+
+    flight = asyncio.create_task(
+        follow_paths(ground, paths, lights={}, on_lag="land", timeout_s=5.0)
+    )
+    await asyncio.sleep(1.5)
+    assert lines[-1] == "  waits until mav1 is back at the begin of its path"
+    assert starts() == []
+
+    bus.tell("mav1", position_enu_m=(x, y, 1.0))
+    await asyncio.wait_for(flight, 10.0)
+    assert sorted(starts()) == sorted(fleet.enabled_names)
+
+
+def test_a_start_that_one_refuses_names_nobody_else() -> None:
+    results = {
+        "mav0": VehicleResult("mav0", "1", "accepted", ""),
+        "mav1": VehicleResult("mav1", "2", "refused", "Because I say so."),
+        "mav2": VehicleResult("mav2", "3", "done", ""),
+    }
+    error = OrderFailed(FollowPath(vehicles=tuple(results)), results)
+    assert str(error) == "'follow_path mav0,mav1,mav2' failed. mav1 refused: Because I say so."
