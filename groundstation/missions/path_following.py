@@ -241,7 +241,7 @@ async def _wait_at_begins(ground: PathGround, begins: Mapping[str, Xyz]) -> None
     away = _away_from(client.state, begins)
     if not away:
         return
-    ground.say(f"  waits until {', '.join(away)} is back at the begin of its path")
+    ground.say(f"  waits until {listed(away)} is back at the begin of its path")
     await client.wait_for(are_there, _AT_BEGIN_S)
 
 
