@@ -52,6 +52,7 @@ from groundstation.orders.plan import (
     with_heard_stamps,
 )
 from groundstation.orders.result import OrderResult, Results
+from onboard.bus.control_token import EMERGENCY
 from onboard.bus.protocol import Bus
 from onboard.bus.schema import Event, FaultOrder, Message, PathOrder
 from onboard.bus.topics import Topic
@@ -93,6 +94,7 @@ class FleetClient:
         self.is_recording = False  # whether this ground records, as the vehicles were told
         self._bring_home_ids: set[str] = set()  # ids of a person's orders to bring home
         self.has_person = False  # whether a person, besides a mission, gives orders through it
+        self.persons_stops = 0  # number of orders to land, hold or kill that no mission gave
         self.author = author or user_name()
         self._clock_ns = clock_ns
         bus = bus or session(fleet)
@@ -318,6 +320,8 @@ class FleetClient:
             raise OrderError(refusal)
 
         self._held = planned.held
+        if not is_by_mission and planned.intent.verb in EMERGENCY:
+            self.persons_stops += 1
         if is_by_mission:
             planned = of_mission(planned)
         elif planned.intent.verb == "bring_home":

@@ -258,6 +258,7 @@ class MissionRun:
 
     async def _fly_steps(self) -> None:
         """Wait for the vehicles, and fly the steps or the function of the mission."""
+        earlier_stops = self.client.persons_stops
         await self.client.wait_for(self._is_heard, LAST_TELEMETRY_S)
         self.fleet.ground.leave_out_disabled()
         self.fleet.say(f"Waiting for {listed(self.fleet.names)} to be ready.")
@@ -267,11 +268,11 @@ class MissionRun:
         refusal = begin_refusal(self.mission, self.client.state)
         if refusal:
             raise _NotBegun(refusal)
-        self._refuse_killed()
+        self._refuse_stopped(earlier_stops)
         if self._at is not None:
             await self.fleet.countdown(self._at)
             await self.fleet.ready(_STILL_READY_S)
-            self._refuse_killed()
+            self._refuse_stopped(earlier_stops)
 
         self.client.forget_distances()
         self._observations.earlier_touchdowns = self.client.state.touchdowns
@@ -298,17 +299,25 @@ class MissionRun:
             raise
         await steps.run()
 
-    def _refuse_killed(self) -> None:
-        """Refuse to begin with a vehicle that somebody has killed while the mission waited.
+    def _refuse_stopped(self, earlier_stops: int) -> None:
+        """Refuse to begin when a person has stopped vehicles while the mission waited.
+
+        Vehicles on the ground refuse to land and to hold, so they do not report such an order. It
+        counts when it was given at this ground.
+
+        Args:
+            earlier_stops: orders of persons at this ground to stop, before the mission waited.
 
         Raises:
-            _NotBegun: there is such a vehicle.
+            _NotBegun: a person has ordered that.
         """
-        killed = self.fleet.ground.watch.kill_before_begin(self.fleet.names)
-        if killed:
+        stopped = self.fleet.ground.watch.kill_before_begin(self.fleet.names)
+        if not stopped and self.client.has_person and self.client.persons_stops > earlier_stops:
+            stopped = f"{self.client.author} has ordered to land, to hold or to kill here"
+        if stopped:
             raise _NotBegun(
-                f"{self.mission.path} was not begun: {killed} while it waited. "
-                "Look at the vehicle, then start the mission again."
+                f"{self.mission.path} was not begun: {stopped} while it waited. "
+                "Look at the vehicles, then start the mission again."
             )
 
     def _step_times(self) -> dict[str, WorldTime]:

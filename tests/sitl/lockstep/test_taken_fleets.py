@@ -305,3 +305,18 @@ def test_a_mission_is_not_begun_with_a_vehicle_that_was_killed_while_it_waited(
     assert "crossing.toml was not begun" in verdict.summary
     assert "has killed mav1 while it waited" in verdict.summary
     assert _orders(flight) == {"mav0": [], "mav1": ["kill"], "mav2": []}
+
+
+@pytest.mark.parametrize("line", ["land all", "hold mav1"])
+def test_a_mission_is_not_begun_after_a_persons_order_to_stop_that_nobody_in_the_air_could_take(
+    lockstep: Any, paper: FleetConfig, line: str
+) -> None:
+    flight = lockstep(paper, seed=3)
+    flight.client.has_person = True
+    flight.at(0.6, lambda: flight.client.submit_now(line))
+
+    verdict = flight.fly(crossing(paper))
+
+    assert verdict.exit_status == 2
+    assert "has ordered to land, to hold or to kill here while it waited" in verdict.summary
+    assert _orders(flight) == {name: [] for name in NAMES}
