@@ -15,6 +15,7 @@ _NARROWEST = 60
 _WIDEST = 120
 _MARKS = {"refused": "REFUSED", "warning": "warning", "note": "note", "ok": "ok"}
 _MARK_WIDTH = 9  # including the space after it
+_SENTENCE_WIDTH = 40  # at least; in narrower terminals a sentence stands below its name
 
 
 def page(examined: ExaminedFile, errors: ErrorClass | None, shown: Collection[Finding] = ()) -> str:
@@ -33,9 +34,16 @@ def page(examined: ExaminedFile, errors: ErrorClass | None, shown: Collection[Fi
     name_width = max((len(finding.name) for finding in new_findings), default=0)
     indent = " " * (_MARK_WIDTH + name_width + 2)
 
+    is_below = width - len(indent) < _SENTENCE_WIDTH
+    if is_below:
+        indent = " " * _MARK_WIDTH
+
     lines = [examined.headline]
     for finding in new_findings:
         head = f"{_MARKS[finding.status]:<8} {finding.name:<{name_width}}  "
+        if is_below:
+            lines.append(head.rstrip())
+            head = indent
         lines += textwrap.wrap(
             finding.sentence, width, initial_indent=head, subsequent_indent=indent
         )

@@ -257,3 +257,16 @@ def test_poses_over_routers_are_compared_with_the_time_after_which_a_vehicle_lan
 def test_an_unknown_accuracy_is_status_two(capsys: pytest.CaptureFixture[str]) -> None:
     assert cli.main(["check", str(SIH), "--errors", "radar"]) == 2
     assert "radar" in capsys.readouterr().err
+
+
+def test_in_a_narrow_terminal_a_sentence_has_room_below_its_name(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("COLUMNS", "60")
+    assert cli.main(["check", "paper"]) == 0
+    headline, *lines, _ = capsys.readouterr().out.splitlines()
+
+    assert "a valid mission" in headline
+    assert max(len(line) for line in lines) <= 60
+    assert "warning  kappas" in lines
+    assert max(len(line) - len(line.lstrip()) for line in lines) == 9
