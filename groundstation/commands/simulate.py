@@ -53,6 +53,8 @@ _DEFAULT_SEEDS = "0:10"
 _SUITE_SEEDS = "1000:1020"  # about an hour on two cores for a law in Python
 _DEFAULT_ERRORS = "mocap"
 _DEFAULT_SCALE = 1.0
+_MAP_FILE = Path("law-map.jsonl")
+_FLIGHTS_OF_CELL = 500
 
 
 def simulate(
@@ -70,9 +72,9 @@ def simulate(
     trace: Folder | None = None,
     plot: Annotated[Folder | None, Parameter(metavar="FILE_OR_DIR")] = None,
     map: bool = False,
-    map_file: Annotated[Path, Parameter(metavar="FILE")] = Path("law-map.jsonl"),
+    map_file: Annotated[Path, Parameter(metavar="FILE")] = _MAP_FILE,
     cells: Annotated[tuple[str, ...], Parameter(metavar="AXIS=VALUES")] = (),
-    flights: Annotated[int, Parameter(metavar="N")] = 500,
+    flights: Annotated[int, Parameter(metavar="N")] = _FLIGHTS_OF_CELL,
     scheduler: Annotated[str | None, Parameter(metavar="ADDRESS")] = None,
     suite: Annotated[str | None, Parameter(metavar="NAME")] = None,
     keep: Annotated[Path | None, Parameter(metavar="FILE")] = None,
@@ -158,6 +160,12 @@ def simulate(
         return EXIT_OK if has_no_failure else EXIT_FAILED
 
     # Third way: one scene from a file, or scenarios by their names.
+    is_map_changed = (map_file, flights) != (_MAP_FILE, _FLIGHTS_OF_CELL)
+    if is_map_changed or cells or scheduler is not None or anew:
+        raise ConfigError(
+            "--map-file, --cells and --flights are for --map; --scheduler and --anew are for --map "
+            "and --suite."
+        )
     if not scenario:
         raise ConfigError(f"name a scenario, or --map. Known: {scenarios.KNOWN}.")
     flown_seeds = _seeds(seeds)

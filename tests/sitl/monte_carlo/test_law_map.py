@@ -256,6 +256,17 @@ def test_wrong_words_are_refused_before_anything_is_flown(tmp_path, capsys, word
     assert not (tmp_path / "map.jsonl").exists()
 
 
+@pytest.mark.parametrize(
+    "words",
+    [["--cells", "errors=vision"], ["--map-file", "my.jsonl"], ["--flights", "9"], ["--anew"]],
+)
+def test_options_of_the_map_are_refused_for_scenarios(
+    words: list[str], capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["simulate", "form3", *words]) == 2
+    assert "are for --map" in capsys.readouterr().err
+
+
 def test_scheduler_without_its_package_or_without_an_answer_is_refused_in_words(monkeypatch):
     monkeypatch.setitem(sys.modules, "distributed", None)
     with pytest.raises(ConfigError, match="pip install distributed"):
