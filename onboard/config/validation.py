@@ -60,6 +60,7 @@ VEHICLE_BOUNDS: dict[str, tuple[float, float]] = {
 # 8 % of the weight, and that of a vehicle two bodies above with 3 %.
 _LEAST_HEIGHT_BODIES = 2.0
 
+_PX4_PARAM = re.compile(r"[A-Z][A-Z0-9_]{0,15}")  # MAVLink has room for 16 characters
 _AGENT_ENDPOINT = re.compile(r"(tcp|quic|tls|udp)/[A-Za-z0-9_.:\[\]-]+:\d{1,5}")
 _AUTOPILOT_ENDPOINT = re.compile(r"(udpin|udpout|serial)://.+")
 _DIRECT_ENDPOINT = re.compile(r"(udpin|udpout|tcp)://.+:\d+")
@@ -305,6 +306,7 @@ def _vehicle_problems(config: FleetConfig, vehicle: Vehicle) -> Iterator[str]:
         endpoint = getattr(vehicle, key)
         if endpoint is not None:
             yield from _port_problems(f"vehicles.{name}.{key}", endpoint)
+    yield from _px4_param_problems(vehicle)
     if vehicle.mavlink_signing and vehicle.px4_version in _WITHOUT_SIGNING:
         yield (
             f"'vehicles.{name}.mavlink_signing' is true, but PX4 v{vehicle.px4_version} "
@@ -319,6 +321,16 @@ def _vehicle_problems(config: FleetConfig, vehicle: Vehicle) -> Iterator[str]:
             f"'vehicles.{name}.start_enu_m' {list(vehicle.start_enu_m)} lies outside "
             "fleet.geofence_m. Move the start or widen the fence."
         )
+
+
+def _px4_param_problems(vehicle: Vehicle) -> Iterator[str]:
+    """Yield a sentence for each name that no parameter of PX4 can have."""
+    for param in vehicle.px4_params:
+        if not _PX4_PARAM.fullmatch(param):
+            yield (
+                f"'vehicles.{vehicle.name}.px4_params' has {param[:40]!r}; a parameter of PX4 has "
+                "up to 16 of the characters A-Z 0-9 _, for instance MPC_Z_P."
+            )
 
 
 def _name_problems(config: FleetConfig) -> Iterator[str]:
