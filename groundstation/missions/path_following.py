@@ -148,7 +148,8 @@ async def follow_paths(
             ground.note_done("follow_path", name, order.planned.orders[name], results)
         else:
             ground.say(f"  {name} {result.phase}: {result.sentence}")
-    ground.say(f"  followed in {duration_s - AHEAD_S:.1f} s")
+    if duration_s > AHEAD_S:
+        ground.say(f"  followed in {duration_s - AHEAD_S:.1f} s")
     return results
 
 

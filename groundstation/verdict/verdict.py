@@ -482,9 +482,27 @@ def _summary(
             f"PASSED: mission '{flown.mission}' with law {law}: everything it declares came true."
             f"{left_out}"
         )
-    not_met = [result.sentence for result in checks if not result.has_come_true]
-    reasons = " ".join([*not_met, failure])
-    return f"FAILED: mission '{flown.mission}' with law {law}. {reasons}".strip() + left_out
+    reasons = [result.sentence for result in checks if not result.has_come_true]
+    if not flown.failure:  # which names the step that has ended the mission
+        reasons.extend(_undone_words(flown))
+    words = " ".join([*reasons, failure])
+    return f"FAILED: mission '{flown.mission}' with law {law}. {words}".strip() + left_out
+
+
+def _undone_words(flown: FlightObservations) -> list[str]:
+    """Return a sentence for each step after which the mission went on although it was not done."""
+    sentences = []
+    for step in flown.steps:
+        names_by_end: dict[str, list[str]] = {}  # phase and sentence -> vehicles
+        for name, phase in step.vehicles.items():
+            if phase != "done" and name not in flown.left_out:
+                end = f"{phase}: {step.sentences.get(name, '')}".rstrip(" :")
+                names_by_end.setdefault(end, []).append(name)
+
+        ends = [f"{', '.join(names)} {end}" for end, names in names_by_end.items()]
+        if ends:
+            sentences.append(f"'{step.step}': {'; '.join(ends)}")
+    return sentences
 
 
 def _rounded(closest: Separation | None, begin_ns: int) -> SmallestSeparation | None:

@@ -6,8 +6,12 @@ from typing import Any
 
 import pytest
 
+from groundstation.fleet.state import initial
 from groundstation.recording.flight_report import LoopTiming
-from groundstation.verdict.verdict import NearestPerson, Verdict, describe
+from groundstation.verdict.expectations import Expect
+from groundstation.verdict.observations import FlightObservations, StepResult
+from groundstation.verdict.verdict import NearestPerson, Verdict, describe, judge
+from onboard.config.fleet import FleetConfig
 
 
 def told(begin: str, **changes: Any) -> str:
@@ -69,3 +73,27 @@ def test_the_vehicle_that_came_nearest_to_a_person_is_told(distance_m: float, wo
         safety_distance_m=0.8,
     )
     assert told("Nearest to a person: ", nearest_person=nearest) == words
+
+
+def test_a_mission_that_went_on_after_a_step_names_who_had_not_done_it(fleet: FleetConfig) -> None:
+    left = "Its position is not known any more, so it left the path."
+    vehicles = {"mav0": "failed", "mav1": "failed", "mav2": "done"}
+    step = StepResult(
+        step="follow_path mav0,mav1,mav2",
+        duration_s=3.0,
+        vehicles=vehicles,
+        sentences={"mav0": left, "mav1": left, "mav2": "At (0, 0, 1) m."},
+    )
+    state = initial(fleet)
+    flown = FlightObservations(
+        mission="escort",
+        fleet=fleet,
+        state=state,
+        steps=[step],
+        arrivals=[],
+        begin_ns=0,
+        end_ns=0,
+    )
+    verdict = judge(flown, Expect())
+    assert not verdict.passed
+    assert verdict.summary.endswith(f"'follow_path mav0,mav1,mav2': mav0, mav1 failed: {left}")
