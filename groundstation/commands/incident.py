@@ -81,11 +81,11 @@ def _print_what_would_have_helped(folder: Path, config: FleetConfig) -> None:
     try:
         flown = open_recorded(folder)
     except ConfigError as error:
-        print(f"It is not flown again with one thing otherwise. {error}")
+        print(f"It cannot be flown again with one thing changed. {error}")
         return
 
     count = len(candidates_of(flown.origin))
-    print(f"Flying it again with one thing otherwise, {count} times:", flush=True)
+    print(f"Flying it again with one thing changed, {count} times:", flush=True)
     trials = []
     for number, trial in enumerate(trials_of(flown), start=1):
         trials.append(trial)

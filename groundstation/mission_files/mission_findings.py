@@ -18,7 +18,7 @@ from onboard.config.flight_space import flight_space_of
 from onboard.estimation.accuracies import ACCURACIES
 from onboard.feasibility.finding import Finding, at_least, at_most, worst, worst_first
 from onboard.feasibility.fleet_checks import ErrorClass, error_class, fleet_findings, spot_findings
-from onboard.safety.area_room import way_beyond_m
+from onboard.safety.area_room import length_beyond_m
 
 # names of findings that do not refuse a flight, since they do not concern what the law can fly
 _NEVER_REFUSING = ("time", "expectation", "arrival", "ending")
@@ -172,7 +172,7 @@ def _way_findings(fleet: FleetConfig, course_step: CourseStep, step_name: str) -
     """Yield the finding about the vehicle with most of its straight way beyond a fence's edge."""
     areas = flight_space_of(fleet).areas
     beyond_m = {
-        name: way_beyond_m(areas, course_step.positions[name], goal)
+        name: length_beyond_m(areas, course_step.positions[name], goal)
         for name, goal in course_step.goals.items()
     }
     if not beyond_m:

@@ -48,7 +48,10 @@ class OwnLawRunner:
         self._clock = clock
         self._memory: Any = None
         self._slow_ticks = 0
-        self._relaxed_share = 0.0  # ``LawMemory.relaxed_share`` of Covey's law
+        # ``LawMemory.relaxed_share`` of Covey's law: how often its rows cannot all hold. A vehicle
+        # that flies with a large share is slowed down. As the user's law flies here, callers see
+        # the share 0, and the true share is kept for the tick in which Covey's law takes over.
+        self._relaxed_share = 0.0
 
     def begin_anew(self) -> None:
         """Forget the last flight; called on the ground."""
@@ -85,6 +88,7 @@ class OwnLawRunner:
                 memory, baseline, predicted, state, neighbours, obstacles, params, dt_s
             )
 
+        # Covey's law is computed at every tick, because it may have to take over.
         before = memory._replace(relaxed_share=self._relaxed_share)
         after, output = oist.step(
             before, baseline, predicted, state, neighbours, obstacles, params, dt_s
@@ -98,8 +102,6 @@ class OwnLawRunner:
                 return after, output
             after, output = flown_instead(thrust, output, after, before, inputs)
 
-        # The share of relaxed ticks is kept here and returned as 0. A jam of Covey's law
-        # must not slow down a vehicle that flies the user's law.
         self._relaxed_share = after.relaxed_share
         return after._replace(relaxed_share=0.0), output
 

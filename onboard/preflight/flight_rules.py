@@ -121,10 +121,10 @@ def _law(facts: PreflightFacts, fleet: FleetConfig, vehicle: Vehicle) -> Judgeme
         keys = ", ".join(f"law.{name}" for name in fleet.law.changed_policies)
         return "changed policies", {"keys": keys, "name": vehicle.name}
 
-    # the sentence names the source of a user's law, so that the record shows which law flew
     if not facts.law_refusals:
         if fleet.own_law is None:
             return OK, {"law": facts.law}
+        # with the hash of the source, so that the record shows which law flew
         return OK, {"law": f"{facts.law} (source {fleet.own_law.source_hash})"}
 
     _, sentence, remedy = facts.law_refusals[0]

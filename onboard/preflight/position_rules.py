@@ -59,7 +59,7 @@ def _position(facts: PreflightFacts, fleet: FleetConfig, vehicle: Vehicle) -> Ju
     if facts.source_problem:
         return "source faulty", {"problem": facts.source_problem}
     if vehicle.emulated:
-        return "unemulated", {}
+        return "no emulator", {}  # covey sitl should send its poses
     return "untracked", {}
 
 

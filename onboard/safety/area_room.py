@@ -59,14 +59,16 @@ def rooms_m(area: Area, positions_enu_m: Array) -> Array:
 
 
 def clearances_m(fleet_areas: Sequence[Area], positions_enu_m: Array) -> Array:
-    """Return the distance [m] of each position to the nearest space closed by an area or buffer.
+    """Return the distance [m] of each position to where vehicles must not fly.
+
+    Vehicles must not fly inside a forbidden area, outside an allowed area, or in the buffer at the
+    edge of either.
 
     Args:
         fleet_areas: areas of a fleet.
         positions_enu_m: positions (..., 3).
     Returns:
-        Distances (...). They are negative inside a buffer or beyond an edge, and infinite without
-        areas.
+        Distances (...). They are negative where vehicles must not fly, and infinite without areas.
     """
     least_m = np.full(positions_enu_m.shape[:-1], np.inf)
     for area in fleet_areas:
@@ -76,19 +78,21 @@ def clearances_m(fleet_areas: Sequence[Area], positions_enu_m: Array) -> Array:
 
 
 def is_breached(fleet_areas: Sequence[Area], positions_enu_m: Array) -> BoolArray:
-    """Return whether each position lies where vehicles must not be.
+    """Return whether each position lies inside a forbidden area or outside an allowed one.
+
+    Buffers do not count.
 
     Args:
         fleet_areas: areas of a fleet.
         positions_enu_m: positions (..., 3).
     """
-    is_wrong = np.zeros(positions_enu_m.shape[:-1], dtype=bool)
+    is_in_breach = np.zeros(positions_enu_m.shape[:-1], dtype=bool)
     for area in fleet_areas:
-        is_wrong |= _clearance_m(area, positions_enu_m, 0.0) < 0.0
-    return is_wrong
+        is_in_breach |= _clearance_m(area, positions_enu_m, 0.0) < 0.0
+    return is_in_breach
 
 
-def way_beyond_m(fleet_areas: Sequence[Area], begin_enu_m: Xyz, end_enu_m: Xyz) -> float:
+def length_beyond_m(fleet_areas: Sequence[Area], begin_enu_m: Xyz, end_enu_m: Xyz) -> float:
     """Return the length [m] of a straight line that lies in buffers or beyond edges.
 
     Args:
@@ -107,17 +111,17 @@ def way_beyond_m(fleet_areas: Sequence[Area], begin_enu_m: Xyz, end_enu_m: Xyz) 
 
 
 def _clearance_m(area: Area, positions_enu_m: Array, buffer_m: float) -> Array:
-    """Return the distance [m] of each position to the space closed by an area and its buffer.
+    """Return the distance [m] of each position to where one area forbids vehicles to fly.
 
-    It is negative inside that space. An allowed area has a buffer only at its edge, not at its
-    ceiling or at its floor, where vehicles stand. A forbidden area also has a buffer above and
+    It is negative where they must not fly. An allowed area has a buffer only at its edge, not at
+    its ceiling or at its floor, where vehicles stand. A forbidden area also has a buffer above and
     below.
     """
     beside_m = rooms_m(area, positions_enu_m) - buffer_m
     z = positions_enu_m[..., 2]
     if area.keeps_in:
         below_ceiling_m = area.high_m - z
-        above_floor_m = z - area.low_m + areas.BELOW_FLOOR_M  # a measured height may be lower
+        above_floor_m = z - area.low_m + areas.BELOW_FLOOR_M  # heights have errors
         return np.minimum(beside_m, np.minimum(below_ceiling_m, above_floor_m))
 
     # a position beside, above or below the area is free

@@ -231,7 +231,7 @@ class View:
 
 
 def _local_origin(emulator: Emulator, index: int) -> EarthPoint:
-    """Return the position on Earth of a vehicle's local frame, whose origin is its start."""
+    """Return the position on Earth of the origin of a vehicle's local frame: its start."""
     east, north, _ = emulator.specs[index].start_enu_m
     latitude_deg, longitude_deg = degrees_at(emulator.origin, north, east)
     return EarthPoint(latitude_deg, longitude_deg, emulator.origin.altitude_m)

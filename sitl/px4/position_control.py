@@ -64,11 +64,11 @@ class PositionControl:
     integral_m_s2: list[float] = field(default_factory=lambda: [0.0, 0.0, 0.0])
 
     def reset(self) -> None:
-        """Reset the integral, as on the ground."""
+        """Reset the integral, as PX4 does on the ground."""
         self.integral_m_s2 = [0.0, 0.0, 0.0]
 
     def forget_horizontal(self) -> None:
-        """Reset the horizontal integral, which balances wind and drag, as when the mode changes."""
+        """Reset the horizontal integral, which balances wind and drag, as PX4 does in a new mode."""
         self.integral_m_s2[:2] = [0.0, 0.0]
 
     def step(

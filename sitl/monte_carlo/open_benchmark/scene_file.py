@@ -145,7 +145,8 @@ def load(path: str | os.PathLike[str]) -> Scene:
     """Read a scene.
 
     Args:
-        path: path of the file; a file that does not exist may be one of :func:`names`, with .json.
+        path: path of the file. If it does not exist, one of Covey's scenes of that name is read,
+            for instance ``circle.json``.
 
     Raises:
         ConfigError: the file is missing, too large, not JSON, or not a scene.

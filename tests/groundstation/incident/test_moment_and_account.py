@@ -86,7 +86,7 @@ def test_a_record_of_another_kind_of_flight_gets_its_account_only(
     assert main(["incident", str(tmp_path)]) == 0
     told = capsys.readouterr().out
     assert "0.80 m were promised" in told
-    assert "It is not flown again with one thing otherwise." in told
+    assert "It cannot be flown again with one thing changed." in told
 
 
 def test_a_folder_without_a_record_is_refused(

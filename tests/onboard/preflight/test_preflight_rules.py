@@ -172,7 +172,7 @@ CASES: dict[tuple[str, str], tuple[dict[str, Any], str]] = {
         {"pose_sources": 2},
         "2 programs send poses of mocap body 'mav1'",
     ),
-    ("position", "unemulated"): (
+    ("position", "no emulator"): (
         {"position_age_s": math.inf, "sample_age_s": math.inf, "vehicle": EMULATED},
         "which covey sitl is to send",
     ),

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from onboard.config.areas import Area, Point
-from onboard.safety.area_room import clearances_m, is_breached, rooms_m, way_beyond_m
+from onboard.safety.area_room import clearances_m, is_breached, length_beyond_m, rooms_m
 
 SQUARE: tuple[Point, ...] = ((0.0, 0.0), (10.0, 0.0), (10.0, 10.0), (0.0, 10.0))
 DIAMOND: tuple[Point, ...] = ((5.0, 0.0), (10.0, 5.0), (5.0, 10.0), (0.0, 5.0))
@@ -105,7 +105,7 @@ def test_up_to_the_edge_itself_nothing_is_breached() -> None:
 def test_the_way_beyond_an_edge_is_measured_to_centimetres(
     begin_x: float, end_x: float, beyond_m: float
 ) -> None:
-    found_m = way_beyond_m((HALL,), (begin_x, 5.0, 1.0), (end_x, 5.0, 1.0))
+    found_m = length_beyond_m((HALL,), (begin_x, 5.0, 1.0), (end_x, 5.0, 1.0))
     assert found_m == pytest.approx(beyond_m, abs=0.06)
 
 
@@ -113,4 +113,4 @@ def test_a_way_through_a_wall_of_six_centimetres_is_found_wherever_the_wall_stan
     for west_m in np.arange(2.0, 2.3, 0.01).tolist():
         east_m = west_m + 0.06
         wall = area(((west_m, 0.0), (west_m, 9.0), (east_m, 9.0), (east_m, 0.0)), keeps_in=False)
-        assert way_beyond_m((wall,), (0.0, 5.0, 1.0), (9.0, 5.0, 1.0)) > 0.0, west_m
+        assert length_beyond_m((wall,), (0.0, 5.0, 1.0), (9.0, 5.0, 1.0)) > 0.0, west_m
