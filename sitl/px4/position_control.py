@@ -68,7 +68,7 @@ class PositionControl:
         self.integral_m_s2 = [0.0, 0.0, 0.0]
 
     def forget_horizontal(self) -> None:
-        """Reset the horizontal integral, which balances wind and drag, as PX4 does in a new mode."""
+        """Reset the horizontal integral, as PX4 does in a new mode. It balances wind and drag."""
         self.integral_m_s2[:2] = [0.0, 0.0]
 
     def step(
