@@ -97,8 +97,8 @@ def test_the_others_wait_for_one_that_falls_behind_and_go_on_when_it_lands(
     paths = files(tmp_path, paper)
     blocked = (tmp_path / "mav1.csv").read_text(encoding="utf-8").splitlines()
     times_s = [float(line.split(",")[0]) for line in blocked[1:]]
-    # to where mav2 hovers
-    east = [f"{t},{1.4 * (t / SECONDS) ** 2 * (3 - 2 * t / SECONDS)},-1.5,1" for t in times_s]
+    # past where mav2 hovers, so that mav1 stays more than BEHIND_M behind
+    east = [f"{t},{1.7 * (t / SECONDS) ** 2 * (3 - 2 * t / SECONDS)},-1.5,1" for t in times_s]
     (tmp_path / "mav1.csv").write_text("t,x,y,z\n" + "\n".join(east), encoding="utf-8")
     verdict = flight.fly(show(tmp_path, paper, {name: paths[name] for name in ("mav0", "mav1")}))
     assert min(rates) == 0.5
