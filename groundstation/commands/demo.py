@@ -9,8 +9,8 @@ Examples:
   covey demo --secure
 
 Exit status: 0 all expectations came true; 1 one did not; 2 wrong input, nothing
-started; 130 interrupted. Ctrl-C lands; a second one ends the processes that
-were started.
+started; 10 nobody answered; 50 some vehicles did a step and others did not; 130
+interrupted. Ctrl-C lands; a second one ends the processes that were started.
 """
 
 from __future__ import annotations

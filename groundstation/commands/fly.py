@@ -9,8 +9,9 @@ Examples:
   covey fly paper --lockstep --wind-m-s 3,0 --fault 'mav1 mocap_lost at=14'
 
 Exit status: 0 all expectations of the mission came true; 1 one did not; 2 wrong
-input, nothing started; 130 interrupted. Ctrl-C lands; a second one ends the
-processes that were started.
+input, nothing started; 10 nobody answered; 50 some vehicles did a step and
+others did not; 130 interrupted. Ctrl-C lands; a second one ends the processes
+that were started.
 """
 
 from __future__ import annotations

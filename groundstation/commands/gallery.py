@@ -9,8 +9,8 @@ Examples:
 
 They are flown in lockstep, each in seconds. The four accidents are flown twice,
 without the defence against them and with it. Exit status: 0 all expectations of
-the mission came true; 1 one did not; 2 wrong input, nothing started; 130
-interrupted.
+the mission came true; 1 one did not; 2 wrong input, nothing started; 50 some
+vehicles did a step and others did not; 130 interrupted.
 """
 
 from __future__ import annotations
