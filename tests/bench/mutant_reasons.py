@@ -173,7 +173,7 @@ ACCEPTED = (
         _MEASURED,
         "safety/area_room.py",
         (
-            ("is_wrong |= _clearance_m(area, positions_enu_m, 0.0) < 0.0", _SMALLER),
+            ("is_in_breach |= _clearance_m(area, positions_enu_m, 0.0) < 0.0", _SMALLER),
             ("is_beyond = clearances_m(fleet_areas, line_enu_m) < 0.0", _SMALLER),
         ),
     ),
