@@ -142,3 +142,11 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
         item.add_marker(pytest.mark.xdist_group(groups[0] if groups else path))
     begins = {name: index for index, name in enumerate(_LONGEST)}
     items.sort(key=lambda item: begins.get(item.path.relative_to(_HERE).as_posix(), len(begins)))
+
+
+@pytest.hookimpl(tryfirst=True)  # before the failed tests are written down
+def pytest_runtest_logreport(report: pytest.TestReport) -> None:
+    """Take off the group behind a test's name, so that ``--last-failed`` finds the test."""
+    node = getattr(report, "node", None)
+    if node is not None and node.config.option.dist == "loadgroup":
+        report.nodeid = report.nodeid.rsplit("@", 1)[0]
