@@ -3,6 +3,7 @@
     make bench-wind                                  # the whole table: about an hour
     make bench-wind ARGS="--winds 0,4 --seeds 1:3"   # a part of it
     make bench-wind ARGS="--ramp 2 --seeds 1:21"     # the wind rises to twice the limit instead
+    make bench-wind ARGS="--ramp 2 --over 5"         # within 5 s instead of 20 s
 
 A line for each flight: smallest distance by ground truth, collisions, how far outside the fence,
 whether the mission passed, and the conditions that held. The wind comes from another direction in
@@ -34,6 +35,7 @@ STRONG_GUSTS_M_S = 3.0
 GUST_SHARE = 0.15
 HEIGHT_M = 1.0
 RAMP_S = 20.0  # in which the wind rises to a multiple of the limit
+_TO_LAND_S = 20.0  # after the rise; by then, everybody has disarmed
 
 _TURN_RAD = 2.399963  # from the direction of one seed to that of the next: none comes again
 _CODES = {condition.name.lower().replace("_", "-") for condition in Condition}
@@ -67,7 +69,7 @@ def fly(fleet: str, mean_m_s: float, gust_m_s: float, seed: int) -> WindyFlight:
         return _flown(flight, outside, has_passed=verdict.passed, reason=reason)
 
 
-def fly_ramp(fleet: str, times_the_limit: float, seed: int) -> WindyFlight:
+def fly_ramp(fleet: str, times_the_limit: float, seed: int, ramp_s: float = RAMP_S) -> WindyFlight:
     """Hover, let the wind rise to a multiple of the limit, and see how all come down."""
     config = load_fleet(_path(fleet))
     limit_m_s = min(wind_limit_m_s(config, vehicle) for vehicle in config.vehicles.values())
@@ -82,7 +84,7 @@ def fly_ramp(fleet: str, times_the_limit: float, seed: int) -> WindyFlight:
         except OrderFailed as failure:
             return _flown(flight, outside, has_passed=False, reason=str(failure))
         begin_s = flight.time_s
-        values = {"speed_m_s": times_the_limit * limit_m_s, "from_deg": from_deg, "over_s": RAMP_S}
+        values = {"speed_m_s": times_the_limit * limit_m_s, "from_deg": from_deg, "over_s": ramp_s}
         flight.inject(
             Fault(
                 name="wind_ramp",
@@ -94,14 +96,15 @@ def fly_ramp(fleet: str, times_the_limit: float, seed: int) -> WindyFlight:
         )
 
         is_down = flight.until(
-            lambda state: all(state.is_landed(name) for name in config.enabled_names), 2.0 * RAMP_S
+            lambda state: all(state.is_landed(name) for name in config.enabled_names),
+            ramp_s + _TO_LAND_S,
         )
         flown = _flown(flight, outside, has_passed=is_down, reason="")
 
     too_much_m_s = min(
         tilt_acceleration_m_s2(vehicle) / vehicle.drag_1_s for vehicle in config.vehicles.values()
     )
-    too_much_after_s = RAMP_S * too_much_m_s / (times_the_limit * limit_m_s)
+    too_much_after_s = ramp_s * too_much_m_s / (times_the_limit * limit_m_s)
     return replace(flown, spare_s=begin_s + too_much_after_s - flown.down_s)
 
 
@@ -113,6 +116,7 @@ def main(words: Sequence[str]) -> int:
     parser.add_argument("--gusts", default="0,15%,3", help="m/s, or a share of the wind")
     parser.add_argument("--seeds", default="1:4", help="first:end")
     parser.add_argument("--ramp", type=float, help="rise to so many times the limit instead")
+    parser.add_argument("--over", type=float, default=RAMP_S, help="the time of the rise in s")
     options = parser.parse_args(words)
     first, end = (int(part) for part in options.seeds.split(":"))
 
@@ -123,7 +127,7 @@ def main(words: Sequence[str]) -> int:
                 if options.ramp is None:
                     flown = fly(fleet, mean_m_s, gust_m_s, seed)
                 else:
-                    flown = fly_ramp(fleet, options.ramp, seed)
+                    flown = fly_ramp(fleet, options.ramp, seed, options.over)
                 print(f"{fleet:6} {title:12} seed {seed:3} {_line(flown)}", flush=True)
                 collided += flown.collisions > 0
     return int(collided > 0)
@@ -132,7 +136,7 @@ def main(words: Sequence[str]) -> int:
 def _cases(options: argparse.Namespace) -> Iterable[tuple[str, float, float]]:
     """Yield title, mean and gusts of each case."""
     if options.ramp is not None:
-        yield f"ramp x{options.ramp:g}", 0.0, 0.0
+        yield f"x{options.ramp:g} in {options.over:g} s", 0.0, 0.0
         return
 
     for mean_text in options.winds.split(","):
