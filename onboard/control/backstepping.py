@@ -40,7 +40,9 @@ class BacksteppingParams(NamedTuple):
     position_gain_1_s: float = 1.5  # k1: rate at which a position error decays
     velocity_gain_1_s: float = 4.0  # k2; k1 + k2 stay below half of the attitude loop's wn
     coupling_1_s2: float = 0.5  # c
-    max_position_error_m: float = 0.8  # r: the vehicle returns to its setpoint with at most k1 r
+    # r: the vehicle returns to its setpoint with at most k1 r, horizontally and vertically
+    max_position_error_m: float = 0.8
+    max_height_error_m: float = 0.8
     max_acceleration_m_s2: float = 4.0  # horizontal, at most g tan(max_tilt)
     max_vertical_acceleration_m_s2: float = 2.5  # up and down, below g
 
@@ -86,7 +88,7 @@ def step(
         ratio = 1.0
         radial = 0.0
 
-    s_z = min(max(e.z, -radius), radius)
+    s_z = min(max(e.z, -params.max_height_error_m), params.max_height_error_m)
     rate_z = d.z if s_z == e.z else 0.0  # s'(e) d
 
     a_x = feed.x + k1 * (ratio * (d.x - radial * e.x)) + k2 * d.x + spring * (ratio * e.x)

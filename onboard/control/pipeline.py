@@ -339,12 +339,18 @@ def _tracking(
     mode: int,
     params: PipelineParams,
 ) -> Thrust:
-    """Return the baseline thrust; ``speed_share`` slows the motion in a jam (line G)."""
-    slowed = TrajectorySetpoint(
-        setpoint.position_enu_m,
-        scaled(speed_share, setpoint.velocity_enu_m_s),
-        scaled(speed_share, setpoint.acceleration_enu_m_s2),
-    )
+    """Return the baseline thrust; ``speed_share`` slows the motion in a jam (line G).
+
+    A landing goes on downwards at its full speed. Else a vehicle that wind carries away, against
+    its law, would stay in that wind.
+    """
+    velocity = scaled(speed_share, setpoint.velocity_enu_m_s)
+    acceleration = scaled(speed_share, setpoint.acceleration_enu_m_s2)
+    if mode == ControlMode.LANDING:
+        velocity = Vec3(velocity.x, velocity.y, setpoint.velocity_enu_m_s.z)
+        acceleration = Vec3(acceleration.x, acceleration.y, setpoint.acceleration_enu_m_s2.z)
+
+    slowed = TrajectorySetpoint(setpoint.position_enu_m, velocity, acceleration)
     gains = _pursuit(setpoint, speed_share, mode, params)
     return backstepping.step(predicted.position_enu_m, predicted.velocity_enu_m_s, slowed, gains)
 
@@ -463,12 +469,17 @@ def _pursuit(
     base = params.backstepping
     speed_m_s = length(setpoint.velocity_enu_m_s)
     spare_m = (params.pursuit_speed_m_s - speed_m_s) / base.position_gain_1_s
-    clamp_m = min(max(spare_m, _LEAST_CLAMP_M), base.max_position_error_m) * speed_share
+    free_clamp_m = min(max(spare_m, _LEAST_CLAMP_M), base.max_position_error_m)
+    clamp_m = free_clamp_m * speed_share
+    height_clamp_m = clamp_m
     largest_m_s2 = base.max_acceleration_m_s2
 
     if mode == ControlMode.LIFTOFF:
         clamp_m = min(clamp_m, _LIFTOFF_CLAMP_M)
+        height_clamp_m = clamp_m
         largest_m_s2 = _LIFTOFF_M_S2
+    elif mode == ControlMode.LANDING:
+        height_clamp_m = free_clamp_m
 
     # without poses, a hard brake above the ground is better than a longer descent
     highest_m_s2 = base.max_vertical_acceleration_m_s2
@@ -480,6 +491,7 @@ def _pursuit(
         velocity_gain_1_s=base.velocity_gain_1_s,
         coupling_1_s2=base.coupling_1_s2,
         max_position_error_m=clamp_m,
+        max_height_error_m=height_clamp_m,
         max_acceleration_m_s2=largest_m_s2,
         max_vertical_acceleration_m_s2=highest_m_s2,
     )

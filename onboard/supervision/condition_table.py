@@ -216,11 +216,11 @@ def _wind(facts: TickFacts) -> str:
 def _is_wind_above_for_a_neighbour(facts: TickFacts) -> bool:
     # All vehicles fly in the same air, but gusts hide a rising wind from some of them for seconds.
     # They land together with the first one that notices it.
-    return facts.slow.wind.is_strong and bool(facts.slow.wind_above)
+    return facts.slow.wind.is_strong and bool(facts.slow.too_windy_for)
 
 
 def _wind_of_neighbours(facts: TickFacts) -> str:
-    return f"{facts.slow.wind.words}; too much for {', '.join(facts.slow.wind_above)}"
+    return f"{facts.slow.wind.words}; too much for {', '.join(facts.slow.too_windy_for)}"
 
 
 def _battery_pct(facts: TickFacts) -> float:

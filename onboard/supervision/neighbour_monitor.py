@@ -26,6 +26,8 @@ from onboard.safety.separation_monitor import PredictionMonitor, smallest_distan
 from onboard.supervision.condition_table import NEIGHBOUR_CHECKS
 from onboard.tuples import Xyz
 
+# A vehicle with one of these conditions lands because of the wind.
+_TOO_WINDY = frozenset({Condition.WIND_ABOVE.value, Condition.PUSHED_ABOUT.value})
 _BACK_NS = 2_000_000_000  # a neighbour is reported as heard again for this time
 _NEAR_M = 5.0  # a neighbour farther away along an axis is not checked
 _CLIMB_S = 0.5  # a climb or descent towards a neighbour is expected to continue for this time
@@ -60,7 +62,7 @@ class SlowNeighbourFacts(NamedTuple):
     other_files: tuple[str, ...]
     implausible: tuple[str, ...]  # each name with its reason
     uncooperative: tuple[str, ...]
-    wind_above: tuple[str, ...]
+    too_windy_for: tuple[str, ...]
     endangered: tuple[str, ...]
 
 
@@ -199,7 +201,7 @@ class NeighbourMonitor:
             other_files=other_files,
             implausible=tuple(f"{name} {reason}" for name, reason in implausible.items()),
             uncooperative=uncooperative,
-            wind_above=_wind_above(telemetries),
+            too_windy_for=_too_windy_for(telemetries),
             endangered=endangered,
         )
 
@@ -310,10 +312,10 @@ def _blind(telemetries: Iterable[Telemetry], view: FlightView) -> tuple[str, ...
     )
 
 
-def _wind_above(telemetries: Iterable[Telemetry]) -> tuple[str, ...]:
-    """Return which neighbours report that the wind is above their limit."""
+def _too_windy_for(telemetries: Iterable[Telemetry]) -> tuple[str, ...]:
+    """Return which neighbours report that the wind is above their limit or pushes them about."""
     return tuple(
         telemetry.vehicle
         for telemetry in telemetries
-        if Condition.WIND_ABOVE.value in telemetry.conditions
+        if not _TOO_WINDY.isdisjoint(telemetry.conditions)
     )

@@ -59,7 +59,7 @@ class SlowFacts(Struct, frozen=True, kw_only=True):
     other_files: tuple[str, ...] = ()  # use another fleet file or law
     implausible: tuple[str, ...] = ()  # their messages cannot be true; each name with its reason
     uncooperative: tuple[str, ...] = ()  # do not fly as they predict
-    wind_above: tuple[str, ...] = ()  # the wind is above their limit
+    too_windy_for: tuple[str, ...] = ()  # neighbours that land because of the wind
     endangered: tuple[str, ...] = ()  # even hard braking will not keep the distance to them
 
 

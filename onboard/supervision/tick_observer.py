@@ -343,6 +343,6 @@ class TickObserver:
             other_files=neighbours.other_files,
             implausible=neighbours.implausible,
             uncooperative=neighbours.uncooperative,
-            wind_above=neighbours.wind_above,
+            too_windy_for=neighbours.too_windy_for,
             endangered=neighbours.endangered,
         )

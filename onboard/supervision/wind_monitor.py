@@ -31,8 +31,8 @@ from onboard.supervision.tick_context import TickContext
 _LOOK_S = 0.1  # time between two calls of look
 _RISE_S = 6.0  # a rise of the mean is measured over this time
 _GOES_ON_S = 10.0  # a rise is expected to continue for this time
-# A wind above this share of its limit counts as strong. A vehicle in a strong wind lands when
-# another vehicle lands because of the wind.
+# A wind above this share of its limit counts as strong, and so does a rising wind that will soon be
+# above its limit. A vehicle in a strong wind lands when another vehicle lands because of the wind.
 _STRONG_SHARE = 0.75
 _SPENT_SHARE = 0.9  # "nearly all of the tilt": this share of the wind that takes all of it
 _SCATTER_TIME_S = 2.0  # averaging time of the squared scatter
@@ -49,7 +49,9 @@ class WindFacts:
 
     speed_m_s: float = math.nan  # mean wind; NaN: not known
     limit_m_s: float = math.nan  # NaN: not known
-    is_strong: bool = False  # the wind is above three quarters of its limit
+    is_strong: bool = (
+        False  # the wind is above three quarters of its limit, or soon above all of it
+    )
     is_near: bool = False  # the wind is above its limit, but gusts may explain it
     is_above: bool = False  # the wind is above its limit, or will be soon
     is_rising: bool = False  # it rises so fast that it will soon take nearly all of the tilt
@@ -133,7 +135,9 @@ class WindMonitor:
         """Return the wind facts at this time."""
         speed_m_s = math.hypot(*own.wind_enu_m_s)
         self._remember(own.wind_enu_m_s)
-        is_rising = self._soon_m_s(own.wind_enu_m_s) > self._too_much_m_s
+        soon_m_s = self._soon_m_s(own.wind_enu_m_s)
+        is_rising = soon_m_s > self._too_much_m_s
+        is_strong = speed_m_s > _STRONG_SHARE * self._limit_m_s or soon_m_s > self._limit_m_s
 
         gust_m_s2 = own.gust_m_s2
         scatter_m = math.sqrt(self._mean_square_m2)
@@ -146,7 +150,7 @@ class WindMonitor:
         return WindFacts(
             speed_m_s=speed_m_s,
             limit_m_s=self._limit_m_s,
-            is_strong=speed_m_s > _STRONG_SHARE * self._limit_m_s,
+            is_strong=is_strong,
             is_near=speed_m_s > self._limit_m_s,
             is_above=is_rising or speed_m_s > GUSTY * self._limit_m_s,
             is_rising=is_rising,

@@ -37,7 +37,7 @@ def _without_observer(params: PipelineParams) -> PipelineParams:
 
 
 def _without_clamp(params: PipelineParams) -> PipelineParams:
-    free = params.backstepping._replace(max_position_error_m=_FAR)
+    free = params.backstepping._replace(max_position_error_m=_FAR, max_height_error_m=_FAR)
     return params._replace(backstepping=free, pursuit_speed_m_s=_FAR)
 
 

@@ -18,7 +18,10 @@ Array = np.ndarray
 RNG = np.random.default_rng(3)
 UP = np.array([0.0, 0.0, GRAVITY_M_S2])
 OPEN = BacksteppingParams(
-    max_acceleration_m_s2=1e6, max_vertical_acceleration_m_s2=1e6, max_position_error_m=1e6
+    max_acceleration_m_s2=1e6,
+    max_vertical_acceleration_m_s2=1e6,
+    max_position_error_m=1e6,
+    max_height_error_m=1e6,
 )
 
 
@@ -112,6 +115,7 @@ def test_scaling_length_and_time_scales_the_acceleration() -> None:
         velocity_gain_1_s=4.0 / time,
         coupling_1_s2=0.5 / time**2,
         max_position_error_m=base.max_position_error_m * length,
+        max_height_error_m=base.max_height_error_m * length,
         max_acceleration_m_s2=4.0 * length / time**2,
         max_vertical_acceleration_m_s2=2.5 * length / time**2,
     )

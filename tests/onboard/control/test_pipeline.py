@@ -133,6 +133,25 @@ def test_lift_off_tilts_gently_and_keeps_the_observer_frozen():
     assert abs(memory.observer.disturbance_enu_m_s2[0]) > 0.01
 
 
+@pytest.mark.parametrize(
+    ("mode", "slowest_m_s2", "fastest_m_s2"),
+    [(ControlMode.LANDING, -2.5, -1.2), (ControlMode.FLYING, -0.6, 0.0)],
+)
+def test_a_jam_slows_a_flight_and_no_landing_downwards(
+    mode: int, slowest_m_s2: float, fastest_m_s2: float
+) -> None:
+    # the setpoint is on the ground, and wind has carried the vehicle away from it
+    carried = state_of([6.0, 0.0, 0.6])
+    memory = pipeline.initial(PARAMS, ZERO_3)
+    jammed = memory._replace(law=memory.law._replace(relaxed_share=0.9))
+    _, tick = run(1, carried, goal_of([0.0, 0.0, 0.0]), memory=jammed, mode=mode)
+
+    down_m_s2 = tick.thrust_baseline.thrust_enu_m_s2[2] - GRAVITY_M_S2
+    assert slowest_m_s2 < down_m_s2 < fastest_m_s2
+    # against the wind it is slow in both
+    assert abs(tick.thrust_baseline.thrust_enu_m_s2[0]) < 1.5
+
+
 def test_clock_of_the_trajectory_slows_while_the_law_holds_the_vehicle_back_and_runs_otherwise():
     wall = neighbours_of([[0.85, 0.0, 1.0]])
     held, _ = run(150, state_of([0.0, 0.0, 1.0]), goal_of([3.0, 0.0, 1.0]), wall)

@@ -182,14 +182,14 @@ def test_a_vehicle_without_a_mocap_has_lost_its_position_for_long_when_px4_is_of
 def test_in_a_strong_wind_a_vehicle_lands_with_a_neighbour_for_which_it_is_too_much() -> None:
     strong = WindFacts(speed_m_s=6.2, limit_m_s=8.1, is_strong=True)
     held = ConditionMonitor(LIMITS).look(
-        replace(FINE, slow=SlowFacts(wind=strong, wind_above=("mav1",)))
+        replace(FINE, slow=SlowFacts(wind=strong, too_windy_for=("mav1",)))
     )
     words = "6.2 m/s, its limit is 8.1 m/s; too much for mav1"
     assert held == {Condition.WIND_ABOVE: words}
 
     # a neighbour of a type that bears less wind lands alone
     light = dataclasses.replace(strong, speed_m_s=4.0, is_strong=False)
-    alone = replace(FINE, slow=SlowFacts(wind=light, wind_above=("mav1",)))
+    alone = replace(FINE, slow=SlowFacts(wind=light, too_windy_for=("mav1",)))
     assert ConditionMonitor(LIMITS).look(alone) == {}
     nobody = replace(FINE, slow=SlowFacts(wind=strong))
     assert ConditionMonitor(LIMITS).look(nobody) == {}

@@ -255,10 +255,14 @@ def test_a_neighbour_for_which_the_wind_is_too_strong_is_named_while_it_is_heard
     conditions = (Condition.WIND_NEAR.value, Condition.WIND_ABOVE.value)
     watching.table.hear(telemetry("mav1", conditions=conditions), BEGIN_NS)
     watching.table.hear(telemetry("mav2", conditions=conditions[:1]), BEGIN_NS)
-    assert watching.look_slowly().wind_above == ("mav1",)
+    assert watching.look_slowly().too_windy_for == ("mav1",)
 
     watching.hear(BEGIN_NS + 2 * S, vehicle="mav2", position_enu_m=(3.0, 0.0, 1.0))
-    assert watching.look_slowly(now_ns=BEGIN_NS + 2 * S).wind_above == ()
+    assert watching.look_slowly(now_ns=BEGIN_NS + 2 * S).too_windy_for == ()
+
+    pushed_about = (Condition.PUSHED_ABOUT.value,)
+    watching.table.hear(telemetry("mav2", conditions=pushed_about), BEGIN_NS + 2 * S)
+    assert watching.look_slowly(now_ns=BEGIN_NS + 2 * S).too_windy_for == ("mav2",)
 
 
 def test_a_neighbour_with_another_file_is_named_and_not_relied_on() -> None:

@@ -222,6 +222,19 @@ def test_a_rise_of_three_seconds_is_expected_to_go_on_for_ten(
     assert facts.is_above is is_rising
 
 
+def test_a_rising_wind_is_strong_before_it_is_above_its_limit() -> None:
+    limit_m_s = wind_limit_m_s(FLEET, VEHICLE)
+    monitor = WindMonitor(FLEET, VEHICLE)
+    for _ in range(100):
+        assert not looked(monitor, (0.5 * limit_m_s, 0.0)).is_strong
+
+    # half a second of a rise that would go on to 1.2 times the limit
+    for step in range(5):
+        facts = looked(monitor, ((0.5 + 0.1 * step) * limit_m_s, 0.0))
+    assert facts.is_strong
+    assert not facts.is_above
+
+
 def test_a_wind_far_above_the_limit_counts_although_it_does_not_rise() -> None:
     there = (1.1 * GUSTY * wind_limit_m_s(FLEET, VEHICLE), 0.0)
     facts = looked(WindMonitor(FLEET, VEHICLE), there)

@@ -128,6 +128,18 @@ def test_ramps_of_wind_end_on_the_ground(fleet: str, seed: int) -> None:
 
 
 @pytest.mark.long
+@pytest.mark.parametrize(("fleet", "seed"), [("sih", 8), ("sih", 9), ("paper", 9)])
+def test_a_wind_that_rises_within_5_s_carries_nobody_out_of_the_fence(
+    fleet: str, seed: int
+) -> None:
+    # it has taken all of the tilt before they are down, so they are carried along for a second
+    flown = fly_ramp(fleet, 2.0, seed, ramp_s=5.0)
+    assert flown.has_passed
+    assert flown.collisions == 0
+    assert flown.outside_m == 0.0
+
+
+@pytest.mark.long
 def test_two_that_exchange_heights_keep_the_distance_after_a_lull_of_the_gusts() -> None:
     # what breaks has nothing to do with it: the gusts of two heights differ, and push them together
     case = Case("PX4 hangs for 0.6 s", tick=1138, height_m=4.2, wind_m_s=3.0, mission="columns")
