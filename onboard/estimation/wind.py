@@ -9,7 +9,8 @@ acceleration.
 A gust moves the vehicle before the control compensates it. Therefore gusts are added to the
 published velocity error, which makes all other vehicles keep a larger distance. Two calm seconds do
 not predict the next gust. So the largest of three standard deviations is used: of the present
-gusts, of the last half minute, and of the usual gusts in the present mean wind.
+gusts, of the last half minute, and of the usual gusts in the present mean wind. Early in a flight
+the first two are raised, because only a few gusts have been observed.
 """
 
 from __future__ import annotations
@@ -24,10 +25,20 @@ from onboard.vectors import ZERO_3, Vec3, add_scaled, subtract
 MEAN_TIME_S = 2.0  # averaging time of the mean wind and of the present gusts
 _LASTING_TIME_S = 30.0  # averaging time of the gusts of the last half minute
 
+# A few seconds contain only a few gusts, and the mean over them follows these gusts. So gusts that
+# the usual margin does not cover are expected to have a larger variance than observed: larger by
+# this time divided by the time of flight.
+_FEW_GUSTS_S = 4.0
+
 _KNOWN_AFTER_S = 1.0  # the wind is known after this time of flight
 
 # the usual margin covers gusts up to this standard deviation
 COVERED_M_S2 = 0.15
+
+# The usual margin does not cover strong gusts together with the other errors. The floor of the
+# margin for errors (onboard/avoidance/params.py) covers a part of them.
+_STRONG_M_S2 = 0.2
+_BY_FLOOR_M_S2 = 0.05
 
 
 class WindMemory(NamedTuple):
@@ -115,7 +126,7 @@ def strongest_gust_std_m_s2(memory: WindMemory) -> float:
     """Return the standard deviation of the gusts to expect, per axis [m/s^2].
 
     The largest of three is returned: of the present gusts, of the last half minute, and of the
-    usual gusts in the mean wind.
+    usual gusts in the mean wind. Early in a flight the first two are raised.
 
     Args:
         memory: present memory.
@@ -123,7 +134,22 @@ def strongest_gust_std_m_s2(memory: WindMemory) -> float:
     now_m_s2 = gust_std_m_s2(memory)
     lasting_m_s2 = math.sqrt(memory.lasting_variance_m2_s4)
     usual_m_s2 = GUST_SHARE * math.hypot(memory.push_enu_m_s2.x, memory.push_enu_m_s2.y)
-    return max(now_m_s2, lasting_m_s2, usual_m_s2)
+
+    observed_m_s2 = max(now_m_s2, lasting_m_s2)
+    if observed_m_s2 > COVERED_M_S2:
+        observed_m_s2 *= math.sqrt(1.0 + _FEW_GUSTS_S / max(memory.time_s, 1e-6))
+    return max(observed_m_s2, usual_m_s2)
+
+
+def counted_gust_m_s2(gust_m_s2: float) -> float:
+    """Return the part of the gusts that counts as an error of the velocity [m/s^2].
+
+    Args:
+        gust_m_s2: standard deviation of the gusts to expect, per axis.
+    """
+    if gust_m_s2 > _STRONG_M_S2:
+        return gust_m_s2 - _BY_FLOOR_M_S2
+    return max(0.0, gust_m_s2 - COVERED_M_S2)
 
 
 def widened(state: State, memory: WindMemory, gust_time_s: float) -> State:
@@ -135,11 +161,11 @@ def widened(state: State, memory: WindMemory, gust_time_s: float) -> State:
         gust_time_s: how long a gust moves the vehicle before it is compensated.
     Properties: in calm air, and in gusts that the margin covers, the estimate is unchanged.
     """
-    beyond_m_s2 = strongest_gust_std_m_s2(memory) - COVERED_M_S2
-    if beyond_m_s2 <= 0.0:
+    counted_m_s2 = counted_gust_m_s2(strongest_gust_std_m_s2(memory))
+    if counted_m_s2 <= 0.0:
         return state
 
-    by_gusts_m_s = gust_time_s * beyond_m_s2
+    by_gusts_m_s = gust_time_s * counted_m_s2
     velocity_std_m_s = math.sqrt(
         state.velocity_std_m_s * state.velocity_std_m_s + by_gusts_m_s * by_gusts_m_s
     )

@@ -12,7 +12,7 @@ from onboard.avoidance.pairs import margin_2
 from onboard.avoidance.params import VehicleLimits, params_of
 from onboard.config.law import LawConfig
 from onboard.estimation import kalman
-from onboard.estimation.wind import COVERED_M_S2
+from onboard.estimation.wind import counted_gust_m_s2
 
 
 def gust_margin_m(gust_m_s2: float, lag_s: float, law: LawConfig) -> float:
@@ -23,8 +23,7 @@ def gust_margin_m(gust_m_s2: float, lag_s: float, law: LawConfig) -> float:
         lag_s: lag of both vehicles, from a command to its acceleration.
         law: the fleet's ``[law]``; its margin and its kappa gains are used.
     """
-    beyond_m_s2 = max(0.0, gust_m_s2 - COVERED_M_S2)
-    velocity_std_m_s = kalman.gust_time_s(lag_s) * beyond_m_s2
+    velocity_std_m_s = kalman.gust_time_s(lag_s) * counted_gust_m_s2(gust_m_s2)
     spacing = params_of(law, VehicleLimits(lag_s=lag_s)).spacing
     both_m2 = 2.0 * margin_2(0.0, velocity_std_m_s, spacing)  # squares of both vehicles' margins
     return max(spacing.margin_m, spacing.margin_floor_m + math.sqrt(both_m2))

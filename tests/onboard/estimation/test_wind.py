@@ -93,6 +93,32 @@ def test_a_lull_is_no_reason_to_come_nearer() -> None:
     assert in_lull.velocity_std_m_s > 0.5 * in_gusts.velocity_std_m_s
 
 
+@pytest.mark.parametrize(
+    ("gust_m_s2", "counted_m_s2"),
+    [(0.0, 0.0), (0.15, 0.0), (0.19, 0.04), (0.21, 0.16), (0.5, 0.45)],
+)
+def test_of_strong_gusts_only_what_the_floor_covers_is_left_out(
+    gust_m_s2: float, counted_m_s2: float
+) -> None:
+    assert wind.counted_gust_m_s2(gust_m_s2) == pytest.approx(counted_m_s2)
+
+
+@pytest.mark.parametrize("flight_s", [2.0, 4.0, 8.0])
+def test_gusts_of_a_few_seconds_are_not_all_that_will_come(flight_s: float) -> None:
+    # of 40 flights, the median of what is expected after so many seconds is about the true value
+    expected = [
+        wind.strongest_gust_std_m_s2(flown(gusty(0.5, flight_s, seed=seed))) for seed in range(40)
+    ]
+    assert 0.35 < float(np.median(expected)) < 0.65
+
+
+def test_gusts_that_the_margin_covers_are_expected_as_they_are_seen() -> None:
+    memory = flown([push._replace(x=push.x - 1.2) for push in gusty(0.1, 3.0)])
+    seen_m_s2 = max(wind.gust_std_m_s2(memory), math.sqrt(memory.lasting_variance_m2_s4))
+    assert seen_m_s2 < wind.COVERED_M_S2
+    assert wind.widened(state(), memory, 0.3) == state()
+
+
 def test_gusts_that_belong_to_a_wind_are_reckoned_with_before_they_come() -> None:
     steady = flown([Vec3(1.8, -2.4, 0.0)] * 200)
     assert wind.strongest_gust_std_m_s2(steady) == pytest.approx(GUST_SHARE * 3.0, abs=0.01)

@@ -24,8 +24,8 @@ def test_weak_gusts_need_no_more_than_the_margin_in_calm_air(gust_m_s2: float) -
 
 @pytest.mark.parametrize("gust_m_s2", [0.4, 0.6, 0.8])
 def test_strong_gusts_count_as_an_error_of_both_velocities(gust_m_s2: float) -> None:
-    # what is beyond the covered 0.15 m/s^2 acts for the lag and half of the observer's time
-    velocity_std_m_s = (LAG_S + 0.125) * (gust_m_s2 - 0.15)
+    # all but the 0.05 m/s^2 of the floor acts for the lag and half of the observer's time
+    velocity_std_m_s = (LAG_S + 0.125) * (gust_m_s2 - 0.05)
     own = margin_2(0.0, velocity_std_m_s, SPACING)
     neighbour = neighbour_of((2.0, 0.0, 1.0), velocity_std_m_s=velocity_std_m_s)
     kept_m = design_distance(own, neighbour, SPACING) - SPACING.safety_distance_m
@@ -42,3 +42,8 @@ def test_without_a_margin_in_calm_air_each_gust_beyond_the_covered_ones_widens_i
     assert gust_margin_m(0.16, LAG_S, tight) == pytest.approx(
         calm_m + math.sqrt(2.0) * spacing.sigma_velocity_s * (LAG_S + 0.125) * 0.01
     )
+
+
+def test_strong_gusts_need_a_margin_on_top_of_the_usual_one() -> None:
+    # errors, lag and gusts come together: the usual margin is used up without strong gusts
+    assert gust_margin_m(0.3, LAG_S, LAW) > SPACING.margin_m + 0.15

@@ -65,7 +65,7 @@ def test_in_the_gusts_of_a_wind_that_is_allowed_nobody_counts_as_pushed_about(
 
 
 def test_who_scatters_by_more_than_others_keep_in_its_gusts_is_pushed_about() -> None:
-    assert hovering(0.3, 0.20).is_pushed_about
+    assert hovering(0.3, 0.30).is_pushed_about
     assert not hovering(0.1, 0.20).is_pushed_about  # something else than gusts moves it
     assert hovering(0.9, 0.0).is_pushed_about
 

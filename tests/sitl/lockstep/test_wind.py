@@ -118,6 +118,15 @@ def test_the_promise_is_kept_in_winds_that_check_allows(
 
 
 @pytest.mark.long
+@pytest.mark.parametrize("seed", [102, 117, 118])
+def test_the_promise_is_kept_in_gusts_that_are_strong_for_their_wind(seed: int) -> None:
+    # the crossing begins a few seconds after the take-off, so that few gusts are known
+    flown = fly("paper", 3.3, 1.2, seed)
+    assert flown.collisions == 0
+    assert flown.min_separation_m > 0.8
+
+
+@pytest.mark.long
 @pytest.mark.parametrize("seed", range(1, 11))
 @pytest.mark.parametrize("fleet", ["paper", "sih"])
 def test_ramps_of_wind_end_on_the_ground(fleet: str, seed: int) -> None:
