@@ -49,9 +49,8 @@ class WindFacts:
 
     speed_m_s: float = math.nan  # mean wind; NaN: not known
     limit_m_s: float = math.nan  # NaN: not known
-    is_strong: bool = (
-        False  # the wind is above three quarters of its limit, or soon above all of it
-    )
+    # the wind is above three quarters of its limit, or will soon be above all of it
+    is_strong: bool = False
     is_near: bool = False  # the wind is above its limit, but gusts may explain it
     is_above: bool = False  # the wind is above its limit, or will be soon
     is_rising: bool = False  # it rises so fast that it will soon take nearly all of the tilt

@@ -399,7 +399,7 @@ ACCEPTED = (
                 "has_returned = self._return_s <= 0.0 or square_m2 <= self._mean_square_m2",
                 "LtE becomes Lt",
             ),
-            ("is_rising = self._soon_m_s(own.wind_enu_m_s) > self._too_much_m_s", _LARGER),
+            ("is_rising = soon_m_s > self._too_much_m_s", _LARGER),
             (
                 "is_scattered = gust_m_s2 > COVERED_M_S2 and scatter_m > self._margin_m(gust_m_s2)",
                 _LARGER,
