@@ -34,6 +34,11 @@ def read_show(path: Path) -> Show:
             f"{path}: .skyb is what Skybrush loads onto a single drone: one path, without homes "
             "and without the others. Export the whole show as .skyc, or as CSVs."
         )
+    if path.suffix.lower() == ".csv":
+        raise ConfigError(
+            f"{path}: this is the path of one drone. A show is a folder, or a zip, with a CSV for "
+            "each drone: name the folder."
+        )
     if path.is_dir():
         return read_folder(path)
     if path.suffix.lower() == ".zip":

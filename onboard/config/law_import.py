@@ -216,6 +216,13 @@ def _file_of(module_name: str, folders: Sequence[str]) -> str | None:
 
 def _target(name: str, where: str) -> str:
     """Return module and function of a name, as ``module:function``."""
+    module_name, _, function_name = name.partition(":")
+    if module_name.endswith(".py"):
+        raise ConfigError(
+            f"{where}: write the module's name without .py: "
+            f"{module_name.removesuffix('.py')}:{function_name or 'law'}"
+        )
+
     parts = name.split(":")
     if len(parts) == 2 and all(part.replace(".", "_").isidentifier() for part in parts):
         return name

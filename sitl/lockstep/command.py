@@ -11,7 +11,7 @@ from groundstation.mission_files.mission import Mission
 from onboard.bus.schema import Event
 from onboard.plain_text import listed
 from sitl.lockstep.reflight import record_digests
-from sitl.lockstep.simulated_flight import open_flight
+from sitl.lockstep.simulated_flight import never_happened, open_flight
 
 
 def fly_mission(mission: Mission, folder: Path, simulation: SimulationSettings) -> int:
@@ -55,6 +55,8 @@ def fly_mission(mission: Mission, folder: Path, simulation: SimulationSettings) 
             signal.signal(signal.SIGTERM, previous_handler)
 
         for line in verdict.sentences:
+            say(line)
+        for line in never_happened(simulation, flight.time_s):
             say(line)
 
         wall_s = time.perf_counter() - begin_s

@@ -113,6 +113,23 @@ def _plan(flight: Lockstep, settings: SimulationSettings) -> None:
         flight.at(at_s, apply)
 
 
+def never_happened(settings: SimulationSettings, end_s: float) -> list[str]:
+    """Return a sentence for each fault, order and change whose time the flight did not reach.
+
+    Args:
+        settings: settings of a flight that has ended.
+        end_s: simulated time of its end.
+    """
+    times_s = {f"The fault '{line}'": parse(line).at_s for line in settings.faults}
+    times_s |= {f"The order '{line}'": timed_order(line).at_s for line in settings.orders}
+    times_s |= {f"The change '{line}'": timed_change(line)[0] for line in settings.changes}
+    return [
+        f"{what} never happened: the flight ended at {end_s:.1f} s."
+        for what, at_s in times_s.items()
+        if at_s > end_s
+    ]
+
+
 def _prepared_change(flight: Lockstep, change: Change) -> Callable[[], None]:
     """Return a function that makes a change while the flight is under way.
 

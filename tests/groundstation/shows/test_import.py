@@ -321,6 +321,13 @@ def test_times_of_a_refusal_are_those_of_the_show(tmp_path: Path) -> None:
     assert Converted(1.0, {}, {}, {}).own_time_words() == ""  # the same clock needs no words
 
 
+def test_a_single_csv_is_no_show(tmp_path: Path) -> None:
+    one = tmp_path / "one.csv"
+    one.write_text("t,x,y,z\n0,0,0,1\n", encoding="utf-8")
+    with pytest.raises(ConfigError, match=r"path of one drone.*name the folder"):
+        read_show(one)
+
+
 def test_the_ending_of_a_csv_may_be_in_capital_letters(tmp_path: Path) -> None:
     folder = csvs(tmp_path / "plain", list(line_of(2).values()), 12.0)
     show = tmp_path / "show.zip"
