@@ -58,6 +58,8 @@ class MissionGround:
         self.watch = FleetWatch(client)
 
         self.has_begun = False  # whether a vehicle has accepted an order of this mission
+        # Whether the mission was ended from outside: its steps start and move nobody any more.
+        self.is_stopped = False
         self.steps: list[StepResult] = []
         self.arrivals: list[Arrival] = []
 
@@ -108,6 +110,10 @@ class MissionGround:
             WindTooStrong: a vehicle has taken off, and feels more wind than its limit.
             FleetTaken: somebody has taken the fleet; nothing was sent, or it was replaced.
         """
+        if self.is_stopped and not intent.brings_down:
+            # A Python mission has caught its cancellation; the runner cancels it again.
+            await asyncio.get_running_loop().create_future()
+
         if isinstance(intent, Takeoff) and len(intent.waves) > 1:
             return await self._take_off_in_waves(intent, timeout_s)
 

@@ -39,6 +39,9 @@ HOME_TIMEOUT_S = 90.0
 READY_TIMEOUT_SIM_S = 60.0
 LAST_TELEMETRY_S = 0.5  # longest wait for telemetry that shows the newest state
 _HOLD_TIMEOUT_S = 15.0
+# A Python mission may catch its cancellation: it is cancelled again, and at last not waited for.
+_CANCEL_AGAIN_S = 1.0
+_FURTHER_CANCELS = 3
 _STILL_READY_S = 1.0  # longest wait after a countdown, for vehicles that were ready before it
 
 # Expected reasons for the end of a mission. Any other exception is a mistake of the mission's
@@ -88,6 +91,8 @@ class MissionRun:
 
         self._ready_timeout_s = ready_timeout_s
         self._task: asyncio.Task[Any] | None = None  # flies the steps
+        self._steps_end = asyncio.Event()  # set when they are over, or not waited for any more
+        self._reaction: asyncio.Task[None] | None = None  # does what the mission declares
         self._stays = stays
         self._at = at
         self._staying: asyncio.Task[None] | None = None  # waits until a taken fleet is down
@@ -119,16 +124,17 @@ class MissionRun:
                 :meth:`flown`.
         """
         task = asyncio.create_task(self._fly_steps())
+        task.add_done_callback(lambda _: self._steps_end.set())
         self._task = task
         # somebody may have stopped the mission before this call
         if self._observations.is_interrupted or self._abort_reason is not None:
-            task.cancel()
+            self._stop_steps()
 
         try:
-            await asyncio.wait({task})
+            await self._steps_end.wait()
         except asyncio.CancelledError:
             self.interrupt()
-            await asyncio.wait({task})
+            await self._steps_end.wait()
         # Before the mission itself lands vehicles: which of them no longer fly?
         self.fleet.ground.note_other_ends()
         await self._bring_down(task)
@@ -152,10 +158,10 @@ class MissionRun:
             return
 
         self._observations.is_interrupted = True
-        if self._task is not None:
-            self._task.cancel()
-        if self._staying is not None:
-            self._staying.cancel()
+        self._stop_steps()
+        for task in (self._staying, self._reaction):
+            if task is not None:
+                task.cancel()
 
     def abort(self, reason: str, *, can_land: bool = True) -> None:
         """End the mission as failed, for a reason outside its steps.
@@ -169,10 +175,29 @@ class MissionRun:
 
         self._abort_reason = reason
         self._can_land = can_land
-        if self._task is not None:
-            self._task.cancel()
+        self._stop_steps()
         if self._staying is not None:
             self._staying.cancel()
+
+    def _stop_steps(self) -> None:
+        """End the steps, if they are under way; they start and move nobody any more."""
+        is_under_way = self._task is not None and not self._task.done()
+        if is_under_way and not self.fleet.ground.is_stopped:
+            self.fleet.ground.is_stopped = True
+            self._cancel_steps(_FURTHER_CANCELS)
+
+    def _cancel_steps(self, further_cancels: int) -> None:
+        """Cancel the steps, and again later if they have caught it; at last go on without them."""
+        if self._task is None or self._task.done():
+            return
+
+        self._task.cancel()
+        if further_cancels:
+            loop = asyncio.get_running_loop()
+            loop.call_later(_CANCEL_AGAIN_S, self._cancel_steps, further_cancels - 1)
+        else:
+            self.fleet.say("The mission catches its own end ('except:'), and is not waited for.")
+            self._steps_end.set()
 
     def look_after(self) -> bool:
         """End the mission if somebody has taken the fleet or a vehicle, or a vehicle is silent.
@@ -187,12 +212,12 @@ class MissionRun:
             watch.note_earlier_orders()
             return self.abort_if_silent()
         if watch.taken is not None:
+            self._stop_steps()  # a Python mission may have caught FleetTaken
             self.client.notice_own_stall()
             return False
 
         if watch.look() is not None:
-            if self._task is not None:
-                self._task.cancel()
+            self._stop_steps()
             return False
 
         self._look_for_pilots()
@@ -288,7 +313,10 @@ class MissionRun:
 
         self.fleet.ground.goes_on_without = self.mission.on_failure.do == "go_on"
         if self.mission.is_python:
-            await load_function(self.mission)(self.fleet)
+            try:
+                await load_function(self.mission)(self.fleet)
+            except SystemExit as error:  # would end this process, and leave the fleet in the air
+                raise MissionFailed(f"The mission called sys.exit({error.code!r}).") from None
             return
 
         steps = StepRunner(self.mission, self.fleet, times)
@@ -346,8 +374,8 @@ class MissionRun:
 
     async def _bring_down(self, task: asyncio.Task[Any]) -> None:
         """Land the vehicles or do what the mission declares, unless the last step was done."""
-        are_steps_done = not task.cancelled() and task.exception() is None
-        if are_steps_done:
+        is_stopped = self.fleet.ground.is_stopped or task.cancelled()
+        if not is_stopped and task.exception() is None:
             return
 
         taken = self.fleet.ground.watch.look() if self._has_begun else None
@@ -355,7 +383,7 @@ class MissionRun:
             await self._leave_to(taken)
             return
 
-        if task.cancelled():
+        if is_stopped:
             await self._bring_down_after_a_stop()
         else:
             await self._bring_down_after_a_failure(task)
@@ -386,7 +414,7 @@ class MissionRun:
                 # changed.
                 self._observations.is_left_flying = True
                 return
-            await self._on_failure()
+            await self._react()
 
     def _note_later_pilots(self) -> None:
         """Add vehicles that pilots took just after the first one, and that telemetry shows now."""
@@ -429,24 +457,38 @@ class MissionRun:
         except asyncio.CancelledError:
             self.interrupt()
         if self._observations.is_interrupted:
-            self.fleet.say("Interrupted: all flying vehicles land.")
-            await self.fleet.land_all(LAND_TIMEOUT_S, is_by_person=True)
+            await self._land_interrupted()
 
     async def _bring_down_after_a_stop(self) -> None:
         """Land all after an interruption, or after a reason from outside."""
         if self._abort_reason is None:
             self._observations.is_interrupted = True
-            self.fleet.say("Interrupted: all flying vehicles land.")
-            await self.fleet.land_all(LAND_TIMEOUT_S, is_by_person=True)
+            await self._land_interrupted()
             return
 
         self._observations.failure = self._abort_reason  # already published as an event
         self.fleet.say("The mission ends here.")
         if self._runs_on_failure:
             self._observations.pilots = tuple(flown_by_hand(self.client))
-            await self._on_failure()
+            await self._react()
         elif self._can_land:
             await self.fleet.land_all(LAND_TIMEOUT_S)
+
+    async def _react(self) -> None:
+        """Do what the mission declares for a step that fails; an interruption lands all at once."""
+        self._reaction = asyncio.create_task(self._on_failure())
+        try:
+            await asyncio.wait({self._reaction})
+        except asyncio.CancelledError:
+            self.interrupt()
+        if self._observations.is_interrupted:
+            await self._land_interrupted()
+        else:
+            self._reaction.result()  # raises what it has raised
+
+    async def _land_interrupted(self) -> None:
+        self.fleet.say("Interrupted: all flying vehicles land.")
+        await self.fleet.land_all(LAND_TIMEOUT_S, is_by_person=True)
 
     async def _on_failure(self) -> None:
         """Do what the mission declares for a step that fails."""
