@@ -33,11 +33,15 @@ from groundstation.flights.mission_flight import MissionFlight, clock_say
 from groundstation.flights.simulation_settings import (
     SimulationSettings,
     refuse_wrong_settings,
+    timed_order,
     wind_of,
 )
+from groundstation.mission_files.loading import load_mission
 from groundstation.mission_files.mission import Mission
 from groundstation.mission_files.world_time import WorldTime, local_now, world_time
-from onboard.config.fleet import ConfigError
+from groundstation.orders.grammar import OrderError
+from groundstation.orders.grammar import parse as parse_order
+from onboard.config.fleet import ConfigError, FleetConfig
 
 _NO_OPTIONS = FlightOptions()
 _NO_BUS_OPTIONS = BusOptions()
@@ -92,6 +96,10 @@ def fly_mission(
     _refuse_misplaced(options, world, bus, is_simulated=is_simulated)
     begin = _begin_of(at, options)
     simulation = _simulation(options, world, bus)
+    if isinstance(mission, str):
+        mission = load_mission(mission, options.fleet)
+    _refuse_wrong_faults(world.fault, mission.fleet)
+    _refuse_wrong_orders(simulation, mission.fleet)
 
     settings = prepare(
         mission,
@@ -156,7 +164,6 @@ def _simulation(options: FlightOptions, world: WorldOptions, bus: BusOptions) ->
     wind_enu_m_s = (0.0, 0.0)
     if world.wind_m_s is not None:
         wind_enu_m_s = wind_of(world.wind_m_s)
-    _refuse_wrong_faults(world.fault)
 
     simulation = SimulationSettings(
         is_lockstep=options.lockstep,
@@ -171,19 +178,29 @@ def _simulation(options: FlightOptions, world: WorldOptions, bus: BusOptions) ->
     return simulation
 
 
-def _refuse_wrong_faults(lines: tuple[str, ...]) -> None:
-    """Refuse lines that are not faults; the emulator checks the values of a fault."""
+def _refuse_wrong_faults(lines: tuple[str, ...], fleet: FleetConfig) -> None:
+    """Refuse impossible faults, before the flight has a folder."""
     if not lines:
         return
 
     # Imported here: a flight with real agents does not need the simulation.
-    from sitl.faults.catalogue import FaultError, parse
+    from sitl.faults.catalogue import FaultError, FaultPlan, parse
 
+    plan = FaultPlan(fleet.enabled_names)
     for line in lines:
         try:
-            parse(line)
+            plan.add(parse(line), 0.0)
         except FaultError as error:
-            raise ConfigError(f"--fault: {error}") from None
+            raise ConfigError(f"The fault '{line}': {error}") from None
+
+
+def _refuse_wrong_orders(simulation: SimulationSettings, fleet: FleetConfig) -> None:
+    """Refuse orders of others that are none, before the flight has a folder."""
+    for line in simulation.orders:
+        try:
+            parse_order(timed_order(line).text, fleet)
+        except OrderError as error:
+            raise ConfigError(f"The order '{line}': {error}") from None
 
 
 def _arguments(written: tuple[str, ...]) -> dict[str, str]:

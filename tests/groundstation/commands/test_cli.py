@@ -418,15 +418,22 @@ def test_commands_to_type_next_can_be_typed_when_a_name_has_a_space(
 
 
 @pytest.mark.parametrize(
-    ("line", "sentence"),
-    [("3 fliege", "'fliege' is no order"), ("3 move mav9 0 0 1", "mav9")],
+    ("kind", "line", "sentence"),
+    [
+        ("order", "3 fliege", "'fliege' is no order"),
+        ("order", "3 move mav9 0 0 1", "mav9"),
+        ("fault", "mav9 motor_dead at=3", "'mav9' is not emulated here"),
+        ("fault", "mav1 motor_dead at=3 motor=77", "motor is 77.0; it must lie between 1 and 4"),
+    ],
 )
-def test_an_order_of_another_ground_that_cannot_be_understood_is_refused_before_the_flight(
-    line: str, sentence: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+def test_an_order_or_a_fault_that_is_impossible_is_refused_before_the_flight_has_a_folder(
+    kind: str, line: str, sentence: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    words = ["fly", "paper", "--lockstep", "--record", str(tmp_path / "flight")]
+    folder = tmp_path / "flight"
 
-    assert cli.main([*words, "--order", line]) == 2
+    words = ["fly", "paper", "--lockstep", "--record", str(folder)]
+    assert cli.main([*words, f"--{kind}", line]) == 2
     printed = capsys.readouterr().err
-    assert f"The order '{line}': " in printed
+    assert f"The {kind} '{line}': " in printed
     assert sentence in printed
+    assert not folder.exists()
