@@ -15,6 +15,8 @@ from groundstation.scene.ground_tiles import GroundTiles, read_ground_tiles
 from onboard.config.fleet import ConfigError, FleetConfig
 
 PAGE_NAME = "report.html"
+_PAGE_MARK = b"Covey</title>"  # how the title of every page ends
+_MARK_WITHIN = 65_536  # bytes from the begin of a page
 
 
 class Written(NamedTuple):
@@ -91,9 +93,12 @@ def write_page(
         tiles: the folder with pictures of the ground.
 
     Raises:
-        ConfigError: there is no record, it has no vehicle, or no tile covers its fence.
+        ConfigError: there is no record, it has no vehicle, no tile covers its fence, or ``out`` is
+            a file that is no page.
         OSError: the page cannot be written.
     """
+    if out is not None:
+        _refuse_other_file(out)
     made = make_page(folder, fleet_path=fleet_path, compared=compared, tiles=tiles)
     text = made.text.encode("utf-8")
     path = folder.parent / PAGE_NAME
@@ -111,6 +116,19 @@ def write_page(
         with contextlib.suppress(OSError):
             part.unlink(missing_ok=True)
     return Written(path=path, size=len(text), notes=made.notes)
+
+
+def _refuse_other_file(out: Path) -> None:
+    """Refuse to write a page over a file that is no page."""
+    if not out.is_file() or out.stat().st_size == 0:
+        return
+    with out.open("rb") as stream:
+        is_page = _PAGE_MARK in stream.read(_MARK_WITHIN)
+    if not is_page:
+        raise ConfigError(
+            f"{out}: this file is there already and is no page of a flight, so it is not "
+            "overwritten. Name another with --out."
+        )
 
 
 def _made_by() -> str:

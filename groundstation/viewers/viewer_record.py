@@ -17,6 +17,7 @@ from pathlib import Path
 from typing import IO, Any, NamedTuple
 
 import numpy as np
+from mcap.writer import MCAP0_MAGIC
 from mcap.writer import Writer as McapWriter
 from mcap_protobuf.schema import register_schema
 
@@ -24,6 +25,7 @@ from groundstation.recording.channels import json_schema
 from groundstation.recording.flight_reading import read_flight
 from groundstation.recording.recorded_flight import Flight
 from groundstation.recording.timeline import Timeline
+from groundstation.recording.writer import RECORD_NAME
 from groundstation.viewers import scene_messages
 from groundstation.viewers.scene_messages import (
     FleetMotion,
@@ -63,9 +65,12 @@ def write_viewer_record(folder: Path, out: Path | None = None) -> Path:
         out: the file to write; None writes ``flight.foxglove.mcap`` in the flight folder.
 
     Raises:
-        ConfigError: there is no record, it has no vehicle, or it is too long.
+        ConfigError: there is no record, it has no vehicle, or it is too long; or ``out`` is a
+            record, or a file that is no MCAP.
         OSError: the file cannot be written.
     """
+    if out is not None:
+        _refuse_other_file(out)
     flight = read_flight(folder)
     if flight.length_s > MAX_LENGTH_S:
         raise ConfigError(
@@ -88,6 +93,19 @@ def write_viewer_record(folder: Path, out: Path | None = None) -> Path:
         with contextlib.suppress(OSError):
             part.unlink(missing_ok=True)
     return path
+
+
+def _refuse_other_file(out: Path) -> None:
+    """Refuse to write over the record of a flight, or over a file that is no MCAP."""
+    if not out.is_file() or out.stat().st_size == 0:
+        return
+    with out.open("rb") as stream:
+        is_mcap = stream.read(len(MCAP0_MAGIC)) == MCAP0_MAGIC
+    if out.name == RECORD_NAME or not is_mcap:
+        raise ConfigError(
+            f"{out}: this file is there already and was not written for viewers, so it is not "
+            "overwritten. Name another with --out."
+        )
 
 
 class _Output:

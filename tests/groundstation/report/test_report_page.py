@@ -104,3 +104,19 @@ def test_a_rehearsal_lies_beside_the_record_that_is_named(tmp_path: Path) -> Non
     write(folder / "rehearsal", rows(("mav0", "mav1")))
     assert main(["report", str(folder / "flight.mcap"), "--rehearse"]) == 0
     assert (folder / "report.html").is_file()
+
+
+def test_a_page_replaces_a_page_and_an_empty_file_and_nothing_else(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    folder = write(tmp_path / "flight", rows())
+    notes = tmp_path / "notes.html"
+    notes.write_text("<title>My notes</title>")
+    empty = tmp_path / "empty"
+    empty.touch()
+
+    assert main(["report", str(folder), "--out", str(notes)]) == 2
+    assert "no page of a flight, so it is not overwritten" in capsys.readouterr().err
+    assert notes.read_text() == "<title>My notes</title>"
+    for _ in range(2):
+        assert main(["report", str(folder), "--out", str(empty)]) == 0

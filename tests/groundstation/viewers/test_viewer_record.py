@@ -21,6 +21,7 @@ from groundstation.recording.flight_reading import read_flight
 from groundstation.recording.law_rows import RecordedLaw
 from groundstation.recording.reader import count_messages
 from groundstation.viewers.viewer_record import write_viewer_record
+from onboard.config.fleet import ConfigError
 from tests.groundstation.recorded import FLEET, SECOND
 from tests.groundstation.report.made_up import (
     APART_M,
@@ -298,3 +299,19 @@ def test_the_command_writes_it_beside_the_record(
     assert main(["log", "export", str(folder), "--foxglove"]) == 0
 
     assert capsys.readouterr().out.strip() == str(folder / "flight.foxglove.mcap")
+
+
+def test_neither_a_record_nor_a_file_of_somebody_else_is_overwritten(
+    folder: Path, path: Path, tmp_path: Path
+) -> None:
+    notes = tmp_path / "notes.txt"
+    notes.write_text("mine")
+    record = folder / "flight.mcap"
+    before = record.read_bytes()
+
+    for out in (notes, record):
+        with pytest.raises(ConfigError, match="it is not overwritten"):
+            write_viewer_record(folder, out)
+    assert notes.read_text() == "mine"
+    assert record.read_bytes() == before
+    assert write_viewer_record(folder, path) == path
