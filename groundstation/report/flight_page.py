@@ -12,6 +12,7 @@ from groundstation.recording.flight_reading import read_flight
 from groundstation.report.payload import payload
 from groundstation.report.report_page import page
 from groundstation.scene.ground_tiles import GroundTiles, read_ground_tiles
+from onboard.config.file_reading import OUTPUT_FILE, opened
 from onboard.config.fleet import ConfigError, FleetConfig
 
 PAGE_NAME = "report.html"
@@ -122,7 +123,7 @@ def _refuse_other_file(out: Path) -> None:
     """Refuse to write a page over a file that is no page."""
     if not out.is_file() or out.stat().st_size == 0:
         return
-    with out.open("rb") as stream:
+    with opened(out, OUTPUT_FILE) as stream:
         is_page = _PAGE_MARK in stream.read(_MARK_WITHIN)
     if not is_page:
         raise ConfigError(

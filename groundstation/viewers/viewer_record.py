@@ -33,7 +33,15 @@ from groundstation.viewers.scene_messages import (
     PeopleScenes,
     VehicleScenes,
 )
-from onboard.config.file_reading import FLEET_FILE, MISSION_FILE, RESULTS_FILE, FileKind, read_bytes
+from onboard.config.file_reading import (
+    FLEET_FILE,
+    MISSION_FILE,
+    OUTPUT_FILE,
+    RESULTS_FILE,
+    FileKind,
+    opened,
+    read_bytes,
+)
 from onboard.config.fleet import ConfigError
 
 VIEWER_NAME = "flight.foxglove.mcap"
@@ -99,7 +107,7 @@ def _refuse_other_file(out: Path) -> None:
     """Refuse to write over the record of a flight, or over a file that is no MCAP."""
     if not out.is_file() or out.stat().st_size == 0:
         return
-    with out.open("rb") as stream:
+    with opened(out, OUTPUT_FILE) as stream:
         is_mcap = stream.read(len(MCAP0_MAGIC)) == MCAP0_MAGIC
     if out.name == RECORD_NAME or not is_mcap:
         raise ConfigError(

@@ -66,6 +66,7 @@ EVIDENCE_FILE = FileKind("file", 64 * _MB, "Name a folder of covey evidence.")
 SIMULATION_FILE = FileKind("file", 1 * _MB, "Fly the mission anew.")
 # Twenty minutes take 100 MB; the file is read into memory, and only the shown values are kept.
 ULOG = FileKind("log of PX4", 1_000 * _MB, "Fetch it with covey log fetch.")
+OUTPUT_FILE = FileKind("file", None, "Name another with --out.")
 RECORD = FileKind("record", None, "Give the folder of a recorded flight.")
 
 DEEPEST = 32  # largest nesting depth of tables and lists; missions use at most 23
