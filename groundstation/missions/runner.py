@@ -9,8 +9,8 @@ from __future__ import annotations
 
 import asyncio
 import traceback
-from collections.abc import Callable
-from typing import Any
+from collections.abc import Callable, Coroutine
+from typing import Any, NamedTuple
 
 from groundstation.client.client import FleetClient
 from groundstation.client.fault_orders import FaultRefused
@@ -39,6 +39,7 @@ HOME_TIMEOUT_S = 90.0
 READY_TIMEOUT_SIM_S = 60.0
 LAST_TELEMETRY_S = 0.5  # longest wait for telemetry that shows the newest state
 _HOLD_TIMEOUT_S = 15.0
+_LOOK_S = 0.2  # time between two looks for an order to stop, before the mission begins
 # A Python mission may catch its cancellation: it is cancelled again, and at last not waited for.
 _CANCEL_AGAIN_S = 1.0
 _FURTHER_CANCELS = 3
@@ -59,6 +60,13 @@ _FAILURES = (
 
 class _NotBegun(RuntimeError):
     """A mission cannot begin with the fleet in its present state."""
+
+
+class _EarlierStops(NamedTuple):
+    """Orders to land, to hold or to kill from before a mission waited for its vehicles."""
+
+    of_persons: int  # number of those given at this ground
+    until_ns: int  # when the mission began to wait, on the ground's clock
 
 
 class MissionRun:
@@ -283,21 +291,19 @@ class MissionRun:
 
     async def _fly_steps(self) -> None:
         """Wait for the vehicles, and fly the steps or the function of the mission."""
-        earlier_stops = self.client.persons_stops
+        stops = _EarlierStops(self.client.persons_stops, self.client.now_ns())
         await self.client.wait_for(self._is_heard, LAST_TELEMETRY_S)
         self.fleet.ground.leave_out_disabled()
         self.fleet.say(f"Waiting for {listed(self.fleet.names)} to be ready.")
-        await self.fleet.ready(self._ready_timeout_s)
+        await self._wait(self.fleet.ready(self._ready_timeout_s), stops)
 
         times = self._step_times()
         refusal = begin_refusal(self.mission, self.client.state)
         if refusal:
             raise _NotBegun(refusal)
-        self._refuse_stopped(earlier_stops)
         if self._at is not None:
-            await self.fleet.countdown(self._at)
-            await self.fleet.ready(_STILL_READY_S)
-            self._refuse_stopped(earlier_stops)
+            await self._wait(self.fleet.countdown(self._at), stops)
+            await self._wait(self.fleet.ready(_STILL_READY_S), stops)
 
         self.client.forget_distances()
         self._observations.earlier_touchdowns = self.client.state.touchdowns
@@ -327,20 +333,43 @@ class MissionRun:
             raise
         await steps.run()
 
-    def _refuse_stopped(self, earlier_stops: int) -> None:
-        """Refuse to begin when a person has stopped vehicles while the mission waited.
-
-        Vehicles on the ground refuse to land and to hold, so they do not report such an order. It
-        counts when it was given at this ground.
-
-        Args:
-            earlier_stops: orders of persons at this ground to stop, before the mission waited.
+    async def _wait(self, wait: Coroutine[Any, Any, None], stops: _EarlierStops) -> None:
+        """Wait before the first step, until a person stops vehicles.
 
         Raises:
             _NotBegun: a person has ordered that.
         """
-        stopped = self.fleet.ground.watch.kill_before_begin(self.fleet.names)
-        if not stopped and self.client.has_person and self.client.persons_stops > earlier_stops:
+        waiting = asyncio.create_task(wait)
+        try:
+            while not waiting.done():
+                self._refuse_stopped(stops)
+                await asyncio.wait({waiting}, timeout=_LOOK_S)
+            self._refuse_stopped(stops)
+            await waiting
+        finally:
+            waiting.cancel()
+
+    def _refuse_stopped(self, earlier: _EarlierStops) -> None:
+        """Refuse to begin when a person has stopped vehicles while the mission waited.
+
+        Vehicles on the ground refuse to land and to hold, so they do not report such an order. It
+        counts when it was given at this ground, or when they have said that they refuse it.
+
+        Args:
+            earlier: orders to stop that do not count.
+
+        Raises:
+            _NotBegun: a person has ordered that.
+        """
+        watch = self.fleet.ground.watch
+        stopped = watch.kill_before_begin(self.fleet.names)
+        if not stopped:
+            stopped = watch.stop_before_begin(self.fleet.names, earlier.until_ns)
+        if (
+            not stopped
+            and self.client.has_person
+            and self.client.persons_stops > earlier.of_persons
+        ):
             stopped = f"{self.client.author} has ordered to land, to hold or to kill here"
         if stopped:
             raise _NotBegun(
