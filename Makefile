@@ -34,20 +34,23 @@ style:
 compiled: style
 	@.venv/bin/covey simulate swap2 --seeds 0 > .venv/compiled.log
 
-# three workers for two cores: the tests of the console wait for their timers nearly half of the time
+# Three workers for two cores: the tests of the console wait for their timers nearly half of the time. Beside others on
+# a busy computer, an agent's loop or a console may stall for a second. So what failed runs once more, alone; what fails
+# alone too has failed.
+PYTEST = .venv/bin/pytest -o addopts="-q --strict-markers --import-mode=importlib" -o cache_dir=.venv/failed-tests
+define run_tests
+$(PYTEST) -m $(1) -n 3 --dist loadgroup --no-loadscope-reorder || { [ $$? = 1 ] && \
+  echo "Once more, alone, what failed beside others:" && $(PYTEST) -m $(1) --last-failed --last-failed-no-failures none; }
+endef
+
 test:
 	@.ci/setup dev
 	@$(MAKE) --no-print-directory -j 2 types compiled
-	.venv/bin/pytest -m "not long and not realtime" -n 3 --dist loadgroup --no-loadscope-reorder
+	$(call run_tests,"not long and not realtime")
 
-# Beside others on a busy computer, an agent's loop may stall for longer than a vehicle may fly without it. So what
-# failed runs once more, alone; what fails alone too has failed.
-REALTIME = .venv/bin/pytest -m "realtime and not long" \
-  -o addopts="-q --strict-markers --import-mode=importlib" -o cache_dir=.venv/failed-tests
 test-realtime:
 	@.ci/setup dev
-	$(REALTIME) -n 3 --dist loadgroup --no-loadscope-reorder || { [ $$? = 1 ] && \
-	  echo "Once more, alone, what failed beside others:" && $(REALTIME) --last-failed --last-failed-no-failures none; }
+	$(call run_tests,"realtime and not long")
 
 test-long:
 	@.ci/setup dev

@@ -73,6 +73,7 @@ DOORS_OF_KIND = {
 WITHOUT_FORMAT = {
     "LAW_SOURCE": "Python that runs with its user's rights",
     "PASSWORD_FILE": "one line of text",
+    "OUTPUT_FILE": "only compared with how such files begin, before it is overwritten",
     "MAP_TILE": "passed on as it is; only width and height are read",
     "TILE_ATTRIBUTION": "one line of text",
 }
