@@ -74,7 +74,6 @@ class DeadReckoning:
             is_on_ground: whether the vehicle stands on the ground.
         """
         if is_on_ground:
-            self._mean_bias_m_s2 = ZERO_3
             self._flight_s = 0.0
         else:
             self._flight_s += dt_s
@@ -124,8 +123,11 @@ class DeadReckoning:
             position = Vec3(position.x, position.y, height_m)
             velocity = Vec3(velocity.x, velocity.y, climbing_m_s)
 
+        # Who stands does not move. The mean itself stays, because a lift-off counts as the ground,
+        # and the wind pushes already.
         if is_on_ground:
             velocity = ZERO_3
+            mean_bias = ZERO_3
 
         return memory._replace(
             position_enu_m=position, velocity_enu_m_s=velocity, bias_enu_m_s2=mean_bias

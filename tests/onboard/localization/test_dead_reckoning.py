@@ -69,6 +69,28 @@ def test_soon_after_a_take_off_in_a_strong_wind_its_push_is_known() -> None:
         assert memory.velocity_enu_m_s.x > known_m_s2
 
 
+def test_a_push_that_is_felt_in_the_lift_off_outlasts_poses_that_stop_in_it() -> None:
+    # a lift-off counts as the ground until the vehicle is a few centimetres up
+    reckoning = DeadReckoning()
+    memory = kalman.initial(ZERO_3, PARAMS)._replace(bias_enu_m_s2=Vec3(0.6, 0.0, 0.0))
+    memory = reckoning.step(memory._replace(last_age_s=0.0), None, DT, True)
+    for _ in range(5):
+        memory = kalman.predict(memory, ZERO_3, PARAMS, DT)
+        memory = reckoning.step(memory, None, DT, True)
+    memory = blind(memory, 1.0, reckoning, None)
+    assert memory.velocity_enu_m_s.x > 0.5
+
+
+def test_who_stands_without_poses_stays_where_it_is_whatever_pushed_it_in_the_air() -> None:
+    reckoning = DeadReckoning()
+    memory = blind(seen(Vec3(2.0, 0.0, 0.0), 5.0, reckoning), 1.0, reckoning, None)
+    landed_enu_m = reckoning.step(memory, None, DT, True).position_enu_m
+    for _ in range(500):
+        memory = reckoning.step(memory, None, DT, True)
+        memory = kalman.predict(memory, ZERO_3, PARAMS, DT)
+    assert memory.position_enu_m == pytest.approx(landed_enu_m, abs=0.01)
+
+
 def test_its_vertical_motion_follows_px4s_and_on_the_ground_it_rests() -> None:
     reckoning = DeadReckoning()
     memory = seen(Vec3(0.0, 0.0, 0.4), 4.0, reckoning)
