@@ -49,6 +49,8 @@ class ControlStep:
 
         self.tick: Tick | None = None  # newest result
         self.waits_for = router.NOBODY  # index of the neighbour to which it has given way
+        # the push of the wind that is expected after a lift-off
+        self.expected_push_enu_m_s2 = ZERO_3
         self.is_finite = True  # whether the newest result can be flown
         self.hover_frac = vehicle.hover_thrust_frac  # learned in flight
         # why Covey's law flies instead of the user's law; empty if it does not
@@ -106,6 +108,8 @@ class ControlStep:
             self.waits_for = self._route.waits_for
         memory, tick = self._pass(state, goal, mode, neighbours, dt_s)
 
+        if mode is ControlMode.GROUND:
+            memory = pipeline.expecting_push(memory, self.expected_push_enu_m_s2, self.params)
         self._memory = memory
         self.tick = tick
         self.hover_frac = tick.hover_thrust_frac

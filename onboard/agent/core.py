@@ -78,6 +78,7 @@ from onboard.localization.own_state import OwnEstimate, OwnState
 from onboard.message_counts import MessageCounts
 from onboard.neighbours.people import People
 from onboard.neighbours.table import NeighbourTable
+from onboard.neighbours.wind import wind_felt_by
 from onboard.preflight.preflight_reporter import PreflightReporter
 from onboard.safety.failsafe_table import Situation
 from onboard.safety.limits import POSITION_KNOWN_S
@@ -86,7 +87,7 @@ from onboard.supervision.failsafe_supervisor import FailsafeSupervisor
 from onboard.supervision.model_mismatch_reporter import ModelMismatchReporter
 from onboard.supervision.tick_context import TickContext
 from onboard.types import TICK_S, LawStatus, Tick
-from onboard.vectors import subtract
+from onboard.vectors import ZERO_3, Vec3, scaled, subtract
 
 if TYPE_CHECKING:
     from onboard.corrections.intake import CorrectionsIntake
@@ -271,6 +272,8 @@ class AgentCore:
         if self.people.names:
             neighbours = self.people.added_to(neighbours, now_ns)
         flight = self.flight
+        if was_on_ground:
+            self.control.expected_push_enu_m_s2 = self._expected_push(now_ns)
         tick = self.control.run(own.state, flight.goal, flight.step.control_mode, neighbours, dt_s)
         if flight.step.control_mode is ControlMode.FLYING and self._mismatch.is_due():
             self._report_mismatch(view)
@@ -310,6 +313,15 @@ class AgentCore:
             hover_frac=self.control.hover_frac,
             is_on_ground=is_on_ground or seems_to_stand,
         )
+
+    def _expected_push(self, now_ns: int) -> Vec3:
+        """Return the push of the wind that neighbours in the air feel [m/s^2], ENU; zero if nobody
+        knows it.
+        """
+        east_m_s, north_m_s = wind_felt_by(self.neighbours.telemetries().values(), now_ns)
+        if not math.isfinite(east_m_s + north_m_s):
+            return ZERO_3
+        return scaled(self.vehicle.drag_1_s, Vec3(east_m_s, north_m_s, 0.0))
 
     def _look(self, now_ns: int, own: OwnEstimate) -> FlightView:
         """Store and return what the flight knows about its vehicle at this tick."""

@@ -28,6 +28,21 @@ class AllocationParams(NamedTuple):
     max_thrust_frac: float = MAX_THRUST_FRAC
 
 
+def tilted_less(params: AllocationParams, max_tilt_rad: float) -> AllocationParams:
+    """Return the limits with a tilt that is at most the given one.
+
+    Args:
+        params: limits.
+        max_tilt_rad: largest angle between thrust and the vertical.
+    """
+    return AllocationParams(
+        max_tilt_rad=min(params.max_tilt_rad, max_tilt_rad),
+        fallback_hover_thrust_frac=params.fallback_hover_thrust_frac,
+        min_thrust_frac=params.min_thrust_frac,
+        max_thrust_frac=params.max_thrust_frac,
+    )
+
+
 def is_usable(thrust: Thrust, yaw_rad: float, hover_thrust_frac: float) -> bool:
     """Whether ``allocate`` can use its inputs: all are finite, and the hover throttle is
     positive.

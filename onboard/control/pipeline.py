@@ -60,9 +60,10 @@ _ACTIVE_M_S2 = 0.05  # the law is active if it changes the thrust by more than t
 _ACTIVE_FACTOR = 2.0  # the clock slows fully if the law was active in half of the recent past
 _LEAST_CLAMP_M = 0.15  # smallest clamp of the position error, for the fastest setpoint
 
-# At lift-off, tilt turns the vehicle over while the landing gear still touches the ground.
+# At lift-off, tilt turns the vehicle over while the landing gear still touches the ground. The
+# largest tilt is PX4's own for a take-off (MPC_TILTMAX_LND).
 _LIFTOFF_CLAMP_M = 0.1  # clamp of the position error
-_LIFTOFF_M_S2 = 1.0  # largest horizontal acceleration
+_LIFTOFF_TILT_RAD = math.radians(12.0)
 
 _NOWHERE = Vec3(math.nan, math.nan, math.nan)
 _WEIGHT = Vec3(0.0, 0.0, -GRAVITY_M_S2)
@@ -122,6 +123,20 @@ def initial(params: PipelineParams, position_enu_m: Vec3) -> PipelineMemory:
     )
 
 
+def expecting_push(
+    memory: PipelineMemory, push_enu_m_s2: Vec3, params: PipelineParams
+) -> PipelineMemory:
+    """Return the memory of a vehicle on the ground that expects a push after its lift-off.
+
+    Args:
+        memory: memory of the last tick, on the ground.
+        push_enu_m_s2: expected push of the wind [m/s^2], ENU, finite.
+        params: parameters of the vehicle.
+    """
+    observer = disturbance_observer.expecting(memory.observer, push_enu_m_s2, params.observer)
+    return memory._replace(observer=observer)
+
+
 def step(
     memory: PipelineMemory,
     state: State,
@@ -157,7 +172,7 @@ def step(
     law_memory, law = law_step(
         memory.law, before.baseline, before.motion, state, neighbours, obstacles, params.law, dt_s
     )
-    return after_law(memory, before, law_memory, law, state, goal, params, dt_s)
+    return after_law(memory, before, law_memory, law, state, goal, mode, params, dt_s)
 
 
 def before_law(
@@ -203,7 +218,7 @@ def before_law(
     # Line O: the compensation of drag and observed disturbance is added after the law. So the law's
     # thrust is for a vehicle without drag and wind.
     disturbance = observer.disturbance_enu_m_s2
-    if mode == ControlMode.BLIND:
+    if mode == ControlMode.LIFTOFF or mode == ControlMode.BLIND:
         disturbance = observer.mean_enu_m_s2
     compensation = _compensation(predicted.velocity_enu_m_s, disturbance, params)
 
@@ -231,6 +246,7 @@ def after_law(
     law: LawOutput,
     state: State,
     goal: Goal,
+    mode: int,
     params: PipelineParams,
     dt_s: float,
 ) -> tuple[PipelineMemory, Tick]:
@@ -242,6 +258,7 @@ def after_law(
         law_memory, law: results of the law.
         state: own estimate.
         goal: goal of the order that is flown.
+        mode: a ControlMode, not on the ground.
         params: parameters of the vehicle.
         dt_s: length of the tick.
     """
@@ -253,8 +270,11 @@ def after_law(
     yaw_rad = _turned(memory.yaw_rad, goal, params, dt_s)
 
     required = Thrust(add(law.thrust.thrust_enu_m_s2, compensation))
-    sent = allocation.limit(required, hover_frac, params.allocation)
-    attitude = allocation.allocate(sent, yaw_rad, hover_frac, params.allocation)
+    limits = params.allocation
+    if mode == ControlMode.LIFTOFF:
+        limits = allocation.tilted_less(limits, _LIFTOFF_TILT_RAD)
+    sent = allocation.limit(required, hover_frac, limits)
+    attitude = allocation.allocate(sent, yaw_rad, hover_frac, limits)
 
     after = PipelineMemory(
         trajectory=before.trajectory,
@@ -318,6 +338,11 @@ def _observed(
         dt_s,
         is_frozen,
     )
+    if mode == ControlMode.LIFTOFF:
+        observer = disturbance_observer.lifting_off(
+            observer, state.velocity_enu_m_s, state.acceleration_enu_m_s2, params.observer
+        )
+
     is_flying = mode == ControlMode.FLYING
     hover, _ = hover_thrust.step(
         memory.hover_thrust,
@@ -472,12 +497,10 @@ def _pursuit(
     free_clamp_m = min(max(spare_m, _LEAST_CLAMP_M), base.max_position_error_m)
     clamp_m = free_clamp_m * speed_share
     height_clamp_m = clamp_m
-    largest_m_s2 = base.max_acceleration_m_s2
 
     if mode == ControlMode.LIFTOFF:
         clamp_m = min(clamp_m, _LIFTOFF_CLAMP_M)
         height_clamp_m = clamp_m
-        largest_m_s2 = _LIFTOFF_M_S2
     elif mode == ControlMode.LANDING:
         height_clamp_m = free_clamp_m
 
@@ -492,7 +515,7 @@ def _pursuit(
         coupling_1_s2=base.coupling_1_s2,
         max_position_error_m=clamp_m,
         max_height_error_m=height_clamp_m,
-        max_acceleration_m_s2=largest_m_s2,
+        max_acceleration_m_s2=base.max_acceleration_m_s2,
         max_vertical_acceleration_m_s2=highest_m_s2,
     )
 

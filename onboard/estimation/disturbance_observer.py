@@ -45,7 +45,7 @@ class ObserverMemory(NamedTuple):
 
     velocity_enu_m_s: Vec3  # observer's own velocity, which follows the measured one
     disturbance_enu_m_s2: Vec3  # s_b
-    # mean of s_b over the last seconds, which is used instead of s_b while there are no poses
+    # mean of s_b over the last seconds, which is used instead of s_b at lift-off and without poses
     mean_enu_m_s2: Vec3
     response_enu_m_s2: Vec3  # model's acceleration in response to the commands
     response_rate_enu_m_s3: Vec3  # its derivative
@@ -145,6 +145,54 @@ def step(
         commands_enu_m_s2=commands,
     )
     return after, disturbance
+
+
+def lifting_off(
+    memory: ObserverMemory,
+    velocity_enu_m_s: Vec3,
+    acceleration_enu_m_s2: Vec3,
+    params: ObserverParams,
+) -> ObserverMemory:
+    """Return the memory with the horizontal disturbance that the estimated acceleration shows.
+
+    The observer is frozen at lift-off, because the ground holds the vehicle. An observer that then
+    began at zero would need half a second to learn the wind, and the vehicle would be blown aside
+    by more than a metre in a strong one.
+
+    Args:
+        memory: memory of this tick.
+        velocity_enu_m_s: present estimate [m/s], ENU.
+        acceleration_enu_m_s2: present estimate [m/s^2], ENU. A component that is not finite leaves
+            the disturbance unchanged.
+        params: model and bound.
+    """
+    before = memory.disturbance_enu_m_s2
+    without_drag = add_scaled(acceleration_enu_m_s2, params.drag_1_s, velocity_enu_m_s)
+    unexplained = finite_or(subtract(without_drag, memory.response_enu_m_s2), before)
+    disturbance = bounded(unexplained, params.max_disturbance_m_s2)
+
+    return ObserverMemory(
+        velocity_enu_m_s=memory.velocity_enu_m_s,
+        disturbance_enu_m_s2=Vec3(disturbance.x, disturbance.y, before.z),
+        mean_enu_m_s2=memory.mean_enu_m_s2,
+        response_enu_m_s2=memory.response_enu_m_s2,
+        response_rate_enu_m_s3=memory.response_rate_enu_m_s3,
+        commands_enu_m_s2=memory.commands_enu_m_s2,
+    )
+
+
+def expecting(
+    memory: ObserverMemory, push_enu_m_s2: Vec3, params: ObserverParams
+) -> ObserverMemory:
+    """Return the memory of a vehicle on the ground that expects a push after its lift-off.
+
+    Args:
+        memory: memory of the last tick.
+        push_enu_m_s2: expected push of the wind [m/s^2], ENU, finite.
+        params: bound.
+    """
+    push = bounded(push_enu_m_s2, params.max_disturbance_m_s2)
+    return memory._replace(mean_enu_m_s2=push)
 
 
 def _horizontal(

@@ -41,6 +41,11 @@ _LEAST_BIAS_M_S2 = 3.0  # smallest bound of the bias; static errors need it
 _START_VELOCITY_M_S = 0.05
 _START_BIAS_M_S2 = 0.3
 
+# At a lift-off, wind pushes a vehicle as soon as the ground no longer holds it. Above this share of
+# the weight the ground may let go, and the bias has at least this standard deviation.
+_LETTING_GO_SHARE = 0.8
+_LIFTOFF_BIAS_M_S2 = 1.0
+
 # standard deviations of an estimate whose samples turned out to have wrong stamps
 _DOUBT_M = 1.0
 _DOUBT_M_S = 1.0
@@ -180,7 +185,8 @@ def drive(
     """Return the memory after ``dt_s`` under the flown attitude and the sent throttle.
 
     Only the throttle passes through a lag, because the attitude is measured. On the ground, contact
-    forces keep the horizontal acceleration zero and the vertical acceleration non-negative.
+    forces keep the horizontal acceleration zero and the vertical acceleration non-negative. They
+    also hide the push of the wind, so at a lift-off the bias is less certain.
 
     Args:
         memory: memory of the last tick.
@@ -201,7 +207,36 @@ def drive(
     driven = Vec3(thrust * up.x, thrust * up.y, thrust * up.z - GRAVITY_M_S2)
     if is_on_ground:
         driven = Vec3(0.0, 0.0, max(driven.z, 0.0))
-    return _moved(memory, driven, thrust, params, dt_s)
+
+    moved = _moved(memory, driven, thrust, params, dt_s)
+    if is_on_ground and thrust > _LETTING_GO_SHARE * GRAVITY_M_S2:
+        moved = _with_bias_std(moved, _LIFTOFF_BIAS_M_S2)
+    return moved
+
+
+def _with_bias_std(memory: KalmanMemory, least_std_m_s2: float) -> KalmanMemory:
+    """Return the memory with a bias of at least this standard deviation."""
+    c = memory.covariance
+    least_variance_m2_s4 = least_std_m_s2 * least_std_m_s2
+    covariance = Covariance(
+        pp=c.pp,
+        pv=c.pv,
+        pb=c.pb,
+        vv=c.vv,
+        vb=c.vb,
+        bb=max(c.bb, least_variance_m2_s4),
+    )
+    return KalmanMemory(
+        position_enu_m=memory.position_enu_m,
+        velocity_enu_m_s=memory.velocity_enu_m_s,
+        bias_enu_m_s2=memory.bias_enu_m_s2,
+        acceleration_enu_m_s2=memory.acceleration_enu_m_s2,
+        covariance=covariance,
+        past=memory.past,
+        thrust_m_s2=memory.thrust_m_s2,
+        rejected_count=memory.rejected_count,
+        last_age_s=memory.last_age_s,
+    )
 
 
 def driven_enu_m_s2(memory: KalmanMemory, params: KalmanParams) -> Vec3:

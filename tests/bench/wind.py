@@ -4,6 +4,8 @@
     make bench-wind ARGS="--winds 0,4 --seeds 1:3"   # a part of it
     make bench-wind ARGS="--ramp 2 --seeds 1:21"     # the wind rises to twice the limit instead
     make bench-wind ARGS="--ramp 2 --over 5"         # within 5 s instead of 20 s
+    make bench-wind ARGS="--row 1.5 --winds 6.5"     # a row along the wind takes off
+    make bench-wind ARGS="--row 1.5 --winds 6.5 --by 1"  # one vehicle after another
 
 A line for each flight: smallest distance by ground truth, collisions, how far outside the fence,
 whether the mission passed, and the conditions that held. The wind comes from another direction in
@@ -18,6 +20,9 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+import msgspec
+
+from groundstation.missions.hover_check import WindTooStrong
 from groundstation.orders.result import OrderFailed
 from onboard.config.fleet import load_fleet
 from onboard.config.wind_limit import tilt_acceleration_m_s2, wind_limit_m_s
@@ -54,6 +59,14 @@ class WindyFlight:
     spare_s: float
     conditions: tuple[str, ...]
     reason: str
+
+
+@dataclass(frozen=True, slots=True)
+class Row:
+    """Vehicles that take off in a row along the wind."""
+
+    apart_m: float
+    by: int  # so many at once; 0: all
 
 
 def fly(fleet: str, mean_m_s: float, gust_m_s: float, seed: int) -> WindyFlight:
@@ -108,6 +121,33 @@ def fly_ramp(fleet: str, times_the_limit: float, seed: int, ramp_s: float = RAMP
     return replace(flown, spare_s=begin_s + too_much_after_s - flown.down_s)
 
 
+def fly_row(fleet: str, mean_m_s: float, gust_m_s: float, seed: int, row: Row) -> WindyFlight:
+    """Put the vehicles down in a row along the wind, and let them take off in it."""
+    east, north = _direction(seed)
+    config = load_fleet(_path(fleet))
+    middle = 0.5 * (len(config.vehicles) - 1)
+    vehicles = {}
+    for place, (name, vehicle) in enumerate(config.vehicles.items()):
+        along_m = row.apart_m * (place - middle)
+        _, _, ground_m = vehicle.start_enu_m
+        start_enu_m = (along_m * east, along_m * north, ground_m)
+        vehicles[name] = msgspec.structs.replace(vehicle, start_enu_m=start_enu_m)
+
+    config = msgspec.structs.replace(config, vehicles=vehicles)
+    wind = WindSettings((mean_m_s * east, mean_m_s * north, 0.0), gust_m_s)
+    with Lockstep(config, seed=seed, environment=Environment(wind)) as flight:
+        outside = _Outside(flight)
+        has_taken_off = True
+        reason = ""
+        try:
+            flight.ready()
+            flight.wait_for(flight.fleet.takeoff(HEIGHT_M, by=row.by))
+        except (OrderFailed, WindTooStrong) as failure:
+            has_taken_off = False
+            reason = str(failure)
+        return _flown(flight, outside, has_passed=has_taken_off, reason=reason)
+
+
 def main(words: Sequence[str]) -> int:
     """Fly and print; the exit status is 1 when two collided."""
     parser = argparse.ArgumentParser(prog="make bench-wind", description=__doc__)
@@ -117,6 +157,8 @@ def main(words: Sequence[str]) -> int:
     parser.add_argument("--seeds", default="1:4", help="first:end")
     parser.add_argument("--ramp", type=float, help="rise to so many times the limit instead")
     parser.add_argument("--over", type=float, default=RAMP_S, help="the time of the rise in s")
+    parser.add_argument("--row", type=float, help="take off in a row, so many metres apart")
+    parser.add_argument("--by", type=int, default=0, help="so many at once; 0: all")
     options = parser.parse_args(words)
     first, end = (int(part) for part in options.seeds.split(":"))
 
@@ -124,10 +166,13 @@ def main(words: Sequence[str]) -> int:
     for fleet in options.fleets.split(","):
         for title, mean_m_s, gust_m_s in _cases(options):
             for seed in range(first, end):
-                if options.ramp is None:
-                    flown = fly(fleet, mean_m_s, gust_m_s, seed)
-                else:
+                if options.ramp is not None:
                     flown = fly_ramp(fleet, options.ramp, seed, options.over)
+                elif options.row is not None:
+                    row = Row(options.row, options.by)
+                    flown = fly_row(fleet, mean_m_s, gust_m_s, seed, row)
+                else:
+                    flown = fly(fleet, mean_m_s, gust_m_s, seed)
                 print(f"{fleet:6} {title:12} seed {seed:3} {_line(flown)}", flush=True)
                 collided += flown.collisions > 0
     return int(collided > 0)
@@ -155,7 +200,7 @@ def _line(flown: WindyFlight) -> str:
         f"{flown.collisions} collisions",
         f"{flown.outside_m:.2f} m outside",
         "passed" if flown.has_passed else "failed",
-        f"down at {flown.down_s:.0f} s",
+        "" if math.isnan(flown.down_s) else f"down at {flown.down_s:.0f} s",
         "" if math.isnan(flown.spare_s) else f"{flown.spare_s:.1f} s before the tilt is used up",
         " ".join(flown.conditions),
         flown.reason[:160],

@@ -122,15 +122,58 @@ def test_the_hover_throttle_is_learned_at_the_same_height_above_a_lower_ground()
         assert (abs(tick.hover_thrust_frac - 0.75) > 0.01) is is_learned
 
 
-def test_lift_off_tilts_gently_and_keeps_the_observer_frozen():
+LARGEST_LIFTOFF_TILT_RAD = math.radians(12.0)  # MPC_TILTMAX_LND of PX4
+
+
+def tilt_rad(tick):
+    w, x, y, z = tick.attitude.quaternion_wxyz
+    return math.acos(w * w - x * x - y * y + z * z)
+
+
+def test_lift_off_tilts_as_far_as_px4_allows_on_the_ground_and_no_further():
     far = goal_of([0.0, 0.0, 1.0])
-    pushed = state_of([1.0, 0.0, 0.0], [0.5, 0.0, 0.0])
+    pushed = state_of([1.0, 0.0, 0.0], [1.5, 0.0, 0.0])
     memory = pipeline.initial(PARAMS, ZERO_3)
-    memory, gentle = run(20, pushed, far, memory=memory, mode=ControlMode.LIFTOFF)
-    np.testing.assert_array_equal(memory.observer.disturbance_enu_m_s2, 0.0)
-    assert np.hypot(*gentle.thrust_baseline.thrust_enu_m_s2[:2]) <= 1.0 + 1e-9
-    memory, _ = run(20, pushed, far, mode=ControlMode.FLYING)
-    assert abs(memory.observer.disturbance_enu_m_s2[0]) > 0.01
+    _, tick = run(20, pushed, far, memory=memory, mode=ControlMode.LIFTOFF)
+    assert tilt_rad(tick) == pytest.approx(LARGEST_LIFTOFF_TILT_RAD)
+    _, tick = run(20, pushed, far, mode=ControlMode.FLYING)
+    assert tilt_rad(tick) > LARGEST_LIFTOFF_TILT_RAD + 0.05
+
+    # the law cannot tilt it further, even away from a neighbour that flies towards it
+    near = neighbours_of([[1.0, 0.0, 0.0]], [[-2.0, 0.0, 0.0]])
+    memory = pipeline.initial(PARAMS, ZERO_3)
+    still = state_of([0.0, 0.0, 0.0])
+    for _ in range(20):
+        memory, tick = pipeline.step(
+            memory, still, far, near, [], ControlMode.LIFTOFF, PARAMS, 0.02
+        )
+    assert tick.law.intervention_m_s2 > 3.0
+    assert tilt_rad(tick) == pytest.approx(LARGEST_LIFTOFF_TILT_RAD)
+
+
+def test_lift_off_learns_the_push_of_the_wind_and_uses_it_once_the_vehicle_flies():
+    up = goal_of([0.0, 0.0, 1.0])
+    blown = state_of(ZERO_3)._replace(acceleration_enu_m_s2=Vec3(1.2, 0.0, 0.0))
+    memory = pipeline.initial(PARAMS, ZERO_3)
+    memory, level = run(1, blown, up, memory=memory, mode=ControlMode.LIFTOFF)
+    assert memory.observer.disturbance_enu_m_s2 == (pytest.approx(1.2, abs=0.05), 0.0, 0.0)
+    assert tilt_rad(level) == pytest.approx(0.0, abs=0.01)
+
+    memory, _ = run(1, blown, up, memory=memory, mode=ControlMode.FLYING)
+    assert memory.sent_enu_m_s2.x < -1.0
+
+
+def test_who_expects_a_push_leans_against_it_from_the_ground_on():
+    still = state_of(ZERO_3)
+    up = goal_of([0.0, 0.0, 1.0])
+    memory, _ = run(1, still, up, mode=ControlMode.GROUND)
+    memory = pipeline.expecting_push(memory, Vec3(1.0, 0.0, 0.0), PARAMS)
+    memory, _ = run(1, still, up, memory=memory, mode=ControlMode.LIFTOFF)
+    assert memory.sent_enu_m_s2.x == pytest.approx(-1.0, abs=0.05)
+
+    # nobody can expect more than it can compensate
+    memory = pipeline.expecting_push(memory, Vec3(0.0, -50.0, 0.0), PARAMS)
+    assert memory.observer.mean_enu_m_s2.y == -PARAMS.observer.max_disturbance_m_s2
 
 
 @pytest.mark.parametrize(

@@ -416,3 +416,21 @@ def test_a_doubted_estimate_follows_its_next_samples_within_a_fraction_of_a_seco
         speeds_m_s.append(memory.velocity_enu_m_s.x)
     assert speeds_m_s[0] < 0.5
     assert 0.8 < speeds_m_s[1] < 1.3
+
+
+@pytest.mark.parametrize("throttle", [0.5, 0.2])
+def test_a_push_shows_sooner_after_a_lift_off_than_on_the_ground(throttle: float) -> None:
+    # whoever lifts off gets 2 m/s^2 of wind from one moment to the next
+    params = KalmanParams()
+    memory = kalman.initial(ZERO_3, params)
+    for _ in range(150):
+        memory = kalman.drive(memory, LEVEL, throttle, 0.5, params, DT, True)
+        memory = kalman.correct(memory, ZERO_3, 0.0, params)
+
+    for tick in range(1, 9):
+        memory = kalman.drive(memory, LEVEL, throttle, 0.5, params, DT, True)
+        position_enu_m = Vec3(0.5 * 2.0 * (tick * DT) ** 2, 0.0, 0.0)
+        memory = kalman.correct(memory, position_enu_m, 0.0, params)
+    is_lifting = throttle == 0.5
+    assert (memory.velocity_enu_m_s.x > 0.8 * 2.0 * 8 * DT) is is_lifting
+    assert (memory.bias_enu_m_s2.x > 1.4) is is_lifting

@@ -13,7 +13,7 @@ from groundstation.fleet.state import FleetState
 from onboard.config.fleet import FleetConfig
 from sitl.emulator.emulator import Environment
 from sitl.physics.wind import WindSettings
-from tests.bench.wind import fly, fly_ramp
+from tests.bench.wind import Row, fly, fly_ramp, fly_row
 from tests.sitl.lockstep.suite import Case
 from tests.sitl.lockstep.suite import fly as fly_case
 
@@ -76,6 +76,22 @@ def test_a_take_off_to_a_height_is_blown_aside_no_further_than_a_low_one(
     flight.client.add_listener(look)
     flight.takeoff(8.0)
     assert max(aside_m) < 0.8
+
+
+@pytest.mark.parametrize(
+    ("fleet", "wind_m_s", "by", "seed"),
+    [
+        ("paper", 6.5, 1, 16),
+        pytest.param("paper", 6.5, 1, 1, marks=pytest.mark.long),
+        pytest.param("paper", 7.7, 0, 1, marks=pytest.mark.long),
+        pytest.param("paper", 7.7, 0, 7, marks=pytest.mark.long),
+    ],
+)
+def test_a_row_along_the_wind_takes_off_and_keeps_the_distance(
+    fleet: str, wind_m_s: float, by: int, seed: int
+) -> None:
+    flown = fly_row(fleet, wind_m_s, 0.15 * wind_m_s, seed, Row(apart_m=1.5, by=by))
+    assert flown.min_separation_m > 0.80
 
 
 @pytest.mark.long
