@@ -17,6 +17,7 @@ finding.
 from __future__ import annotations
 
 import sys
+from contextlib import redirect_stdout
 from dataclasses import asdict, fields
 from json import dumps
 from typing import Annotated, Any
@@ -77,7 +78,8 @@ def check(
     shown: list[Finding] = []
     for path in files:
         try:
-            examined = examine(path, fleet, errors, runs_law=run_law)
+            with redirect_stdout(sys.stderr):  # where the fleet's own law may print
+                examined = examine(path, fleet, errors, runs_law=run_law)
         except ConfigError as error:
             status = EXIT_WRONG_INPUT
             rows.append(_row_of_wrong_file(path, error))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import shutil
 import subprocess
 import sys
@@ -437,3 +438,19 @@ def test_an_order_or_a_fault_that_is_impossible_is_refused_before_the_flight_has
     assert f"The {kind} '{line}': " in printed
     assert sentence in printed
     assert not folder.exists()
+
+
+def test_what_a_law_prints_is_no_part_of_the_findings_for_programs(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "talking_law.py").write_text("print('hello')\n\n\ndef law(memory, inputs): ...\n")
+    fleet = tmp_path / "fleet.toml"
+    text = Path("configs/fleets/paper.toml").read_text()
+    assert 'name = "covey"' in text
+    fleet.write_text(text.replace('name = "covey"', 'name = "talking_law:law"'))
+
+    cli.main(["check", str(fleet), "--run-law", "--json"])
+
+    printed = capsys.readouterr()
+    assert json.loads(printed.out)
+    assert "hello" in printed.err
