@@ -58,8 +58,9 @@ class MissionGround:
         self.watch = FleetWatch(client)
 
         self.has_begun = False  # whether a vehicle has accepted an order of this mission
-        # Whether the mission was ended from outside: its steps start and move nobody any more.
-        self.is_stopped = False
+        # Whether the steps have ended, or were told to: from then on no order of theirs starts or
+        # moves a vehicle.
+        self.is_closed = False
         self.steps: list[StepResult] = []
         self.arrivals: list[Arrival] = []
 
@@ -110,8 +111,9 @@ class MissionGround:
             WindTooStrong: a vehicle has taken off, and feels more wind than its limit.
             FleetTaken: somebody has taken the fleet; nothing was sent, or it was replaced.
         """
-        if self.is_stopped and not intent.brings_down:
-            # A Python mission has caught its cancellation; the runner cancels it again.
+        if self.is_closed and not intent.brings_down:
+            # A Python mission has caught its cancellation, or one of its tasks goes on: it waits
+            # here until it is cancelled again.
             await asyncio.get_running_loop().create_future()
 
         if isinstance(intent, Takeoff) and len(intent.waves) > 1:

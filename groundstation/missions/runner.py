@@ -99,6 +99,7 @@ class MissionRun:
 
         self._ready_timeout_s = ready_timeout_s
         self._task: asyncio.Task[Any] | None = None  # flies the steps
+        self._is_stopped = False  # whether the steps were ended from outside
         self._steps_end = asyncio.Event()  # set when they are over, or not waited for any more
         self._reaction: asyncio.Task[None] | None = None  # does what the mission declares
         self._stays = stays
@@ -143,6 +144,7 @@ class MissionRun:
         except asyncio.CancelledError:
             self.interrupt()
             await self._steps_end.wait()
+        self.fleet.ground.is_closed = True  # a Python mission may have tasks that go on
         # Before the mission itself lands vehicles: which of them no longer fly?
         self.fleet.ground.note_other_ends()
         await self._bring_down(task)
@@ -190,8 +192,9 @@ class MissionRun:
     def _stop_steps(self) -> None:
         """End the steps, if they are under way; they start and move nobody any more."""
         is_under_way = self._task is not None and not self._task.done()
-        if is_under_way and not self.fleet.ground.is_stopped:
-            self.fleet.ground.is_stopped = True
+        if is_under_way and not self._is_stopped:
+            self._is_stopped = True
+            self.fleet.ground.is_closed = True
             self._cancel_steps(_FURTHER_CANCELS)
 
     def _cancel_steps(self, further_cancels: int) -> None:
@@ -403,7 +406,7 @@ class MissionRun:
 
     async def _bring_down(self, task: asyncio.Task[Any]) -> None:
         """Land the vehicles or do what the mission declares, unless the last step was done."""
-        is_stopped = self.fleet.ground.is_stopped or task.cancelled()
+        is_stopped = self._is_stopped or task.cancelled()
         if not is_stopped and task.exception() is None:
             return
 

@@ -298,6 +298,7 @@ class Lockstep:
             verdict = await run.run()
         finally:
             watch.cancel()
+        run.fleet.ground.is_closed = False  # a test may give orders after a mission
 
         if self.record is None or self.folder is None:
             return verdict

@@ -36,6 +36,7 @@ NEVER_ENDS = """
 
 
 BEGIN = """
+import asyncio
 import sys
 
 
@@ -128,3 +129,37 @@ async def test_an_interruption_lands_vehicles_that_a_failed_mission_holds_or_sen
     assert verdict.exit_status == 130
     assert all(verdict.landed.values())
     assert [order.kind for name, order in bus.orders if name == "mav1"] == ["takeoff", kind, "land"]
+
+
+LEAVES_A_TASK = """
+    async def wander():
+        while True:
+            try:
+                await fleet.move((0.0, 1.0, 1.2))
+            except Exception:
+                pass
+
+    async def start_again():
+        await fleet.has_landed.wait()
+        await fleet.takeoff()
+
+    fleet.tasks = [asyncio.create_task(wander()), asyncio.create_task(start_again())]
+    await fleet.wait(0.05)
+    raise ValueError("the camera is dirty")
+"""
+
+
+async def test_a_task_that_a_failed_mission_has_left_moves_nobody_who_lands(
+    fleet: FleetConfig, client: Any, bus: Any, tmp_path: Path
+) -> None:
+    run, _ = _run(client, fleet, tmp_path, LEAVES_A_TASK)
+    has_landed = asyncio.Event()
+    run.fleet.has_landed = has_landed  # type: ignore[attr-defined]
+    verdict = await asyncio.wait_for(run.run(), 5.0)
+    has_landed.set()
+    await asyncio.sleep(0.3)
+
+    kinds = [order.kind for name, order in bus.orders if name == "mav1"]
+    assert "the camera is dirty" in verdict.summary
+    assert "move" in kinds
+    assert kinds[-1] == "land"
