@@ -19,6 +19,7 @@ from typing import NamedTuple
 from groundstation.crazyswarm.module_names import PROVIDED, crazyswarm_names
 from groundstation.flights.mission_flight import clock_say
 from groundstation.missions.connection import Host, RealTime, run_script
+from groundstation.missions.left_out_awaits import left_out_awaits
 from groundstation.missions.readiness import NotReady
 from groundstation.missions.runner import READY_TIMEOUT_SIM_S
 from groundstation.missions.step_runner import first_failure
@@ -155,7 +156,7 @@ def _run_to_end(
 ) -> _ScriptEnd:
     """Run a script; an exception becomes an exit status and a sentence."""
     try:
-        with crazyswarm_names(script):
+        with crazyswarm_names(script), left_out_awaits() as left_out:
             if run_it is None:
                 run_script(script, arguments, host)
             else:
@@ -177,6 +178,8 @@ def _run_to_end(
     except Exception as error:  # noqa: BLE001 - a script can raise anything; its author sees it
         traceback.print_exc()
         return _ScriptEnd(EXIT_FAILED, f"{type(error).__name__}: {error}")
+    if left_out:
+        return _ScriptEnd(EXIT_FAILED, " ".join(left_out))
     return _ScriptEnd(EXIT_OK, "")
 
 

@@ -24,6 +24,7 @@ from groundstation.missions.beginning import begin_refusal, step_times, time_ref
 from groundstation.missions.conditions import ConditionTimeout
 from groundstation.missions.countdown import CountdownEnded
 from groundstation.missions.hover_check import WindTooStrong
+from groundstation.missions.left_out_awaits import left_out_awaits
 from groundstation.missions.own_link import SILENT_S, silent_in_flight
 from groundstation.missions.step_runner import MissionFailed, StepRunner
 from groundstation.missions.taken import Taken, flown_by_hand, pilot_words, stay
@@ -322,10 +323,7 @@ class MissionRun:
 
         self.fleet.ground.goes_on_without = self.mission.on_failure.do == "go_on"
         if self.mission.is_python:
-            try:
-                await load_function(self.mission)(self.fleet)
-            except SystemExit as error:  # would end this process, and leave the fleet in the air
-                raise MissionFailed(f"The mission called sys.exit({error.code!r}).") from None
+            await self._fly_function()
             return
 
         steps = StepRunner(self.mission, self.fleet, times)
@@ -335,6 +333,24 @@ class MissionRun:
             self._observations.is_wrong_input = True
             raise
         await steps.run()
+
+    async def _fly_function(self) -> None:
+        """Fly the function of a Python mission.
+
+        Raises:
+            MissionFailed: it has called ``sys.exit``, or has left out an ``await``.
+        """
+        with left_out_awaits() as left_out:
+            try:
+                await load_function(self.mission)(self.fleet)
+            except SystemExit as error:  # would end this process, and leave the fleet in the air
+                raise MissionFailed(f"The mission called sys.exit({error.code!r}).") from None
+            except Exception:
+                for sentence in left_out:  # may be the reason
+                    self.fleet.say(sentence)
+                raise
+        if left_out:
+            raise MissionFailed(" ".join(left_out))
 
     async def _wait(self, wait: Coroutine[Any, Any, None], stops: _EarlierStops) -> None:
         """Wait before the first step, until a person stops vehicles.
