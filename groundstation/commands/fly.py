@@ -32,15 +32,13 @@ from groundstation.flights.flight_settings import new_folder, prepare
 from groundstation.flights.mission_flight import MissionFlight, clock_say
 from groundstation.flights.simulation_settings import (
     SimulationSettings,
+    order_for,
     refuse_wrong_settings,
-    timed_order,
     wind_of,
 )
 from groundstation.mission_files.loading import load_mission
 from groundstation.mission_files.mission import Mission
 from groundstation.mission_files.world_time import WorldTime, local_now, world_time
-from groundstation.orders.grammar import OrderError
-from groundstation.orders.grammar import parse as parse_order
 from onboard.config.fleet import ConfigError, FleetConfig
 
 _NO_OPTIONS = FlightOptions()
@@ -99,7 +97,8 @@ def fly_mission(
     if isinstance(mission, str):
         mission = load_mission(mission, options.fleet)
     _refuse_wrong_faults(world.fault, mission.fleet)
-    _refuse_wrong_orders(simulation, mission.fleet)
+    for line in simulation.orders:
+        order_for(mission.fleet, line)  # refuses a wrong one before the flight has a folder
 
     settings = prepare(
         mission,
@@ -192,15 +191,6 @@ def _refuse_wrong_faults(lines: tuple[str, ...], fleet: FleetConfig) -> None:
             plan.add(parse(line), 0.0)
         except FaultError as error:
             raise ConfigError(f"The fault '{line}': {error}") from None
-
-
-def _refuse_wrong_orders(simulation: SimulationSettings, fleet: FleetConfig) -> None:
-    """Refuse orders of others that are none, before the flight has a folder."""
-    for line in simulation.orders:
-        try:
-            parse_order(timed_order(line).text, fleet)
-        except OrderError as error:
-            raise ConfigError(f"The order '{line}': {error}") from None
 
 
 def _arguments(written: tuple[str, ...]) -> dict[str, str]:

@@ -13,9 +13,10 @@ from typing import NamedTuple
 
 import msgspec
 
+from groundstation.orders.grammar import OrderError, parse
 from groundstation.recording.writer import write_json
 from onboard.config.file_reading import SIMULATION_FILE, json_values, read_text
-from onboard.config.fleet import ConfigError
+from onboard.config.fleet import ConfigError, FleetConfig
 
 SIMULATION_NAME = "simulation.json"
 LARGEST_WIND_M_S = 30.0  # per axis
@@ -82,6 +83,20 @@ def timed_order(line: str) -> TimedOrder:
             " for instance '12.5 hold all'."
         )
     return TimedOrder(at_s=at_s, text=text.strip())
+
+
+def order_for(fleet: FleetConfig, line: str) -> TimedOrder:
+    """Return the order of a line ``SECONDS ORDER``, which this fleet understands.
+
+    Raises:
+        ConfigError: the line has another form, or its order is none for this fleet.
+    """
+    order = timed_order(line)
+    try:
+        parse(order.text, fleet)
+    except OrderError as error:
+        raise ConfigError(f"The order '{line}': {error}") from None
+    return order
 
 
 def refuse_wrong_settings(settings: SimulationSettings) -> None:

@@ -12,6 +12,7 @@ from groundstation.flights.recorded_flight import fleet_of
 from groundstation.flights.simulation_settings import (
     SimulationSettings,
     TimedOrder,
+    order_for,
     timed_order,
     wind_of,
 )
@@ -100,12 +101,7 @@ def _plan(flight: Lockstep, settings: SimulationSettings) -> None:
 
     other_ground = OtherGround(flight)
     for line in settings.orders:
-        order = timed_order(line)
-        try:
-            grammar.parse(order.text, flight.config)
-        except grammar.OrderError as error:
-            raise ConfigError(f"The order '{line}': {error}") from None
-        other_ground.plan(order)
+        other_ground.plan(order_for(flight.config, line))
 
     for line in settings.changes:
         at_s, change = timed_change(line)
