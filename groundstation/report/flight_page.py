@@ -9,15 +9,14 @@ from typing import NamedTuple
 
 from groundstation.px4_logs.flight_logs import logs_of_flight
 from groundstation.recording.flight_reading import read_flight
+from groundstation.recording.output_file import refuse_other_file
 from groundstation.report.payload import payload
 from groundstation.report.report_page import page
 from groundstation.scene.ground_tiles import GroundTiles, read_ground_tiles
-from onboard.config.file_reading import OUTPUT_FILE, opened
 from onboard.config.fleet import ConfigError, FleetConfig
 
 PAGE_NAME = "report.html"
 _PAGE_MARK = b"Covey</title>"  # how the title of every page ends
-_MARK_WITHIN = 65_536  # bytes from the begin of a page
 
 
 class Written(NamedTuple):
@@ -99,7 +98,7 @@ def write_page(
         OSError: the page cannot be written.
     """
     if out is not None:
-        _refuse_other_file(out)
+        refuse_other_file(out, lambda begin: _PAGE_MARK in begin, other="is no page of a flight")
     made = make_page(folder, fleet_path=fleet_path, compared=compared, tiles=tiles)
     text = made.text.encode("utf-8")
     path = folder.parent / PAGE_NAME
@@ -117,19 +116,6 @@ def write_page(
         with contextlib.suppress(OSError):
             part.unlink(missing_ok=True)
     return Written(path=path, size=len(text), notes=made.notes)
-
-
-def _refuse_other_file(out: Path) -> None:
-    """Refuse to write a page over a file that is no page."""
-    if not out.is_file() or out.stat().st_size == 0:
-        return
-    with opened(out, OUTPUT_FILE) as stream:
-        is_page = _PAGE_MARK in stream.read(_MARK_WITHIN)
-    if not is_page:
-        raise ConfigError(
-            f"{out}: this file is there already and is no page of a flight, so it is not "
-            "overwritten. Name another with --out."
-        )
 
 
 def _made_by() -> str:

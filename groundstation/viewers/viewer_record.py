@@ -23,6 +23,7 @@ from mcap_protobuf.schema import register_schema
 
 from groundstation.recording.channels import json_schema
 from groundstation.recording.flight_reading import read_flight
+from groundstation.recording.output_file import refuse_other_file
 from groundstation.recording.recorded_flight import Flight
 from groundstation.recording.timeline import Timeline
 from groundstation.recording.writer import RECORD_NAME
@@ -36,10 +37,8 @@ from groundstation.viewers.scene_messages import (
 from onboard.config.file_reading import (
     FLEET_FILE,
     MISSION_FILE,
-    OUTPUT_FILE,
     RESULTS_FILE,
     FileKind,
-    opened,
     read_bytes,
 )
 from onboard.config.fleet import ConfigError
@@ -78,7 +77,11 @@ def write_viewer_record(folder: Path, out: Path | None = None) -> Path:
         OSError: the file cannot be written.
     """
     if out is not None:
-        _refuse_other_file(out)
+        refuse_other_file(
+            out,
+            lambda begin: out.name != RECORD_NAME and begin.startswith(MCAP0_MAGIC),
+            other="was not written for viewers",
+        )
     flight = read_flight(folder)
     if flight.length_s > MAX_LENGTH_S:
         raise ConfigError(
@@ -101,19 +104,6 @@ def write_viewer_record(folder: Path, out: Path | None = None) -> Path:
         with contextlib.suppress(OSError):
             part.unlink(missing_ok=True)
     return path
-
-
-def _refuse_other_file(out: Path) -> None:
-    """Refuse to write over the record of a flight, or over a file that is no MCAP."""
-    if not out.is_file() or out.stat().st_size == 0:
-        return
-    with opened(out, OUTPUT_FILE) as stream:
-        is_mcap = stream.read(len(MCAP0_MAGIC)) == MCAP0_MAGIC
-    if out.name == RECORD_NAME or not is_mcap:
-        raise ConfigError(
-            f"{out}: this file is there already and was not written for viewers, so it is not "
-            "overwritten. Name another with --out."
-        )
 
 
 class _Output:

@@ -1,0 +1,35 @@
+"""Refuses to write over a file that somebody else has written."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+from onboard.config.file_reading import OUTPUT_FILE, opened
+from onboard.config.fleet import ConfigError
+
+_BEGIN_BYTES = 65_536  # what is read of the file
+
+
+def refuse_other_file(out: Path, is_own: Callable[[bytes], bool], *, other: str) -> None:
+    """Refuse to write over a file that is not of the kind to be written.
+
+    A new file and an empty one are never refused.
+
+    Args:
+        out: file to write.
+        is_own: whether a file that begins with these bytes is of that kind.
+        other: what is said of a file that is not: "is no page of a flight".
+
+    Raises:
+        ConfigError: the file is not of that kind, or cannot be read.
+    """
+    if not out.is_file() or out.stat().st_size == 0:
+        return
+    with opened(out, OUTPUT_FILE) as stream:
+        begin = stream.read(_BEGIN_BYTES)
+    if not is_own(begin):
+        raise ConfigError(
+            f"{out}: this file is there already and {other}, so it is not overwritten. "
+            "Name another with --out."
+        )
