@@ -37,10 +37,10 @@ compiled: style
 # Three workers for two cores: the tests of the console wait for their timers nearly half of the time. Beside others on
 # a busy computer, an agent's loop or a console may stall for a second. So what failed runs once more, alone; what fails
 # alone too has failed.
-PYTEST = .venv/bin/pytest -o addopts="-q --strict-markers --import-mode=importlib" -o cache_dir=.venv/failed-tests
 define run_tests
-$(PYTEST) -m $(1) -n 3 --dist loadgroup --no-loadscope-reorder || { [ $$? = 1 ] && \
-  echo "Once more, alone, what failed beside others:" && $(PYTEST) -m $(1) --last-failed --last-failed-no-failures none; }
+.venv/bin/pytest -m $(1) -n 3 --dist loadgroup --no-loadscope-reorder || { [ $$? = 1 ] && \
+  echo "Once more, alone, what failed beside others:" && \
+  .venv/bin/pytest -m $(1) --last-failed --last-failed-no-failures none; }
 endef
 
 test:
