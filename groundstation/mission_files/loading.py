@@ -284,8 +284,8 @@ def _check_step(step: MissionStep, key: str, path: str) -> None:
         condition = step.until
         if condition is None and not step.duration_s and not step.at:
             raise ConfigError(
-                f"{path}: '{key}' waits for nothing. "
-                'Give it duration_s, a condition, until = { ... }, or a time: at = "21:30:00".'
+                f"{path}: '{key}' waits for nothing. Give it a duration_s above 0, "
+                'a condition, until = { ... }, or a time: at = "21:30:00".'
             )
     elif isinstance(step, ReactStep):
         condition = step.when

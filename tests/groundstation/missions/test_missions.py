@@ -60,6 +60,7 @@ def test_every_mission_of_the_repository_is_valid_for_its_fleet_or_for_both_that
         ([{"do": "land", "vehicles": ["mav7"]}], {}, "mav7"),
         ([{"do": "land", "timeout_s": -1}], {}, "step[0].timeout_s"),
         ([{"do": "wait"}], {}, "duration_s"),
+        ([{"do": "wait", "duration_s": 0.0}], {}, "duration_s above 0"),
         ([{"do": "wait", "duration_s": float("nan")}], {}, "step[0].duration_s"),
         ([{"do": "formation", "name": "star", "position_enu_m": [0, 0, 1]}], {}, "star"),
         ([{"do": "move", "position_enu_m": [3.9, 0, 1]}], {}, "outside the fence"),
