@@ -76,6 +76,14 @@ def _are_all(vehicles: Vehicles) -> bool:
     return vehicles in ("all", ["all"], ("all",))
 
 
+def _check_duration(duration_s: float, verb: str) -> None:
+    """Refuse a duration that is infinite or no number."""
+    if not math.isfinite(duration_s):
+        raise ConfigError(
+            f"{verb}: {duration_s} s is no duration. Give a finite number of seconds."
+        )
+
+
 class Group:
     """Vehicles of a fleet that are ordered together.
 
@@ -573,8 +581,10 @@ class Group:
                 of all other vehicles of the group.
 
         Raises:
-            ConfigError: the leader or a follower does not report where it is.
+            ConfigError: the leader or a follower does not report where it is, or the duration is
+                infinite or no number.
         """
+        _check_duration(duration_s, "follow")
         (leader,) = vehicles_at([leader], self.state)  # the spare, if the leader was swapped
         if offsets is None:
             offsets = present_offsets(self.client, leader, self.names)
@@ -617,7 +627,11 @@ class Group:
 
         Args:
             duration_s: seconds, of vehicle time.
+
+        Raises:
+            ConfigError: the duration is infinite or no number.
         """
+        _check_duration(duration_s, "wait")
         await asyncio.sleep(duration_s)
 
     async def countdown(self, at: str | WorldTime) -> None:

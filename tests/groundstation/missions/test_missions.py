@@ -561,6 +561,18 @@ async def test_a_mistake_in_a_python_mission_still_lands_everybody(
     assert all(verdict.landed.values())
 
 
+@pytest.mark.parametrize("duration_s", ["nan", "inf"])
+async def test_a_python_mission_that_waits_for_no_time_fails_in_words(
+    fleet: FleetConfig, client: Any, tmp_path: Path, duration_s: str
+) -> None:
+    path = tmp_path / "endless.py"
+    path.write_text(f"async def mission(fleet):\n    await fleet.wait(float('{duration_s}'))\n")
+
+    verdict = await MissionRun(load_mission(path, fleet), client).run()
+    assert verdict.exit_status == 1
+    assert f"wait: {duration_s} s is no duration." in verdict.summary
+
+
 async def test_a_python_mission_uses_the_same_orders(
     fleet: FleetConfig, client: Any, bus: Any, tmp_path: Path
 ) -> None:
