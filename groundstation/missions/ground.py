@@ -32,6 +32,7 @@ from groundstation.orders.result import OrderFailed, OrderResult, Results, Vehic
 from groundstation.verdict.observations import Arrival, StepResult, arrival_of
 from groundstation.verdict.other_ends import LastOrder, last_order, other_ends
 from onboard.bus.schema import Order
+from onboard.config.fleet import ConfigError
 from onboard.plain_text import MOST_NAMES, listed
 from onboard.tuples import Xyz
 
@@ -106,7 +107,7 @@ class MissionGround:
             One result per vehicle; none when the operator has left the order out.
 
         Raises:
-            ConfigError: the order is not valid.
+            ConfigError: the order is not valid, or no vehicle takes part any more.
             OrderFailed: a vehicle did not do it, and the mission does not go on without it.
             WindTooStrong: a vehicle has taken off, and feels more wind than its limit.
             FleetTaken: somebody has taken the fleet; nothing was sent, or it was replaced.
@@ -115,6 +116,12 @@ class MissionGround:
             # A Python mission has caught its cancellation, or one of its tasks goes on: it waits
             # here until it is cancelled again.
             await asyncio.get_running_loop().create_future()
+
+        if not intent.names and self.left_out.issuperset(self.client.fleet.enabled_names):
+            raise ConfigError(
+                f"'{intent.verb}' is for nobody: all vehicles were disabled, or the mission goes "
+                "on without them. Enable one before it."
+            )
 
         if isinstance(intent, Takeoff) and len(intent.waves) > 1:
             return await self._take_off_in_waves(intent, timeout_s)

@@ -19,7 +19,7 @@ from groundstation.missions.beginning import without_empty_places
 from groundstation.missions.conditions import flying
 from groundstation.missions.runner import MissionRun
 from groundstation.missions.taken import FleetWatch
-from onboard.config.fleet import FleetConfig
+from onboard.config.fleet import ConfigError, FleetConfig
 from tests.groundstation.console.fake import telemetry as telemetry_of
 
 OFF = {"disabled_by": "olga", "not_ready": ("mav1 is disabled by olga.",), "state": "waiting"}
@@ -77,6 +77,18 @@ async def test_scripts_disable_and_enable(client: Any, bus: Any) -> None:
     await flown.enable("mav1")
     assert flown.names == ("mav0", "mav1", "mav2")
     assert ordered(bus, "disable") == ordered(bus, "enable") == ["mav1"]
+
+
+async def test_an_order_for_which_nobody_is_left_is_refused_in_words(client: Any, bus: Any) -> None:
+    flown = Fleet(client)
+    await flown.disable("all")
+    for order in (flown.takeoff, flown.land):
+        with pytest.raises(ConfigError, match="is for nobody: all vehicles were disabled"):
+            await order()
+
+    await flown.enable("mav2")
+    await flown.takeoff()
+    assert ordered(bus, "takeoff") == ["mav2"]
 
 
 def over_the_spot_of_mav1(fleet: FleetConfig, **takeoff: object) -> Mission:
