@@ -3,8 +3,8 @@
 Example:
   covey plot flights/first
 
-Exit status: 0 all was drawn; 2 nothing can be drawn, or the record breaks off
-(then the figures show the recorded part).
+Exit status: 0 all was drawn that can be read, and a sentence says what a record
+lacks that was cut off; 2 nothing can be drawn.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from cyclopts import Parameter
 
 from groundstation.commands.parameters import Folder
 from onboard.config.fleet import ConfigError
-from onboard.exit_status import EXIT_OK, EXIT_WRONG_INPUT
+from onboard.exit_status import EXIT_OK
 
 
 def plot(folder: Annotated[Path, Parameter(name="DIR")], /, *, out: Folder | None = None) -> int:
@@ -31,7 +31,7 @@ def plot(folder: Annotated[Path, Parameter(name="DIR")], /, *, out: Folder | Non
     from groundstation.figures.record_figures import draw_record
 
     try:
-        paths, is_whole = draw_record(folder, out)
+        paths, damage = draw_record(folder, out)
     except OSError as error:
         raise ConfigError(
             f"the figures cannot be written: {error}. Give another place with --out."
@@ -39,12 +39,6 @@ def plot(folder: Annotated[Path, Parameter(name="DIR")], /, *, out: Folder | Non
 
     for path in paths:
         print(path)
-    if is_whole:
-        return EXIT_OK
-
-    print(
-        f"covey: {folder}: the record breaks off before its end, for instance because the"
-        " recording process was killed. The figures show what it has.",
-        file=sys.stderr,
-    )
-    return EXIT_WRONG_INPUT
+    if damage:
+        print(f"covey: {folder}: {damage}", file=sys.stderr)
+    return EXIT_OK

@@ -11,11 +11,9 @@ from groundstation.figures.data import POSES, TOPICS, from_samples
 from groundstation.figures.style import save, styled
 from groundstation.recording.reader import read, record_path
 from groundstation.recording.timeline import Timeline
-from onboard.config.file_reading import RECORD, opened
 from onboard.config.fleet import ConfigError, load_fleet, read_toml
 from onboard.config.flight_space import outlines_of
 
-_MCAP_MAGIC = b"\x89MCAP0\r\n"  # at the start and at the end of a complete file
 _DEFAULT_SAFETY_DISTANCE_M = 0.80  # that of the paper
 _FIGURES = {
     "fig2_attitude": attitude,
@@ -25,8 +23,10 @@ _FIGURES = {
 }
 
 
-def draw_record(folder: Path, out: Path | None = None) -> tuple[list[Path], bool]:
-    """Write all figures as PNG and SVG; return their paths, and whether the record is complete.
+def draw_record(folder: Path, out: Path | None = None) -> tuple[list[Path], str]:
+    """Write all figures as PNG and SVG; return their paths, and a sentence about a damaged record.
+
+    The figures show what can be read of such a record; the sentence is empty for a whole one.
 
     Args:
         folder: flight folder, or its MCAP file.
@@ -46,10 +46,11 @@ def draw_record(folder: Path, out: Path | None = None) -> tuple[list[Path], bool
     topics = list(TOPICS)
     if limits.get("people"):
         topics.append(POSES)
+    begin_ns, damage = _begin_and_damage(path)
     flight = from_samples(
         read(path, topics),
         title=title,
-        record_begin_ns=_begin_ns(path),
+        record_begin_ns=begin_ns,
         **limits,
     )
     if flight is None:
@@ -67,26 +68,20 @@ def draw_record(folder: Path, out: Path | None = None) -> tuple[list[Path], bool
     with styled():
         for name, module in _FIGURES.items():
             paths += save(module.draw(flight), target, name)
-    return paths, is_complete(path)
+    return paths, damage
 
 
-def _begin_ns(path: Path) -> int | None:
-    """Return the first stamp of all messages of a record; None if it cannot be read."""
+def _begin_and_damage(path: Path) -> tuple[int | None, str]:
+    """Return the first stamp of all messages of a record, and a sentence about its damage.
+
+    The stamp is None if it cannot be read; the sentence is empty for a whole record.
+    """
     try:
         timeline = Timeline(path)
-    except ConfigError:
-        return None
+    except ConfigError as error:
+        return None, str(error)
     with contextlib.closing(timeline):
-        return timeline.begin_ns
-
-
-def is_complete(path: Path) -> bool:
-    """Return whether an MCAP file has its end mark."""
-    with opened(path, RECORD) as file:
-        file.seek(0, 2)
-        size = file.tell()
-        file.seek(max(0, size - len(_MCAP_MAGIC)))
-        return size > 2 * len(_MCAP_MAGIC) and file.read() == _MCAP_MAGIC
+        return timeline.begin_ns, timeline.broken
 
 
 def _limits(flight_folder: Path) -> dict[str, Any]:
