@@ -23,6 +23,7 @@ from pathlib import Path
 from groundstation.client.client import FleetClient
 from groundstation.flights.flight_settings import FlightSettings
 from groundstation.flights.interruption import listen, listen_no_more
+from groundstation.flights.left_tasks import end_other_tasks, leave_process
 from groundstation.flights.simulation_settings import emulator_options
 from groundstation.missions.runner import READY_TIMEOUT_SIM_S, MissionRun
 from groundstation.processes.fleet_processes import EMULATOR, start_fleet
@@ -62,6 +63,13 @@ class MissionFlight:
 
     async def fly(self) -> int:
         """Fly from the first process to the verdict; return the exit status."""
+        status = await self._fly_and_listen()
+        if not await end_other_tasks():
+            leave_process(status)
+        return status
+
+    async def _fly_and_listen(self) -> int:
+        """Fly, and land at the first signal; return the exit status."""
         self._main = asyncio.current_task()
         self._listen()
         try:

@@ -6,6 +6,7 @@ import signal
 import time
 from pathlib import Path
 
+from groundstation.flights.left_tasks import leave_process
 from groundstation.flights.simulation_settings import SimulationSettings
 from groundstation.mission_files.mission import Mission
 from onboard.bus.schema import Event
@@ -66,4 +67,6 @@ def fly_mission(mission: Mission, folder: Path, simulation: SimulationSettings) 
             flush=True,
         )
 
+    if flight.has_stubborn_tasks:
+        leave_process(verdict.exit_status)
     return verdict.exit_status

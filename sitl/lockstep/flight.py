@@ -22,6 +22,7 @@ from groundstation.client.client import FleetClient
 from groundstation.client.direct_mavlink import PILOT_MODES, DirectKind, DirectResult
 from groundstation.fleet.state import FleetState
 from groundstation.fleet.touchdown import Touchdown
+from groundstation.flights.left_tasks import end_other_tasks
 from groundstation.mission_files.loading import load_mission
 from groundstation.mission_files.mission import Mission
 from groundstation.missions.api import Fleet
@@ -101,6 +102,8 @@ class Lockstep:
 
         self.config = config
         self.may_land_hard = False  # a test sets it if a hard landing is part of the test
+        # after `close`: whether a mission has left a task that catches its own end
+        self.has_stubborn_tasks = False
         self.folder = folder
         self.say = say
         self.simulation = Simulation(
@@ -386,7 +389,9 @@ class Lockstep:
             self.record.stop()
         if self.client.is_started:
             self.wait_for(self.client.stop())
-        self._runner.close()
+            self.has_stubborn_tasks = not self.wait_for(end_other_tasks())
+        if not self.has_stubborn_tasks:  # the loop would wait for them for ever
+            self._runner.close()
         gc.set_threshold(*self._collect_thresholds)
 
     def __enter__(self) -> Lockstep:
