@@ -15,6 +15,7 @@ from onboard.config.wind_limit import (
 from onboard.constants import GRAVITY_M_S2, MAX_PLANNED_THRUST_FRAC
 from onboard.feasibility import bounds
 from onboard.feasibility.finding import Finding, at_least, at_most
+from onboard.feasibility.lift_off import blown_aside_m
 from onboard.px4.required_params import silence_s, weakened
 from onboard.safety.gust_margin import gust_margin_m
 
@@ -160,6 +161,14 @@ def wind(fleet: FleetConfig, vehicle: Vehicle) -> Finding:
     gust_m_s2 = GUST_SHARE * vehicle.drag_1_s * limit_m_s
     wider_m = gust_margin_m(gust_m_s2, vehicle.lag_s, fleet.law)
     advised_m_s = 0.95 * largest_push_m_s2(vehicle) / (GUSTY * vehicle.drag_1_s)
+    spots = ""
+    if vehicle.drag_1_s * limit_m_s < tilt_acceleration_m_s2(vehicle):
+        aside_m = blown_aside_m(vehicle, limit_m_s)
+        apart_m = fleet.fleet.safety_distance_m + aside_m
+        spots = (
+            f". At a lift-off in it a vehicle is blown aside by about {aside_m:.1f} m: "
+            f"put them down {apart_m:.1f} m apart along the wind, or across it"
+        )
     return at_most(
         name="wind",
         value=GUSTY * vehicle.drag_1_s * limit_m_s,
@@ -168,7 +177,7 @@ def wind(fleet: FleetConfig, vehicle: Vehicle) -> Finding:
         sentence=(
             f"{vehicle.name} may fly in a wind of {limit_m_s:.1f} m/s (max_wind_m_s), which pushes "
             "with {value} in gusts; against wind it leans with {relation} {bound}, and in these "
-            f"gusts the others keep {wider_m:.2f} m beyond fleet.safety_distance_m"
+            f"gusts the others keep {wider_m:.2f} m beyond fleet.safety_distance_m{spots}"
         ),
         remedy=f"Set max_wind_m_s = {advised_m_s:.1f} or less, or raise max_tilt_deg.",
         refuse_above=tilt_acceleration_m_s2(vehicle),

@@ -18,6 +18,7 @@ from onboard.feasibility import bounds
 from onboard.feasibility.bounds import Response
 from onboard.feasibility.finding import Finding
 from onboard.feasibility.fleet_checks import error_class, fleet_findings, spot_findings
+from onboard.feasibility.lift_off import blown_aside_m
 
 ROOT = Path(__file__).resolve().parents[3]
 SIH = Response(0.04, 11.0, 0.6)
@@ -309,3 +310,26 @@ def test_vehicles_that_would_be_too_long_without_poses_are_warned_of_and_then_re
     assert statuses == ["ok", "warning", "refused"]
     alone = spot_findings(fleet, {"mav1": (2.0, 0.0, 8.0)}, "here")
     assert "descent without poses, here" not in {finding.name for finding in alone}
+
+
+def test_the_wind_finding_says_how_far_apart_to_put_vehicles_down() -> None:
+    assert (
+        "by about 1.0 m: put them down 1.8 m apart"
+        in named(fleet_with(base="paper"), "wind").sentence
+    )
+    weak = named(fleet_with({"fleet.max_wind_m_s": 1.0}, base="paper"), "wind")
+    assert "by about 0.1 m: put them down 0.9 m apart" in weak.sentence
+
+    # a wind that takes all of the tilt is refused; nobody lifts off in it
+    fleet = fleet_with({"types.ardrone.max_wind_m_s": 16.0}, base="paper")
+    assert "lift-off" not in named(fleet, "wind").sentence
+    with pytest.raises(ValueError, match="takes all of the tilt"):
+        blown_aside_m(fleet.vehicles["mav0"], 16.0)
+
+
+def test_a_vehicle_is_blown_aside_further_the_more_it_lags_and_the_less_it_tilts() -> None:
+    usual_m = blown_aside_m(fleet_with().vehicles["mav0"], 2.0)
+    slow_m = blown_aside_m(fleet_with({"types.sih.attitude_delay_s": 0.2}).vehicles["mav0"], 2.0)
+    upright_m = blown_aside_m(fleet_with({"types.sih.max_tilt_deg": 15}).vehicles["mav0"], 2.0)
+    assert slow_m > usual_m < upright_m
+    assert blown_aside_m(fleet_with().vehicles["mav0"], 0.0) == 0.0

@@ -10,7 +10,8 @@ import pytest
 from msgspec.structs import replace
 
 from groundstation.fleet.state import FleetState
-from onboard.config.fleet import FleetConfig
+from onboard.config.fleet import FleetConfig, load_fleet
+from onboard.feasibility.lift_off import blown_aside_m
 from sitl.emulator.emulator import Environment
 from sitl.physics.wind import WindSettings
 from tests.bench.wind import Row, fly, fly_ramp, fly_row
@@ -76,6 +77,31 @@ def test_a_take_off_to_a_height_is_blown_aside_no_further_than_a_low_one(
     flight.client.add_listener(look)
     flight.takeoff(8.0)
     assert max(aside_m) < 0.8
+
+
+@pytest.mark.long
+@pytest.mark.parametrize(("name", "wind_m_s"), [("paper", 4.0), ("paper", 8.0), ("sih", 3.0)])
+def test_one_that_takes_off_is_blown_aside_as_far_as_check_says(
+    lockstep, name: str, wind_m_s: float
+) -> None:
+    fleet = load_fleet(f"configs/fleets/{name}.toml")
+    alone = fleet.vehicles["mav0"]
+    flight = lockstep(
+        replace(fleet, vehicles={"mav0": alone}),
+        seed=3,
+        environment=blowing(wind_m_s, 0.15 * wind_m_s),
+    )
+    aside_m = [0.0]
+
+    def look(state: FleetState) -> None:
+        truth = state.vehicles["mav0"].truth
+        if truth is not None:
+            aside_m.append(truth.position_enu_m[0] - alone.start_enu_m[0])
+
+    flight.client.add_listener(look)
+    flight.ready()
+    flight.wait_for(flight.fleet.takeoff(1.0))
+    assert max(aside_m) == pytest.approx(blown_aside_m(alone, wind_m_s), abs=0.15)
 
 
 @pytest.mark.parametrize(
