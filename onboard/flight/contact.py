@@ -25,7 +25,10 @@ AGREED_S = 0.35  # both signs must hold for this time
 _LIGHT_SHARE = 0.8  # less than this share of the hover thrust counts as little thrust
 _STILL_M = 0.02  # a vehicle is still if its height changes by less within AGREED_S
 _STILL_PX4_M_S = 0.15  # without a mocap the height is noisier, so the vertical speed counts
-LOW_M = 0.06  # below this height above the ground, a vehicle is low
+LOW_M = 0.06  # below this height above the ground, the landing gear may touch it
+# Below this height a vehicle is low. If it does not stand but is still for a moment, at the top of
+# a short climb, its thrust ends, and it touches down with 0.8 m/s at most.
+_STANDS_BELOW_M = 0.03
 # A vehicle with more than this share of the hover thrust hovers. For instance, the law may keep a
 # landing vehicle a few centimetres above the ground.
 _HOVERS_SHARE = 0.97
@@ -112,7 +115,7 @@ def is_agreed(signs: ContactSigns, view: FlightView, ground_z_m: float, is_late:
 
     _, _, z_m = view.position_enu_m
     height_m = z_m - ground_z_m
-    is_low = height_m < LOW_M and view.thrust_share < _HOVERS_SHARE
+    is_low = height_m < _STANDS_BELOW_M and view.thrust_share < _HOVERS_SHARE
     if (is_light or is_low) and (is_still or is_reported):
         return True
 

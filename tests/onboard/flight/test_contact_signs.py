@@ -124,9 +124,9 @@ def test_the_report_of_the_ground_begins_anew_when_px4_stops_reporting_it() -> N
         (2.0, _lasted(light=351, still=350), False),
         (2.0, _lasted(light=351, reported=351), True),
         (2.0, _lasted(light=351, reported=350), False),
-        (0.059, _lasted(still=351), True),
-        (0.06, _lasted(still=351), False),
-        (0.059, _lasted(), False),
+        (0.029, _lasted(still=351), True),
+        (0.03, _lasted(still=351), False),
+        (0.029, _lasted(), False),
         (2.0, _lasted(still=351, reported=351), False),
     ],
 )
@@ -142,7 +142,7 @@ def test_a_vehicle_with_a_mocap_is_down_by_two_signs_that_agree_for_a_moment(
 
 def test_a_vehicle_whose_thrust_carries_it_hovers_however_low() -> None:
     assert not contact.is_agreed(
-        _lasted(still=351), _view(0.05, thrust_share=0.97), 0.0, is_late=False
+        _lasted(still=351), _view(0.02, thrust_share=0.97), 0.0, is_late=False
     )
 
 

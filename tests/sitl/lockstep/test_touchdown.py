@@ -57,6 +57,24 @@ def test_by_satellites_thrust_ends_on_the_ground_only(lockstep, outdoors, seed: 
     assert max(touchdown.speed_m_s for touchdown in flight.touchdowns) < 0.8
 
 
+@pytest.mark.parametrize("lifted_m", [0.03, pytest.param(0.06, marks=pytest.mark.long)])
+def test_a_landing_in_the_first_centimetres_of_a_lift_off_sets_down_gently(
+    lockstep, lifted_m: float
+) -> None:
+    # at the top of its short climb it is low and still for a moment, and fell from there
+    fleet = load_fleet(ROOT / "configs" / "fleets" / "sih.toml")
+    alone = {"mav0": fleet.vehicles["mav0"]}
+    flight = lockstep(replace(fleet, vehicles=alone), seed=1)
+    flight.ready()
+
+    flight.start_soon(flight.client.order("takeoff mav0 1.0", 40.0))
+    motion = flight.simulation.emulator.world.vehicles.motion
+    while -motion["position"][0, 2] < lifted_m:
+        flight.run(0.02)
+    flight.land()
+    assert [touchdown.speed_m_s < 0.5 for touchdown in flight.touchdowns] == [True]
+
+
 def test_a_verdict_fails_with_a_vehicle_that_came_down_hard(
     lockstep, outdoors, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
