@@ -26,7 +26,6 @@ from groundstation.recording.flight_reading import read_flight
 from groundstation.recording.output_file import refuse_other_file
 from groundstation.recording.recorded_flight import Flight
 from groundstation.recording.timeline import Timeline
-from groundstation.recording.writer import RECORD_NAME
 from groundstation.viewers import scene_messages
 from groundstation.viewers.scene_messages import (
     FleetMotion,
@@ -48,6 +47,8 @@ TICK_S = 0.02  # period of the transforms
 SCENE_S = 0.1  # period of the scenes
 MAX_LENGTH_S = 6 * 3600.0  # longest flight that is written
 _CHUNK_BYTES = 512 * 1024
+_LIBRARY = "covey for viewers"  # in the header; that of a record says "covey"
+_HEADER_BYTES = 256
 _ATTACHED: tuple[tuple[str, str, FileKind], ...] = (
     ("fleet.toml", "application/toml", FLEET_FILE),
     ("mission.toml", "application/toml", MISSION_FILE),
@@ -77,11 +78,7 @@ def write_viewer_record(folder: Path, out: Path | None = None) -> Path:
         OSError: the file cannot be written.
     """
     if out is not None:
-        refuse_other_file(
-            out,
-            lambda begin: out.name != RECORD_NAME and begin.startswith(MCAP0_MAGIC),
-            other="was not written for viewers",
-        )
+        refuse_other_file(out, _is_for_viewers, other="was not written for viewers")
     flight = read_flight(folder)
     if flight.length_s > MAX_LENGTH_S:
         raise ConfigError(
@@ -106,12 +103,17 @@ def write_viewer_record(folder: Path, out: Path | None = None) -> Path:
     return path
 
 
+def _is_for_viewers(begin: bytes) -> bool:
+    """Return whether a file that begins with these bytes was written here, and is no record."""
+    return begin.startswith(MCAP0_MAGIC) and _LIBRARY.encode() in begin[:_HEADER_BYTES]
+
+
 class _Output:
     """Writes the file: attachments, the record's messages and those of Foxglove's schemas."""
 
     def __init__(self, stream: IO[bytes]) -> None:
         self._writer = McapWriter(stream, chunk_size=_CHUNK_BYTES)
-        self._writer.start(library="covey")
+        self._writer.start(library=_LIBRARY)
         self._schemas: dict[type, int] = {}
         self._channels: dict[str, int] = {}
         self._sequences: Counter[int] = Counter()

@@ -308,10 +308,13 @@ def test_neither_a_record_nor_a_file_of_somebody_else_is_overwritten(
     notes.write_text("mine")
     record = folder / "flight.mcap"
     before = record.read_bytes()
+    kept_record = tmp_path / "kept.mcap"
+    kept_record.write_bytes(before)
 
-    for out in (notes, record):
+    for out in (notes, record, kept_record):
         with pytest.raises(ConfigError, match="it is not overwritten"):
             write_viewer_record(folder, out)
     assert notes.read_text() == "mine"
     assert record.read_bytes() == before
+    assert kept_record.read_bytes() == before
     assert write_viewer_record(folder, path) == path
