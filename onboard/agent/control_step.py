@@ -49,8 +49,6 @@ class ControlStep:
 
         self.tick: Tick | None = None  # newest result
         self.waits_for = router.NOBODY  # index of the neighbour to which it has given way
-        # the push of the wind that is expected after a lift-off
-        self.expected_push_enu_m_s2 = ZERO_3
         self.is_finite = True  # whether the newest result can be flown
         self.hover_frac = vehicle.hover_thrust_frac  # learned in flight
         # why Covey's law flies instead of the user's law; empty if it does not
@@ -108,13 +106,19 @@ class ControlStep:
             self.waits_for = self._route.waits_for
         memory, tick = self._pass(state, goal, mode, neighbours, dt_s)
 
-        if mode is ControlMode.GROUND:
-            memory = pipeline.expecting_push(memory, self.expected_push_enu_m_s2, self.params)
         self._memory = memory
         self.tick = tick
         self.hover_frac = tick.hover_thrust_frac
         self.is_finite = tick.is_finite and is_sendable(tick.attitude, self._max_tilt_deg)
         return tick
+
+    def expect_push(self, push_enu_m_s2: Vec3) -> None:
+        """Expect a push of the wind at the lift-off that begins with the next pass.
+
+        Args:
+            push_enu_m_s2: expected push [m/s^2], ENU, finite.
+        """
+        self._memory = pipeline.expecting_push(self._memory, push_enu_m_s2, self.params)
 
     def _pass(
         self,

@@ -260,7 +260,8 @@ class AgentCore:
 
         # What is wrong? And on the ground: may we take off?
         self._supervise(view, own)
-        was_on_ground = self.flight.step.situation is Situation.GROUND
+        step_before = self.flight.step
+        was_on_ground = step_before.situation is Situation.GROUND
         if was_on_ground:
             self._check_preflight(view)
 
@@ -272,8 +273,8 @@ class AgentCore:
         if self.people.names:
             neighbours = self.people.added_to(neighbours, now_ns)
         flight = self.flight
-        if was_on_ground:
-            self.control.expected_push_enu_m_s2 = self._expected_push(now_ns)
+        if flight.step is FlightStep.LIFTOFF and step_before is not FlightStep.LIFTOFF:
+            self.control.expect_push(self._expected_push(now_ns))
         tick = self.control.run(own.state, flight.goal, flight.step.control_mode, neighbours, dt_s)
         if flight.step.control_mode is ControlMode.FLYING and self._mismatch.is_due():
             self._report_mismatch(view)

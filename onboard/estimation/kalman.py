@@ -208,35 +208,10 @@ def drive(
     if is_on_ground:
         driven = Vec3(0.0, 0.0, max(driven.z, 0.0))
 
-    moved = _moved(memory, driven, thrust, params, dt_s)
+    least_bias_std_m_s2 = 0.0
     if is_on_ground and thrust > _LETTING_GO_SHARE * GRAVITY_M_S2:
-        moved = _with_bias_std(moved, _LIFTOFF_BIAS_M_S2)
-    return moved
-
-
-def _with_bias_std(memory: KalmanMemory, least_std_m_s2: float) -> KalmanMemory:
-    """Return the memory with a bias of at least this standard deviation."""
-    c = memory.covariance
-    least_variance_m2_s4 = least_std_m_s2 * least_std_m_s2
-    covariance = Covariance(
-        pp=c.pp,
-        pv=c.pv,
-        pb=c.pb,
-        vv=c.vv,
-        vb=c.vb,
-        bb=max(c.bb, least_variance_m2_s4),
-    )
-    return KalmanMemory(
-        position_enu_m=memory.position_enu_m,
-        velocity_enu_m_s=memory.velocity_enu_m_s,
-        bias_enu_m_s2=memory.bias_enu_m_s2,
-        acceleration_enu_m_s2=memory.acceleration_enu_m_s2,
-        covariance=covariance,
-        past=memory.past,
-        thrust_m_s2=memory.thrust_m_s2,
-        rejected_count=memory.rejected_count,
-        last_age_s=memory.last_age_s,
-    )
+        least_bias_std_m_s2 = _LIFTOFF_BIAS_M_S2
+    return _moved(memory, driven, thrust, params, dt_s, least_bias_std_m_s2)
 
 
 def driven_enu_m_s2(memory: KalmanMemory, params: KalmanParams) -> Vec3:
@@ -261,15 +236,21 @@ def predict(
         params: noise and limits.
         dt_s: length of the tick.
     """
-    return _moved(memory, acceleration_enu_m_s2, memory.thrust_m_s2, params, dt_s)
+    return _moved(memory, acceleration_enu_m_s2, memory.thrust_m_s2, params, dt_s, 0.0)
 
 
 def _moved(
-    memory: KalmanMemory, driven: Vec3, thrust_m_s2: float, params: KalmanParams, dt_s: float
+    memory: KalmanMemory,
+    driven: Vec3,
+    thrust_m_s2: float,
+    params: KalmanParams,
+    dt_s: float,
+    least_bias_std_m_s2: float,
 ) -> KalmanMemory:
     """Return the memory after one tick, integrated by the midpoint rule.
 
-    ``driven`` is the acceleration without drag and bias.
+    ``driven`` is the acceleration without drag and bias. The bias has at least the given standard
+    deviation afterwards.
     """
     pushed = add(finite_or(driven, ZERO_3), memory.bias_enu_m_s2)  # with the bias
 
@@ -283,7 +264,7 @@ def _moved(
         velocity_enu_m_s=add_scaled(before, dt_s, acceleration),
         bias_enu_m_s2=memory.bias_enu_m_s2,
         acceleration_enu_m_s2=acceleration,
-        covariance=_grown(memory.covariance, params, dt_s),
+        covariance=_grown(memory.covariance, params, dt_s, least_bias_std_m_s2),
         past=(tick,) + memory.past[:-1],  # noqa: RUF005  numba compiles no unpacking
         thrust_m_s2=thrust_m_s2,
         rejected_count=memory.rejected_count,
@@ -291,8 +272,10 @@ def _moved(
     )
 
 
-def _grown(covariance: Covariance, params: KalmanParams, dt_s: float) -> Covariance:
-    """Return the covariance one tick T later: Phi P Phi' + Q.
+def _grown(
+    covariance: Covariance, params: KalmanParams, dt_s: float, least_bias_std_m_s2: float
+) -> Covariance:
+    """Return the covariance one tick T later: Phi P Phi' + Q, with at least the given bias's.
 
     Phi = [[1, T, T^2/2], [0, 1 - c T, T], [0, 0, 1]].
     """
@@ -317,7 +300,7 @@ def _grown(covariance: Covariance, params: KalmanParams, dt_s: float) -> Covaria
         pb=a_b,
         vv=keep * b_v + t * b_b + q_a * t,
         vb=b_b,
-        bb=bb + q_b * t,
+        bb=max(bb + q_b * t, least_bias_std_m_s2 * least_bias_std_m_s2),
     )
 
 
