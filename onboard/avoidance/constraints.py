@@ -36,6 +36,11 @@ from onboard.avoidance.params import (
 from onboard.vectors import ZERO_2, Vec2, cross_2, dot_2, length_2
 
 SPEED_GAIN_1_S = 8.0  # rate at which the speed may approach its limit
+# A vehicle that flees from a neighbour that does not cooperate may fly faster by this factor.
+FLEEING_FACTOR = 2.0
+# The distance row of a neighbour that cannot be outrun demands at most this share of the largest
+# thrust.
+_OUTRUN_SHARE = 0.7
 VIOLATED_M_S2 = 1e-10  # a row that is violated by more changes the thrust; less is rounding
 
 # Two intended straight paths conflict if they pass each other nearer than _CONFLICT_WIDTH times the
@@ -99,7 +104,11 @@ def neighbour_constraint(
         pair: this vehicle and the neighbour at t + L.
         crowd_count: number of neighbours near this vehicle.
     """
-    hard = hard_constraint(own, distance_row(pair, pair.d_m, params), pair.table_index)
+    distance = distance_row(pair, pair.d_m, params)
+    if cannot_be_outrun(own, pair, params):
+        distance = with_room_to_turn(distance, own)
+
+    hard = hard_constraint(own, distance, pair.table_index)
     strength = turning_strength(hard.violation_m_s2, pair, params)
     if strength <= 0.0:
         return hard
@@ -114,6 +123,34 @@ def neighbour_constraint(
         violation_m_s2=hard.violation_m_s2,
         table_index=hard.table_index,
     )
+
+
+def cannot_be_outrun(own: Own, pair: NeighbourPair, params: LawParams) -> bool:
+    """Whether a neighbour that does not cooperate is faster than this vehicle may flee.
+
+    Args:
+        own: this vehicle at t + L.
+        pair: this vehicle and the neighbour at t + L.
+    """
+    if pair.is_cooperative:
+        return False
+
+    theirs_m_s = Vec2(own.velocity_m_s.x - pair.w.x, own.velocity_m_s.y - pair.w.y)
+    return length_2(theirs_m_s) > FLEEING_FACTOR * params.top_speed_m_s
+
+
+def with_room_to_turn(row: HalfPlane, own: Own) -> HalfPlane:
+    """Return a distance row that leaves a part of the thrust for the turn. DEVIATION D18.
+
+    The distance row of a fast neighbour demands all thrust, straight away from it. The vehicle
+    would fly ahead of the neighbour until it is caught, and would not step aside.
+
+    Args:
+        row: distance row of a neighbour that cannot be outrun.
+        own: this vehicle at t + L.
+    """
+    most_m_s2 = _OUTRUN_SHARE * own.radius_m_s2 * length_2(row.normal)
+    return HalfPlane(row.normal, min(row.bound_m_s2, most_m_s2))
 
 
 def turning_strength(violation_m_s2: float, pair: NeighbourPair, params: LawParams) -> float:

@@ -4,7 +4,7 @@ Every number that enters the law is made finite here, so the law itself needs no
 
 The law calculates for the time t + L, at which a command given now takes effect. It limits the
 thrust by half-planes, its rows: one for each neighbour, obstacle and wall. README.md beside this
-file lists the lines of the algorithm (P1 to O) and the deviations from the paper (D1 to D16).
+file lists the lines of the algorithm (P1 to O) and the deviations from the paper (D1 to D18).
 """
 
 from __future__ import annotations

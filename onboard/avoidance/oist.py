@@ -1,7 +1,7 @@
 """Output-to-input saturation (OIST) for N neighbours: turns the baseline thrust into a safe thrust.
 
 README.md beside this file names the paper. It has the symbols, the algorithm's lines (P1 to O) and
-the deviations from the paper (D1 to D16). Numbers in brackets are equations of the paper.
+the deviations from the paper (D1 to D18). Numbers in brackets are equations of the paper.
 
 The paper bounds the input of one pair by h_1 and h_2 (20), (21): constraints.py. It saturates the
 input at these bounds (22), which projects the thrust on two half-planes ("rows"). Here the thrust
@@ -18,6 +18,7 @@ from typing import NamedTuple
 
 from onboard.avoidance import oist_paper
 from onboard.avoidance.constraints import (
+    FLEEING_FACTOR,
     NO_ROW,
     VIOLATED_M_S2,
     Constraint,
@@ -95,9 +96,6 @@ _STIFFNESS_ALWAYS = 1e7  # under the policy "always": the rows are satisfied, as
 # If rows contradict each other, the margins are relaxed by 30 m/s^2 while the speed limit is
 # relaxed by 1 m/s^2.
 _LIMIT_FIRMNESS = 30.0
-
-# A vehicle that flees from a neighbour that does not cooperate may fly faster by this factor.
-_FLEEING_FACTOR = 2.0
 
 # The speed limit is raised by the noise of our own velocity, but at most by this share of the
 # limit.
@@ -391,7 +389,7 @@ def speed_limit(
     limit_m_s = params.top_speed_m_s
     limit_m_s += min(own.velocity_std_m_s, _MOST_NOISE_FRAC * params.top_speed_m_s)
     if is_fleeing(own, pairs, rows):
-        limit_m_s *= _FLEEING_FACTOR
+        limit_m_s *= FLEEING_FACTOR
     return compensated(speed_row(own.velocity_m_s, limit_m_s), own.compensation_m_s2)
 
 

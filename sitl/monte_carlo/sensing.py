@@ -44,9 +44,9 @@ class MocapSensing:
         length = _MOCAP_AGE_TICKS + 1
         self._samples: deque[Array] = deque([position] * length, length)  # the newest first
 
-        # position, velocity and acceleration, (F, N, 3) each
-        rest = np.zeros_like(position)
-        self._tracked = (position, rest, rest)
+        # Position, velocity and acceleration, (F, N, 3) each. The mocap has tracked everything
+        # before the flight begins, also an intruder that is already flying.
+        self._tracked = (position, truth.velocity_enu_m_s, np.zeros_like(position))
 
     def update(
         self, truth: TrueMotions, normals: Array, thrust_frac: Array, hover_frac: Array

@@ -259,6 +259,19 @@ def test_vehicles_turn_ahead_only_where_the_ways_that_both_intend_come_too_near(
     assert sideways(west, east, **soft) == LawStatus.INACTIVE  # they part
 
 
+def test_a_vehicle_steps_aside_from_a_neighbour_that_it_cannot_outrun():
+    def sideways_m_s2(speed_m_s):
+        closing = [-speed_m_s, 0.0, 0.0]
+        stranger = neighbour_of([1.6, 0.0, 0.0], closing, is_cooperative=False)
+        out = run(np.zeros(3), np.zeros(3), np.zeros(3), [stranger], law_of())
+        thrust = out.thrust.thrust_enu_m_s2
+        assert thrust.x < 0.0
+        return abs(thrust.y)
+
+    assert sideways_m_s2(3.0) > 1.0
+    assert sideways_m_s2(1.9) < sideways_m_s2(3.0)  # it may flee with nearly this speed
+
+
 def test_rotation_row_fades_in_with_the_violation():
     """Thrusts on both sides of the one that just violates the distance row give nearly the same
     answer.
