@@ -27,7 +27,10 @@ from onboard.vectors import Vec2, dot_2, horizontal, length_2
 MEETING_S = 4.0  # two vehicles have met when they have stood face to face for this time
 REFUSED_S = 12.0  # after this time the vehicle further east goes back
 
-_SLOW_M_S = 0.2  # a slower vehicle counts as standing
+_SLOW_M_S = 0.2  # a vehicle that intends to fly faster is on its way
+# A vehicle that is slower may stand face to face with another one. Their speed is not zero: with
+# late messages the two push each other to and fro.
+_STANDING_M_S = 0.5
 _NEAR_M = 0.4  # vehicles are face to face if the gap beyond the distance to keep is at most this
 _FACING = 0.3  # least cosine of the angle between an intent and the direction to the other vehicle
 _AHEAD_M = 6.0  # length of the opponent's route that is kept free
@@ -62,7 +65,7 @@ def opponent_of(
         neighbours: the known neighbours.
         spacing: distances to keep.
     """
-    if length_2(horizontal(state.velocity_enu_m_s)) > _SLOW_M_S:
+    if length_2(horizontal(state.velocity_enu_m_s)) > _STANDING_M_S:
         return None
 
     own_margin_2_m2 = margin_2(state.position_std_m, state.velocity_std_m_s, spacing)
@@ -77,7 +80,8 @@ def opponent_of(
         intent = horizontal(neighbour.intent_enu_m_s)
         intent_m_s = length_2(intent)
 
-        is_waiting = length_2(horizontal(neighbour.velocity_enu_m_s)) <= _SLOW_M_S < intent_m_s
+        is_standing = length_2(horizontal(neighbour.velocity_enu_m_s)) <= _STANDING_M_S
+        is_waiting = is_standing and intent_m_s > _SLOW_M_S
         is_ahead = dot_2(direction, towards) > _FACING * away_m
         is_coming = -dot_2(intent, towards) > _FACING * away_m * intent_m_s
         is_facing = neighbour.is_cooperative and is_waiting and is_ahead and is_coming
