@@ -12,6 +12,7 @@ import os
 from collections.abc import Iterator, Sequence
 from importlib.resources import files
 from pathlib import Path
+from typing import Literal
 
 import msgspec
 
@@ -32,7 +33,7 @@ BOUNDS: dict[str, tuple[float, float]] = {
     "radius_m": (0.01, _LARGEST_M),
     "side_m": (0.1, _LARGEST_M),
     "spacing_m": (0.1, 100.0),
-    "goals_each": (1, 20),
+    "goals_each": (1, 200),
     "jitter_m": (0.0, 1.0),
     "leaves_s": (0.0, 3600.0),
     "person_radius_m": (0.0, 5.0),
@@ -56,9 +57,20 @@ class Square(msgspec.Struct, frozen=True, forbid_unknown_fields=True, tag="squar
 
     vehicles: int  # number of the fleet's vehicles
     side_m: float  # of the square
-    spacing_m: float = 1.4  # least distance of two starts, and of any two goals
+    spacing_m: float = 1.4  # least distance of two starts, and of two goals
     # goals of each vehicle; the next one is given on arrival, and all must be reached
     goals_each: int = 1
+    # "all": the spacing holds for any two goals of a flight; "last": for the first goals of all
+    # vehicles, for their second goals and so on, and between the last goals and all others. So a
+    # vehicle's next goal may be near another vehicle that has not left yet.
+    goals_apart: Literal["all", "last"] = "all"
+
+    @property
+    def drawn_at_once(self) -> int:
+        """Number of points that are drawn together, all of them apart from each other."""
+        if self.goals_apart == "all":
+            return self.vehicles * self.goals_each
+        return 2 * self.vehicles
 
 
 class Listed(msgspec.Struct, frozen=True, forbid_unknown_fields=True, tag="listed"):
@@ -231,8 +243,7 @@ def _placing_problems(placing: Circle | Square | Listed) -> Iterator[str]:
     elif isinstance(placing, Square):
         yield from _number_problems(placing, "goals_each", "placing.")
         yield from _number_problems(placing, "spacing_m", "placing.")
-        points = placing.vehicles * placing.goals_each
-        least_m = placing.spacing_m * math.sqrt(_AREA_OF_SPACING * points)
+        least_m = placing.spacing_m * math.sqrt(_AREA_OF_SPACING * placing.drawn_at_once)
         yield from bound_problems("placing.side_m", placing.side_m, least_m, _LARGEST_M)
     elif len(placing.goal_enu_m) != placing.vehicles:
         yield (

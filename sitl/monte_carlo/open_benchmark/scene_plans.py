@@ -164,11 +164,29 @@ def _points(
     if isinstance(placing, Listed):
         return np.array(placing.start_enu_m), np.array([placing.goal_enu_m])
 
-    # no two goals of a flight are near each other, so no vehicle waits on another's next goal
     start = _drawn(scene.name, placing, placing.vehicles, rng, obstacles)
+    return start, _drawn_goals(scene.name, placing, rng, obstacles)
+
+
+def _drawn_goals(
+    name: str, placing: Square, rng: np.random.Generator, obstacles: Sequence[Capsule]
+) -> Array:
+    """Return the goals (G, N, 2) of a square, in order.
+
+    A vehicle stays at its last goal. So no other goal is near a last one, or it could not be
+    reached.
+    """
     count = placing.vehicles * placing.goals_each
-    goals = _drawn(scene.name, placing, count, rng, obstacles)
-    return start, goals.reshape(placing.goals_each, placing.vehicles, 2)
+    if placing.goals_apart == "all":
+        goals = _drawn(name, placing, count, rng, obstacles)
+        return goals.reshape(placing.goals_each, placing.vehicles, 2)
+
+    last = _drawn(name, placing, placing.vehicles, rng, obstacles)
+    earlier = [
+        _drawn(name, placing, placing.vehicles, rng, obstacles, beside=last)
+        for _ in range(placing.goals_each - 1)
+    ]
+    return np.stack([*earlier, last])
 
 
 def _drawn(
@@ -177,17 +195,22 @@ def _drawn(
     count: int,
     rng: np.random.Generator,
     obstacles: Sequence[Capsule],
+    beside: Array | None = None,
 ) -> Array:
     """Return points (count, 2) of a square, apart from each other and from obstacles.
 
     If they do not fit after many attempts, the square is emptied and filled anew.
+
+    Args:
+        beside: points (K, 2) that the drawn ones are apart from, too.
     """
     half_m = 0.5 * placing.side_m
-    points = np.empty((0, 2))
+    known = np.empty((0, 2)) if beside is None else beside
+    points = known
     outlines = Outlines(obstacles)
     for attempt in range(_MOST_ATTEMPTS):
         if attempt % (_ATTEMPTS * count) == 0:
-            points = np.empty((0, 2))
+            points = known
 
         point = rng.uniform(-half_m, half_m, 2)
         distances_m = np.hypot(*(points - point).T)
@@ -198,8 +221,9 @@ def _drawn(
             continue
 
         points = np.concatenate([points, point[None]])
-        if len(points) == count:
-            return points
+        drawn = points[len(known) :]
+        if len(drawn) == count:
+            return drawn
     raise ConfigError(
         f"the scene {name}: {count} points that are {placing.spacing_m:g} m apart were not found "
         f"in a square of {placing.side_m:g} m between its obstacles. Make it larger."

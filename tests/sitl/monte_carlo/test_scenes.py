@@ -55,6 +55,35 @@ def test_no_two_goals_of_a_lifelong_flight_are_near_each_other():
     assert scene_file.least_distance_m(points) >= 1.4
 
 
+def test_a_goal_may_be_where_another_vehicle_still_is_but_not_where_one_stays():
+    plan = scene_plans.plan(scene_file.load("exchange.json"), 0)
+    turns = plan.goals_enu_m[..., :2]
+    assert turns.shape == (60, 6, 2)
+
+    last = turns[-1]
+    for turn in turns[:-1]:
+        points = [(x, y) for x, y in np.concatenate([turn, last]).tolist()]
+        assert scene_file.least_distance_m(points) >= 1.4
+    consecutive = turns[1:20, :, None] - turns[:19, None, :]
+    assert np.hypot(*np.moveaxis(consecutive, -1, 0)).min() < 0.8
+
+
+@pytest.mark.long
+def test_all_arrive_where_goals_are_other_vehicles_places():
+    square = {
+        "type": "square",
+        "vehicles": 6,
+        "side_m": 7.0,
+        "goals_each": 8,
+        "goals_apart": "last",
+    }
+    scene = scene_of(placing=square, within_s=200.0)
+    for seed in range(3):
+        (one,) = batch_flight.fly([scene_plans.plan(scene, seed)], scene_plans.setup(scene))
+        assert one.outcome.is_success
+        assert one.outcome.min_separation_m > 0.8
+
+
 def test_points_are_drawn_clear_of_obstacles():
     pillars = [
         {"begin_enu_m": [x, y], "radius_m": 0.3} for x in (-3, -1, 1, 3) for y in (-3, -1, 1, 3)
