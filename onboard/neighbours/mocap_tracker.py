@@ -64,6 +64,7 @@ class BodyTracker:
     velocity_enu_m_s: Xyz = (0.0, 0.0, 0.0)
     acceleration_enu_m_s2: Xyz = (0.0, 0.0, 0.0)
     stamp_ns: int = 0  # stamp of this motion; 0 before the first sample
+    has_velocity: bool = False  # whether the velocity comes from two samples, or from a message
     _last_enu_m: Xyz | None = None  # newest sample, usable or not
 
     def hear(self, pose: MocapPose, received_ns: int) -> bool:
@@ -84,14 +85,33 @@ class BodyTracker:
         gap_s = (pose.stamp_ns - self.stamp_ns) * 1e-9
         self.stamp_ns = pose.stamp_ns
 
-        if gap_s < _GAP_S and math.dist(position_enu_m, self._expected(gap_s)) < _JUMP_M:
+        is_next = gap_s < _GAP_S and math.dist(position_enu_m, self._expected(gap_s)) < _JUMP_M
+        if is_next and self.has_velocity:
             self._correct(position_enu_m, gap_s)
+        elif is_next:
+            self._begin_motion(position_enu_m, gap_s)
         else:
             # At the first sample, and after a gap or a jump, the filter restarts at the sample. The
             # last velocity is still the best guess.
             self.position_enu_m = position_enu_m
             self.acceleration_enu_m_s2 = (0.0, 0.0, 0.0)
         return True
+
+    def _begin_motion(self, sample_enu_m: Xyz, gap_s: float) -> None:
+        """Take the velocity from the first two samples.
+
+        The filter would need a third of a second to find it, and overshoot.
+        """
+        x, y, z = self.position_enu_m
+        new_x, new_y, new_z = sample_enu_m
+        divisor_s = max(gap_s, _LEAST_GAP_S)
+        self.velocity_enu_m_s = (
+            (new_x - x) / divisor_s,
+            (new_y - y) / divisor_s,
+            (new_z - z) / divisor_s,
+        )
+        self.position_enu_m = sample_enu_m
+        self.has_velocity = True
 
     def _correct(self, sample_enu_m: Xyz, gap_s: float) -> None:
         """Correct the motion along each axis with a sample."""

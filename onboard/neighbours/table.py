@@ -275,6 +275,7 @@ class NeighbourTable:
         if not tracker.stamp_ns and silence_s < _VELOCITY_KNOWN_S:
             vx, vy, vz = arrays.numbers[index, VECTOR_COLUMNS["velocity_enu_m_s"]].tolist()
             tracker.velocity_enu_m_s = (vx, vy, vz)
+            tracker.has_velocity = True
         if not tracker.hear(pose, received_ns):
             return False
         if silence_s < OVERDUE_S + self.watched_bodies.late_s:
