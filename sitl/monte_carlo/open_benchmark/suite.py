@@ -27,6 +27,8 @@ KIND = ResultsKind(
 # seeds in a unit of a law that flies compiled; a unit of a user's own law has one seed
 _SEEDS_OF_UNIT = 5
 _COST_SCENE = "circle"  # in which laws are timed
+# A longer scene is no part of the suite: in RotorPy's physics one flight of it takes 20 minutes.
+_LONGEST_S = 300.0
 # what is kept of the record of a flight
 _KEPT = (
     "seed",
@@ -66,8 +68,9 @@ class Unit:
 
 
 def scenes() -> list[Scene]:
-    """Return the scenes of the suite."""
-    return [scene_file.load(f"{name}.json") for name in scene_file.names()]
+    """Return the scenes of the suite: those of this software that are over in a few minutes."""
+    known = [scene_file.load(f"{name}.json") for name in scene_file.names()]
+    return [scene for scene in known if scene.within_s is None or scene.within_s <= _LONGEST_S]
 
 
 def units(law: str, seeds: range, physics: str = worlds.DEFAULT) -> list[Unit]:
