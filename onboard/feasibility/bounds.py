@@ -70,6 +70,20 @@ def required_margin_m(accuracy: Accuracy, kappa_1_1_s: float, kappa_2_1_s: float
     return MARGIN_FLOOR_M + MARGIN_SIGMAS * distance_spread_m(accuracy, kappa_1_1_s, kappa_2_1_s)
 
 
+def required_obstacle_margin_m(accuracy: Accuracy, kappa_1_1_s: float, kappa_2_1_s: float) -> float:
+    """Return the margin [m] that an estimate requires between a vehicle's hull and an obstacle.
+
+    It is :func:`required_margin_m` with the errors of one estimate, because obstacles stand still.
+
+    Args:
+        accuracy: accuracy of the vehicle's estimate.
+        kappa_1_1_s: gain kappa_1 of the law [1/s].
+        kappa_2_1_s: gain kappa_2 of the law [1/s].
+    """
+    spread_m = distance_spread_m(accuracy, kappa_1_1_s, kappa_2_1_s) / math.sqrt(2.0)
+    return MARGIN_FLOOR_M + MARGIN_SIGMAS * spread_m
+
+
 def row_range_m(
     closing_speed_m_s: float, distance_m: float, kappa_1_1_s: float, kappa_2_1_s: float
 ) -> float:

@@ -8,6 +8,7 @@ the findings, and the preflight check uses them to refuse a take-off.
 from __future__ import annotations
 
 import itertools
+import math
 from collections.abc import Iterable, Mapping
 from typing import Literal
 
@@ -32,6 +33,7 @@ from onboard.feasibility.pair_checks import (
     crowding,
     effective_margin_m,
     height_accuracy_m,
+    kappa_values,
     least_margin_m,
     pair_findings,
     parking_m,
@@ -96,6 +98,8 @@ def fleet_findings(fleet: FleetConfig, *, errors: ErrorClass | None = None) -> t
             findings.append(law_map.map_finding(fleet, accuracy, law_map.shipped()))
 
     findings.append(fence_finding(fleet, starts, "take-off spots"))
+    if fleet.obstacles and fleet.law.built_in != "off":
+        findings.append(_obstacle_margin(fleet, accuracy))
     for check in _CHECKS_OF_A_VEHICLE:
         findings.append(worst(check(fleet, vehicle) for vehicle in kinds))
     if fleet.fences:
@@ -358,6 +362,26 @@ def _fence_finding(fleet: FleetConfig, name: str, spot: Xyz, label: str) -> Find
         ),
         remedy=remedy,
         refuse_below=_LEAST_FENCE_M,
+    )
+
+
+def _obstacle_margin(fleet: FleetConfig, accuracy: Accuracy) -> Finding:
+    """Check that the distance kept from obstacles covers the errors of the estimate."""
+    kappa_1, kappa_2 = kappa_values(fleet)
+    required_m = bounds.required_obstacle_margin_m(accuracy, kappa_1, kappa_2)
+    advised_m = math.ceil(100.0 * required_m) / 100.0
+
+    return at_least(
+        name="obstacle margin",
+        value=fleet.law.obstacle_margin_m,
+        bound=required_m,
+        unit="m",
+        sentence=(
+            f"law.obstacle_margin_m is {{value}}; with estimates as accurate as '{accuracy.name}' "
+            "it needs {relation} {bound}, or a vehicle touches an obstacle"
+        ),
+        remedy=f"Set law.obstacle_margin_m = {advised_m:.2f}, or fly on a better position.",
+        refuse_below=-math.inf,  # how near obstacles are flown is not known here
     )
 
 

@@ -112,7 +112,7 @@ def _no_law(fleet: FleetConfig) -> Finding:
 
 def _margin(fleet: FleetConfig, accuracy: Accuracy) -> Finding:
     """Check that the margin in flight covers the estimates' errors."""
-    kappa_1, kappa_2 = _kappa_values(fleet)
+    kappa_1, kappa_2 = kappa_values(fleet)
     required_m = bounds.required_margin_m(accuracy, kappa_1, kappa_2)
     refuse_below_m = _MARGIN_SHARE * required_m
 
@@ -189,7 +189,7 @@ def _body_gap(fleet: FleetConfig) -> Finding:
 
 def _range(fleet: FleetConfig, vehicle: Vehicle, margin_m: float) -> Finding:
     """Check that the law considers a neighbour early enough to brake."""
-    kappa_1, kappa_2 = _kappa_values(fleet)
+    kappa_1, kappa_2 = kappa_values(fleet)
     design_distance_m = fleet.fleet.safety_distance_m + margin_m
     closing_speed_m_s = 2.0 * fleet.law.avoid_speed_frac * vehicle.max_speed_m_s
 
@@ -227,7 +227,7 @@ def _inequality(fleet: FleetConfig, vehicle: Vehicle, accuracy: Accuracy) -> Fin
 
 def _message_age(fleet: FleetConfig, accuracy: Accuracy) -> Finding:
     """Check that the margin covers the age of the neighbours' states."""
-    kappa_1, kappa_2 = _kappa_values(fleet)
+    kappa_1, kappa_2 = kappa_values(fleet)
     radio = fleet.expected_radio
 
     margin_m = effective_margin_m(fleet, accuracy)
@@ -264,7 +264,7 @@ def margin_for_age_m(fleet: FleetConfig, accuracy: Accuracy) -> float:
         fleet: the fleet file.
         accuracy: accuracy of the vehicles' estimates.
     """
-    kappa_1, kappa_2 = _kappa_values(fleet)
+    kappa_1, kappa_2 = kappa_values(fleet)
     for_errors_m = bounds.required_margin_m(accuracy, kappa_1, kappa_2)
     for_age_m = bounds.delay_margin_m(message_age_s(fleet))
     margin_m = for_errors_m + for_age_m
@@ -302,7 +302,7 @@ def _lag(vehicle: Vehicle) -> Finding:
 
 def _kappas(fleet: FleetConfig, vehicle: Vehicle) -> Finding:
     """Check that an oscillation between two equal vehicles decays."""
-    kappa_1, kappa_2 = _kappa_values(fleet)
+    kappa_1, kappa_2 = kappa_values(fleet)
     if fleet.law.built_in == "paper":
         return _paper_kappas(vehicle, max(kappa_1, kappa_2))
 
@@ -337,7 +337,7 @@ def _largest_growth_1_s(fleet: FleetConfig, vehicle: Vehicle, share: float) -> f
     """Return the growth rate for a share of the kappas and the worst error of the configured
     lag.
     """
-    kappa_1, kappa_2 = _kappa_values(fleet)
+    kappa_1, kappa_2 = kappa_values(fleet)
     response = response_of(vehicle)
     is_predicted = fleet.law.prediction == "lag"
 
@@ -389,7 +389,7 @@ def braking(fleet: FleetConfig, vehicle: Vehicle, margin_m: float) -> Finding:
         vehicle: one of the two equal vehicles.
         margin_m: margin in flight.
     """
-    kappa_1, kappa_2 = _kappa_values(fleet)
+    kappa_1, kappa_2 = kappa_values(fleet)
     design_distance_m = fleet.fleet.safety_distance_m + margin_m
     closing_speed_m_s = 2.0 * vehicle.max_speed_m_s
     required_m_s2 = bounds.braking_m_s2(closing_speed_m_s, design_distance_m, kappa_1, kappa_2)
@@ -482,7 +482,7 @@ def effective_margin_m(fleet: FleetConfig, accuracy: Accuracy) -> float:
         velocity_time_s=law.accuracy_time_s,
         acceleration_std_m_s2=0.0,
     )
-    kappa_1, kappa_2 = _kappa_values(fleet)
+    kappa_1, kappa_2 = kappa_values(fleet)
     return max(configured_m, bounds.required_margin_m(known, kappa_1, kappa_2))
 
 
@@ -493,7 +493,7 @@ def least_margin_m(fleet: FleetConfig, accuracy: Accuracy) -> float:
         fleet: the fleet file.
         accuracy: accuracy of the vehicles' estimates.
     """
-    kappa_1, kappa_2 = _kappa_values(fleet)
+    kappa_1, kappa_2 = kappa_values(fleet)
     return _MARGIN_SHARE * bounds.required_margin_m(accuracy, kappa_1, kappa_2)
 
 
@@ -527,8 +527,12 @@ def _configured_margin_m(fleet: FleetConfig) -> float:
     return fleet.law.margin_m(longest_lag_s)
 
 
-def _kappa_values(fleet: FleetConfig) -> tuple[float, float]:
-    """Return kappa_1 and kappa_2 of the law that flies [1/s]."""
+def kappa_values(fleet: FleetConfig) -> tuple[float, float]:
+    """Return kappa_1 and kappa_2 of the law that flies [1/s].
+
+    Args:
+        fleet: the fleet file.
+    """
     law = fleet.law
     if law.built_in == "paper":
         return law.paper_kappa_1_1_s, law.paper_kappa_2_1_s

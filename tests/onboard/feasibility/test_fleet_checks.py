@@ -17,7 +17,12 @@ from onboard.estimation.accuracies import ACCURACIES
 from onboard.feasibility import bounds
 from onboard.feasibility.bounds import Response
 from onboard.feasibility.finding import Finding
-from onboard.feasibility.fleet_checks import error_class, fleet_findings, spot_findings
+from onboard.feasibility.fleet_checks import (
+    ErrorClass,
+    error_class,
+    fleet_findings,
+    spot_findings,
+)
 from onboard.feasibility.lift_off import blown_aside_m
 
 ROOT = Path(__file__).resolve().parents[3]
@@ -232,6 +237,29 @@ def test_the_margin_is_the_fit_at_the_accuracies_it_was_made_for() -> None:
         0.41, abs=0.01
     )
     assert bounds.required_margin_m(ACCURACIES["gps"], 4.0, 8.0) == pytest.approx(1.49, abs=0.01)
+
+
+@pytest.mark.parametrize(
+    ("errors", "margin_m", "status"),
+    [
+        ("mocap", 0.2, "ok"),
+        ("vision", 0.2, "warning"),
+        ("vision", 0.32, "ok"),
+        ("gps", 0.3, "warning"),
+    ],
+)
+def test_obstacles_need_a_margin_for_the_error_of_the_estimate(
+    errors: ErrorClass, margin_m: float, status: str
+) -> None:
+    fleet = fleet_with({"law.obstacle_margin_m": margin_m}, base="gap")
+    (finding,) = [
+        finding
+        for finding in fleet_findings(fleet, errors=errors)
+        if finding.name == "obstacle margin"
+    ]
+    assert finding.status == status
+    assert fleet_with().obstacles == ()
+    assert "obstacle margin" not in {each.name for each in fleet_findings(fleet_with())}
 
 
 def test_the_row_of_two_vehicles_closing_head_on_begins_to_ask_at_its_range() -> None:
