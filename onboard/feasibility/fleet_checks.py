@@ -41,6 +41,7 @@ from onboard.feasibility.pair_checks import (
 from onboard.feasibility.vehicle_checks import (
     available_m_s2,
     battery,
+    beside_people,
     gust_reserve,
     height_at_tilt,
     own_failsafes,
@@ -102,6 +103,8 @@ def fleet_findings(fleet: FleetConfig, *, errors: ErrorClass | None = None) -> t
         findings.append(_obstacle_margin(fleet, accuracy))
     for check in _CHECKS_OF_A_VEHICLE:
         findings.append(worst(check(fleet, vehicle) for vehicle in kinds))
+    if fleet.people:
+        findings.append(worst(beside_people(fleet, vehicle) for vehicle in kinds))
     if fleet.fences:
         findings.append(worst(braking_in_wind(fleet, vehicle) for vehicle in kinds))
 

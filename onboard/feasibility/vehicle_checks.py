@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 
+from onboard.avoidance.constraints import FLEEING_FACTOR
 from onboard.config.fleet import FleetConfig, Vehicle
 from onboard.config.wind_limit import (
     GUST_SHARE,
@@ -16,11 +17,15 @@ from onboard.constants import GRAVITY_M_S2, MAX_PLANNED_THRUST_FRAC
 from onboard.feasibility import bounds
 from onboard.feasibility.finding import Finding, at_least, at_most
 from onboard.feasibility.lift_off import blown_aside_m
+from onboard.plain_text import listed
 from onboard.px4.required_params import silence_s, weakened
 from onboard.safety.gust_margin import gust_margin_m
 
 # largest gusts for which the disturbance observer was measured
 GUST_M_S2 = 0.3
+
+# In simulation, a person that walks so fast reaches vehicles that may flee more slowly.
+_BRISK_WALK_M_S = 1.5
 
 # least upward acceleration, for climbing and gusts
 _CLIMB_M_S2 = 1.0
@@ -181,6 +186,28 @@ def wind(fleet: FleetConfig, vehicle: Vehicle) -> Finding:
         ),
         remedy=f"Set max_wind_m_s = {advised_m_s:.1f} or less, or raise max_tilt_deg.",
         refuse_above=tilt_acceleration_m_s2(vehicle),
+    )
+
+
+def beside_people(fleet: FleetConfig, vehicle: Vehicle) -> Finding:
+    """Check that a vehicle can flee from a person as fast as people walk.
+
+    Args:
+        fleet: the fleet file, with at least one person.
+        vehicle: one of its vehicles.
+    """
+    people = listed(tuple(fleet.people), most=3)
+    return at_least(
+        name="people",
+        value=FLEEING_FACTOR * vehicle.max_speed_m_s,
+        bound=_BRISK_WALK_M_S,
+        unit="m/s",
+        sentence=(
+            f"{vehicle.name} may flee from {people} with {{value}}, twice its max_speed_m_s; "
+            "people walk with up to {bound}, and reach a vehicle that flees more slowly"
+        ),
+        remedy=f"Set max_speed_m_s = {_BRISK_WALK_M_S / FLEEING_FACTOR:.2f} or more.",
+        refuse_below=-math.inf,  # it flies, where people walk slowly
     )
 
 

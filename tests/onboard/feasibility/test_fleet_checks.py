@@ -252,14 +252,19 @@ def test_obstacles_need_a_margin_for_the_error_of_the_estimate(
     errors: ErrorClass, margin_m: float, status: str
 ) -> None:
     fleet = fleet_with({"law.obstacle_margin_m": margin_m}, base="gap")
-    (finding,) = [
-        finding
-        for finding in fleet_findings(fleet, errors=errors)
-        if finding.name == "obstacle margin"
-    ]
-    assert finding.status == status
+    assert named(fleet, "obstacle margin", errors=errors).status == status
     assert fleet_with().obstacles == ()
     assert "obstacle margin" not in {each.name for each in fleet_findings(fleet_with())}
+
+
+@pytest.mark.parametrize(("speed_m_s", "status"), [(1.0, "ok"), (0.75, "ok"), (0.6, "warning")])
+def test_a_vehicle_beside_people_is_fast_enough_to_flee(speed_m_s: float, status: str) -> None:
+    """In flights past a person at 1.5 m/s, vehicles of 0.6 m/s came to 0.56 m from his circle."""
+    fleet = fleet_with({"people.anna.radius_m": 0.4, "types.sih.max_speed_m_s": speed_m_s})
+    finding = named(fleet, "people")
+    assert finding.status == status
+    assert "anna" in finding.sentence
+    assert "people" not in {each.name for each in fleet_findings(fleet_with())}
 
 
 def test_the_row_of_two_vehicles_closing_head_on_begins_to_ask_at_its_range() -> None:
