@@ -152,5 +152,14 @@ def _kept(flown: batch_flight.Flown, judged: JudgedLaw) -> results.FlightRecord:
 
 
 def flights_of(rows: Sequence[SuiteRow]) -> list[results.FlightRecord]:
-    """Return the flights of several rows."""
-    return [flight for row in rows for flight in row["flights"]]
+    """Return the flights of several rows.
+
+    Units of several seeds overlap after a run with other seeds, for instance 1000:1003 and then
+    1000:1005. Each flight counts once.
+    """
+    flights: dict[tuple[str, ...], results.FlightRecord] = {}
+    for row in rows:
+        contestant = (row["law"], row.get("physics", worlds.DEFAULT), row["scene"])
+        for flight in row["flights"]:
+            flights[*contestant, str(flight["seed"])] = flight
+    return list(flights.values())

@@ -111,10 +111,25 @@ def test_a_file_of_another_kind_or_version_is_refused_in_a_sentence(tmp_path, fl
         suite_command.judge("orca", range(1), keep=keep)
 
 
+def test_a_flight_counts_once_where_units_overlap():
+    """covey flies five seeds a unit: 0:3 first, and 0:5 after more seeds were asked for."""
+    rows = [
+        row_of(unit)
+        for seeds in (range(3), range(5))
+        for unit in suite.units("covey", seeds)
+        if unit.scene.name == "circle"
+    ]
+    assert [len(row["flights"]) for row in rows] == [3, 5]
+    assert len(suite.flights_of(rows)) == 5
+
+
 def test_the_table_counts_what_happened():
-    (unit, *_) = suite.units("orca", range(1000, 1001))
-    bad = row_of(unit, success=False, ratio=None, violation_s=0.1, min_separation_m=0.5)
-    row = suite_summary.table_row([row_of(unit), row_of(unit), row_of(unit, collision=True), bad])
+    units = [unit for unit in suite.units("orca", range(4)) if unit.scene.name == "circle"]
+    good, other, touching, near = units
+    bad = row_of(near, success=False, ratio=None, violation_s=0.1, min_separation_m=0.5)
+    row = suite_summary.table_row(
+        [row_of(good), row_of(other), row_of(touching, collision=True), bad]
+    )
     named = dict(zip(suite_summary.COLUMNS, row, strict=True))
     assert named == {
         "flights": "4",
