@@ -69,7 +69,7 @@ def test_a_goal_may_be_where_another_vehicle_still_is_but_not_where_one_stays():
 
 
 @pytest.mark.long
-def test_all_arrive_where_goals_are_other_vehicles_places():
+def test_a_goal_beside_another_vehicle_is_reached_once_that_one_has_left():
     square = {
         "type": "square",
         "vehicles": 6,
