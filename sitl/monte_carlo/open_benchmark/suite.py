@@ -157,9 +157,9 @@ def flights_of(rows: Sequence[SuiteRow]) -> list[results.FlightRecord]:
     Units of several seeds overlap after a run with other seeds, for instance 1000:1003 and then
     1000:1005. Each flight counts once.
     """
-    flights: dict[tuple[str, ...], results.FlightRecord] = {}
+    flights: dict[tuple[str, str, str, int], results.FlightRecord] = {}
     for row in rows:
         contestant = (row["law"], row.get("physics", worlds.DEFAULT), row["scene"])
         for flight in row["flights"]:
-            flights[*contestant, str(flight["seed"])] = flight
+            flights[*contestant, flight["seed"]] = flight
     return list(flights.values())

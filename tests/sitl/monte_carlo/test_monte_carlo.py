@@ -258,10 +258,10 @@ def test_message_is_as_old_as_it_says(delay_s, ticks):
 
 
 def test_an_intruder_that_nobody_can_outrun_is_avoided():
-    """In each of these flights the mocap has tracked the intruder before the flight begins. Without
-    that, it came to 0.70, 0.73 and 0.68 m.
+    """The mocap has tracked the intruder before the flight begins. Without that, the first and the
+    last of these flights came to 0.72 and 0.76 m.
     """
-    for flown in fly("intruder6@3", [1041, 1047, 1116]):
+    for flown in fly("intruder6@3", [1022, 1041, 1047, 1116, 1158]):
         assert flown.outcome.min_separation_m > 0.8
 
 
