@@ -55,7 +55,7 @@ from onboard.vectors import (
     subtract,
 )
 
-_INTENT_1_S = 1.0  # intended horizontal velocity per metre of distance to the goal
+INTENT_1_S = 1.0  # intended horizontal velocity per metre of distance to the goal
 _ACTIVE_M_S2 = 0.05  # the law is active if it changes the thrust by more than this
 _ACTIVE_FACTOR = 2.0  # the clock slows fully if the law was active in half of the recent past
 _LEAST_CLAMP_M = 0.15  # smallest clamp of the position error, for the fastest setpoint
@@ -452,8 +452,8 @@ def intent(position_enu_m: Vec3, goal: Goal, max_speed_m_s: float, rise_m: float
     v = goal.velocity_enu_m_s  # velocity of the path's point; zero for a goal at rest
     rate = goal.clock_rate_frac
 
-    x = _INTENT_1_S * (goal_m.x - p.x) + rate * v.x
-    y = _INTENT_1_S * (goal_m.y - p.y) + rate * v.y
+    x = INTENT_1_S * (goal_m.x - p.x) + rate * v.x
+    y = INTENT_1_S * (goal_m.y - p.y) + rate * v.y
     z = (goal_m.z + rise_m - p.z) / INTENT_S + rate * v.z
 
     share = max_speed_m_s / max(math.sqrt(x * x + y * y), max_speed_m_s)

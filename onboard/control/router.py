@@ -6,8 +6,10 @@ trajectory's goal. If not, the vehicle flies to the first corner of the shortest
 times a second from the present position, so other vehicles may push the vehicle off its route.
 
 If two vehicles meet in a passage that is too narrow for both, one of them flies back and waits
-beside the passage until the other has passed (:mod:`onboard.control.yielding`). If parked vehicles
-keep a vehicle from its goal, it also flies around them (:mod:`onboard.control.parked`).
+beside the passage until the other has passed (:mod:`onboard.control.yielding`). If their goals are
+too near to each other, one of them waits until the other has arrived
+(:mod:`onboard.control.goal_conflict`). If parked vehicles keep a vehicle from its goal, it also
+flies around them (:mod:`onboard.control.parked`).
 """
 
 from __future__ import annotations
@@ -18,7 +20,8 @@ from itertools import combinations_with_replacement, pairwise
 from typing import NamedTuple
 
 from onboard.avoidance.params import Capsule, LawParams, Spacing, Walls
-from onboard.control import parked, yielding
+from onboard.control import goal_conflict, parked, yielding
+from onboard.control.goal_conflict import Rival
 from onboard.control.route_map import RouteMap
 from onboard.tuples import Xyz
 from onboard.types import Goal, Neighbour, State
@@ -50,7 +53,8 @@ class RouteMemory(NamedTuple):
     leg_s: float = 0.0  # part of the ordered duration for the present leg
 
     met_s: float = 0.0  # how long it has stood face to face with another vehicle
-    refuge: Vec2 | None = None  # point at which it waits until the other vehicle has passed
+    rival_s: float = 0.0  # how long another vehicle's goal has been too near to its own
+    refuge: Vec2 | None = None  # point at which it waits until the other vehicle goes on
     waited_s: float = 0.0  # time since it left for the refuge
     waits_for: int = NOBODY  # table index of the other vehicle
 
@@ -98,7 +102,7 @@ def is_led(memory: RouteMemory) -> bool:
 def is_idle(memory: RouteMemory) -> bool:
     """Return whether the memory holds nothing that the next search needs."""
     avoids_vehicles = memory.refuge is not None or memory.past_parked is not None
-    has_waited = memory.stood_s > 0.0 or memory.met_s > 0.0
+    has_waited = memory.stood_s > 0.0 or memory.met_s > 0.0 or memory.rival_s > 0.0
     return not (is_led(memory) or avoids_vehicles or has_waited)
 
 
@@ -107,10 +111,11 @@ def is_due(memory: RouteMemory, goal: Goal, dt_s: float) -> bool:
     return goal.sequence != memory.sequence or memory.left_s <= dt_s
 
 
-def uses_neighbours(memory: RouteMemory, around: Surroundings) -> bool:
+def uses_neighbours(memory: RouteMemory, state: State, goal: Goal, around: Surroundings) -> bool:
     """Return whether the next search uses the neighbours."""
     is_long_held = memory.stood_s + PERIOD_S >= parked.STANDING_S
-    return bool(around.still) or is_led(memory) or is_long_held
+    is_short_of_goal = goal_conflict.is_short_of_goal(state, goal.position_enu_m, around.spacing)
+    return bool(around.still) or is_led(memory) or is_long_held or is_short_of_goal
 
 
 def step(
@@ -165,7 +170,15 @@ def _searched(
     goal_m = horizontal(goal.position_enu_m)
 
     memory = _held_by_parked(memory, state, goal_m, neighbours, still, around)
-    if not (still or memory.past_parked or is_led(memory)):
+
+    rival = None
+    is_short_of_goal = goal_conflict.is_short_of_goal(state, goal.position_enu_m, around.spacing)
+    if is_short_of_goal or memory.refuge is not None:
+        rival = goal_conflict.rival_of(state, goal.position_enu_m, neighbours, around.spacing)
+    if memory.refuge is None:
+        memory = _yielded_to_rival(memory, here, rival, neighbours, map_of(still, around))
+
+    if not (still or memory.past_parked or memory.refuge or is_led(memory)):
         return memory  # nothing is in the way
 
     route_map = memory.past_parked
@@ -179,7 +192,8 @@ def _searched(
             whole_route = [here, *route]
         memory = _yielded(memory, state, whole_route, neighbours, route_map, around.spacing)
     else:
-        memory = _waiting(memory, [here, *route], neighbours, around.spacing)
+        is_free = yielding.is_route_free([here, *route], neighbours, around.spacing)
+        memory = _waiting(memory, is_free=is_free and rival is None)
 
     if memory.refuge is not None:
         route = route_map.route(here, memory.refuge)
@@ -215,6 +229,27 @@ def _held_by_parked(
     return memory._replace(stood_s=0.0, past_parked=past_parked)
 
 
+def _yielded_to_rival(
+    memory: RouteMemory,
+    here: Vec2,
+    rival: Rival | None,
+    neighbours: Sequence[Neighbour],
+    route_map: RouteMap,
+) -> RouteMemory:
+    """Return the memory with a refuge to wait at, if a rival flies to its goal first."""
+    if rival is None:
+        return memory._replace(rival_s=0.0)
+
+    rival_s = memory.rival_s + PERIOD_S
+    if not yielding.is_to_yield(here, rival.position_m, rival_s):
+        return memory._replace(rival_s=rival_s)
+
+    refuge = goal_conflict.waiting_point(here, rival, neighbours, route_map)
+    if refuge is None:
+        return memory._replace(rival_s=0.0)
+    return memory._replace(rival_s=0.0, refuge=refuge, waited_s=0.0, waits_for=rival.table_index)
+
+
 def _yielded(
     memory: RouteMemory,
     state: State,
@@ -235,7 +270,7 @@ def _yielded(
         return memory._replace(met_s=0.0)
 
     met_s = memory.met_s + PERIOD_S
-    if not yielding.is_to_yield(here, opponent, met_s):
+    if not yielding.is_to_yield(here, opponent.position_m, met_s):
         return memory._replace(met_s=met_s)
 
     refuge = yielding.nearest_refuge(here, opponent, route_map)
@@ -244,12 +279,9 @@ def _yielded(
     return memory._replace(met_s=0.0, refuge=refuge, waited_s=0.0, waits_for=opponent.table_index)
 
 
-def _waiting(
-    memory: RouteMemory, route: Sequence[Vec2], neighbours: Sequence[Neighbour], spacing: Spacing
-) -> RouteMemory:
-    """Return the memory without the refuge, once the route is free."""
+def _waiting(memory: RouteMemory, is_free: bool) -> RouteMemory:
+    """Return the memory without the refuge, once the route and the goal are free."""
     waited_s = memory.waited_s + PERIOD_S
-    is_free = yielding.is_route_free(route, neighbours, spacing)
     if is_free or waited_s >= _MOST_WAIT_S:
         return memory._replace(refuge=None, waits_for=NOBODY)
     return memory._replace(waited_s=waited_s)

@@ -92,18 +92,18 @@ def opponent_of(
     return nearest
 
 
-def is_to_yield(here: Vec2, opponent: Opponent, met_s: float) -> bool:
+def is_to_yield(here: Vec2, other: Vec2, met_s: float) -> bool:
     """Return whether this vehicle goes back.
 
     The vehicle further west goes back after MEETING_S, the other vehicle after REFUSED_S.
 
     Args:
         here: our own position.
-        opponent: the vehicle that stands face to face with this one.
-        met_s: how long they have stood face to face.
+        other: position of the vehicle that it has met.
+        met_s: how long ago they met.
     """
-    from_opponent = Vec2(here.x - opponent.position_m.x, here.y - opponent.position_m.y)
-    is_west = dot_2(from_opponent, _WEST) > 0.0
+    from_other = Vec2(here.x - other.x, here.y - other.y)
+    is_west = dot_2(from_other, _WEST) > 0.0
     if is_west:
         return met_s >= MEETING_S
     return met_s >= REFUSED_S

@@ -5,6 +5,7 @@ from __future__ import annotations
 import random
 
 import numpy as np
+import pytest
 
 from onboard.avoidance.params import Capsule, still
 from onboard.config.fleet import FleetConfig, load_fleet
@@ -36,18 +37,27 @@ def random_state(place_m: Vec2, errors: random.Random) -> State:
     return state._replace(position_enu_m=Vec3(x, y, errors.gauss(1.0, 0.02)))
 
 
-def random_neighbour(errors: random.Random) -> Neighbour:
+def random_neighbour(intent_m_s: float, errors: random.Random) -> Neighbour:
     neighbour: Neighbour = zero(Neighbour)
+    position = Vec3(errors.gauss(0.45, 0.03), errors.gauss(0.0, 0.03), 1.0)
     return neighbour._replace(
-        position_enu_m=Vec3(errors.gauss(0.45, 0.03), errors.gauss(0.0, 0.03), 1.0),
-        intent_enu_m_s=Vec3(errors.gauss(-1.0, 0.1), 0.0, 0.0),
-        is_cooperative=errors.random() < 0.9,
+        position_enu_m=position,
+        predicted_position_enu_m=position,
+        intent_enu_m_s=Vec3(errors.gauss(intent_m_s, 0.1), 0.0, 0.0),
+        is_cooperative=errors.random() < 0.99,
     )
 
 
-def test_a_batch_and_the_agents_fly_the_same_legs() -> None:
+@pytest.mark.parametrize(
+    ("things", "goal_x_m", "intent_m_s"),
+    [([*LANE, TREE], 4.0, -1.0), ([], 0.0, -0.5)],
+    ids=["a passage for one", "goals in one place"],
+)
+def test_a_batch_and_the_agents_fly_the_same_legs(
+    things: list[Capsule], goal_x_m: float, intent_m_s: float
+) -> None:
     errors = random.Random(2)
-    things = [*still(fleet()), *LANE, TREE]
+    things = [*still(fleet()), *things]
     params = [pipeline_params(fleet(), name) for name in fleet().enabled_names]
     routes = FleetRoutes(FLIGHTS, params, things)
     around = [router.surroundings(things, own.law) for own in params]
@@ -58,10 +68,10 @@ def test_a_batch_and_the_agents_fly_the_same_legs() -> None:
     refuge_count = 0
     for tick in range(TICKS):
         states = [random_state(PLACES_M[number % 3], errors) for number in range(count)]
-        neighbours = [random_neighbour(errors) for _ in range(count * NEIGHBOURS)]
+        neighbours = [random_neighbour(intent_m_s, errors) for _ in range(count * NEIGHBOURS)]
         is_present = np.array([errors.random() < 0.95 for _ in neighbours])
         goals = [
-            Goal(Vec3(4.0, 0.1 * number, 1.0), 9.0, sequence=1 + tick // 100)
+            Goal(Vec3(goal_x_m, 0.1 * number, 1.0), 9.0, sequence=1 + tick // 100)
             for number in range(count)
         ]
         shape = (FLIGHTS, len(params), NEIGHBOURS)
