@@ -100,9 +100,11 @@ class ControlStep:
 
         self.waits_for = router.NOBODY
         if mode in (ControlMode.FLYING, ControlMode.LANDING):
-            self._route, goal = router.step(
-                self._route, state, goal, neighbours, self.surroundings, dt_s
-            )
+            # A landing vehicle waits for nobody, because it would sink on the way to a refuge.
+            met = neighbours
+            if mode is ControlMode.LANDING:
+                met = ()
+            self._route, goal = router.step(self._route, state, goal, met, self.surroundings, dt_s)
             self.waits_for = self._route.waits_for
         memory, tick = self._pass(state, goal, mode, neighbours, dt_s)
 
