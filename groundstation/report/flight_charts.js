@@ -56,10 +56,16 @@ globalThis.Covey ??= {};
     return [{ value: flight.promise_m, text: `promised ${flight.promise_m.toFixed(2)} m` }];
   }
 
-  /* Distances are read near the promise: far ones do not flatten the curve. */
-  function nearRange(flight) {
-    const most_m = 4 * (flight.promise_m ?? 1);
-    return (low, high) => [0, Math.min(high * 1.05, Math.max(most_m, low * 1.5))];
+  /* Distances are read near the promise: far ones do not flatten the curve, unless all are far. */
+  function nearRange(flight, series) {
+    const nearest_m = Math.min(...series.map((one) => smallest(one.values)));
+    const most_m = Math.max(4 * (flight.promise_m ?? 1), 1.5 * nearest_m);
+    return (_, high) => [0, Math.min(high * 1.05, most_m)];
+  }
+
+  /* Returns the smallest of the known values, Infinity where none is known. */
+  function smallest(values) {
+    return values.reduce((least, value) => (value < least ? value : least), Infinity);
   }
 
   function distances(view, parent) {
@@ -69,34 +75,36 @@ globalThis.Covey ??= {};
       return;
     }
 
+    const smallestOfAll = [
+      {
+        label: "smallest",
+        values: flight.smallestDistances(),
+        colour: Covey.colour("text"),
+        width: 2,
+      },
+    ];
     chart(view, parent, {
       title: "Smallest distance of all pairs",
       unit: "m",
       height: 170,
-      series: [
-        {
-          label: "smallest",
-          values: flight.smallestDistances(),
-          colour: Covey.colour("text"),
-          width: 2,
-        },
-      ],
+      series: smallestOfAll,
       limits: promise(flight),
-      range: nearRange(flight),
+      range: nearRange(flight, smallestOfAll),
     });
 
     const nearest = flight.pairs.slice(0, MOST_PAIRS);
+    const ofPairs = nearest.map(([first, second], index) => ({
+      label: `${Covey.shortened(flight.names[first])}–${Covey.shortened(flight.names[second])}`,
+      values: flight.distances(first, second),
+      colour: Covey.vehicleColour(index),
+    }));
     chart(view, parent, {
       title: nearest.length < flight.pairs.length ? "The nearest pairs" : "Each pair",
       unit: "m",
       height: 210,
-      series: nearest.map(([first, second], index) => ({
-        label: `${Covey.shortened(flight.names[first])}–${Covey.shortened(flight.names[second])}`,
-        values: flight.distances(first, second),
-        colour: Covey.vehicleColour(index),
-      })),
+      series: ofPairs,
       limits: promise(flight),
-      range: nearRange(flight),
+      range: nearRange(flight, ofPairs),
     });
   }
 
@@ -363,15 +371,16 @@ globalThis.Covey ??= {};
     const { flight } = view;
     const names = [first, second].map((vehicle) => Covey.shortened(flight.names[vehicle]));
     const distance_m = flight.distances(first, second);
+    const ofThePair = [
+      { label: names.join("–"), values: distance_m, colour: Covey.colour("text"), width: 2 },
+    ];
     chart(view, parent, {
       title: "Distance",
       unit: "m",
       height: 180,
-      series: [
-        { label: names.join("–"), values: distance_m, colour: Covey.colour("text"), width: 2 },
-      ],
+      series: ofThePair,
       limits: promise(flight),
-      range: nearRange(flight),
+      range: nearRange(flight, ofThePair),
     });
     chart(view, parent, {
       title: "Speed at which they come nearer",

@@ -110,6 +110,35 @@ def test_the_camera_shows_a_box_as_a_whole() -> None:
     assert max(abs(value) for value in json.loads(answer)) < 1.0
 
 
+@needs_node
+def test_the_charts_of_distances_show_vehicles_that_keep_far_apart() -> None:
+    # the upper end of the axis of each chart, for two vehicles that come to 5 m at most
+    answer = run_node(
+        """
+        globalThis.Covey = { colour: () => "", vehicleColour: () => "", shortened: (name) => name };
+        """
+        + _own("flight_charts.js")
+        + """
+        const curve_m = new Float32Array([NaN, 9, 5, 7]);
+        const flight = {
+          promise_m: 0.8,
+          names: ["a", "b"],
+          pairs: [[0, 1]],
+          smallestDistances: () => curve_m,
+          distances: () => curve_m,
+        };
+        const found = [];
+        const charts = { add: (_, { range }) => found.push(range(0.8, 9)[1]) };
+        Covey.flightCharts.distances({ flight, charts, marks: [] }, null);
+        console.log(JSON.stringify(found));
+        """
+    )
+
+    highest_m = json.loads(answer)
+    assert len(highest_m) == 2
+    assert min(highest_m) > 5.0
+
+
 def dump(page: Path, address: str, tmp_path: Path) -> str:
     """The page as Chromium has it after its scripts."""
     assert CHROMIUM is not None
