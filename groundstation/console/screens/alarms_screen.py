@@ -18,7 +18,7 @@ from groundstation.console.theme import FAINT, GOOD, TEXT, clean
 from groundstation.console.widgets.bars import SEVERITY
 from groundstation.fleet.state import FleetState
 
-_SINCE_WIDTH = 12  # cells of the duration
+_SINCE_WIDTH = 16  # cells of the duration: "59 min 59 s ago" and a space
 _NO_ALARM = -1  # index of a line that is not part of an alarm
 _Row = tuple[int, list[Segment]]  # index of the alarm, and one line of the screen
 

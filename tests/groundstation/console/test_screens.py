@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import functools
 import math
+import re
 import shutil
 from collections.abc import Callable
 from pathlib import Path
@@ -95,6 +96,13 @@ async def test_an_alarm_is_acknowledged_and_stays_in_the_list_until_it_is_over(
         await pilot.press("A")
         await pilot.pause(0.3)
         assert "over" in lines(app.screen, AlarmList)
+
+        # after a minute the time since then is longer, and still apart from the sentence
+        client.skew_ns += 100_000_000_000
+        app.refresh_fleet()
+        await pilot.pause(0.3)
+        listed = lines(app.screen, AlarmList)
+        assert re.search(r"· 1 min \d+ s ago +mav1: PX4 left OFFBOARD", listed)
 
 
 async def test_the_bell_rings_once_for_each_new_alarm_and_only_when_wanted(
