@@ -63,3 +63,15 @@ async def test_the_worst_alarm_is_visible_on_every_screen(
         sentence, colour = worst(0.05)
         assert "battery" in sentence.lower()
         assert colour == theme.BAD
+
+
+async def test_a_console_that_hears_nobody_says_what_to_start(fleet: FleetConfig) -> None:
+    app = ConsoleApp(fleet, FakeClient(fleet), forecaster=Oracle())
+
+    def said() -> str:
+        return "".join(piece for piece, _ in last_line(app))
+
+    # the advice is not cut at 120 columns, beside the three names and a long wait
+    async with app.run_test(size=(120, 40)) as pilot:
+        await until(pilot, lambda: "Waiting for mav0, mav1, mav2" in said(), 10.0)
+        assert "start covey agent, or fly --sitl" in said()
