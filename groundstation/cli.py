@@ -13,6 +13,7 @@ status.
 
 from __future__ import annotations
 
+import difflib
 import errno
 import importlib
 import inspect
@@ -309,6 +310,8 @@ def _run(words: list[str]) -> int:
         return agent(words[1:])
     if first == "bench":
         return _refuse_bench(words[1:])
+    if not first.startswith("-") and find_command(first) is None:
+        return _refuse_unknown(first)
 
     from cyclopts import CycloptsError
 
@@ -336,6 +339,13 @@ def _refuse_bench(words: list[str]) -> int:
     return _refuse(
         f"benchmarks are no part of the product. In a clone, type: make bench-{name}{arguments}"
     )
+
+
+def _refuse_unknown(name: str) -> int:
+    names = [command.name for commands in COMMANDS.values() for command in commands]
+    nearest = difflib.get_close_matches(name, names, n=1, cutoff=0.7)
+    meant = f" Did you mean '{nearest[0]}'?" if nearest else ""
+    return _refuse(f"there is no command '{name}'.{meant} 'covey --help' says more.")
 
 
 def current_words(words: list[str], *, says_so: bool = False) -> list[str]:

@@ -100,6 +100,14 @@ def test_a_wrong_command_line_is_a_sentence_that_names_the_page_of_help(
         assert f"'{command} --help' says more." in captured.err, words
 
 
+def test_a_command_with_a_slip_of_the_pen_is_told_the_one_that_was_meant(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    for typed, meant in (("chek", "check"), ("reprot", "report"), ("simulte", "simulate")):
+        assert cli.main([typed]) == 2
+        assert f"Did you mean '{meant}'?" in capsys.readouterr().err
+
+
 WANTED = {"report", "log", "incident", "evidence"}  # commands that the list has room for
 
 
