@@ -155,7 +155,7 @@ globalThis.Covey ??= {};
           flight.vehicles[vehicle].is_collided ? element("b", { className: "bad" }, " ✗ collided") : null,
         ),
         battery.length
-          ? `${(100 * battery[0]).toFixed(0)} → ${(100 * battery[battery.length - 1]).toFixed(0)} %`
+          ? `${(100 * battery[0]).toFixed(0)} → ${(100 * smallest(battery)).toFixed(0)} %`
           : "–",
         number(largest(intervention), 1, "m/s²"),
         seen ? `${((100 * touched) / seen).toFixed(0)} %` : "–",
@@ -179,8 +179,8 @@ globalThis.Covey ??= {};
       element(
         "p",
         { className: "soft" },
-        "The law: its largest change of the thrust, and how long it changed it. Period of the loop (nominal 20 ms) and age",
-        " of the neighbour that was silent for longest: the largest of the flight.",
+        "Battery: at the begin, and its least. The law: its largest change of the thrust, and how long it changed it.",
+        " Period of the loop (nominal 20 ms) and age of the neighbour that was silent for longest: the largest of the flight.",
       ),
     );
   }
@@ -438,6 +438,10 @@ globalThis.Covey ??= {};
       if (!(value <= most) && !Number.isNaN(value)) most = value;
     }
     return most;
+  }
+
+  function smallest(values) {
+    return values.reduce((least, value) => Math.min(least, value), Infinity);
   }
 
   /* What a verdict file has may have been written by anybody: lists and texts are made sure of. */

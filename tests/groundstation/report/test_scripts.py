@@ -8,6 +8,7 @@ import shutil
 import subprocess
 from pathlib import Path
 
+import msgspec
 import numpy as np
 import pytest
 
@@ -16,8 +17,10 @@ from groundstation.report.flight_page import write_page
 from groundstation.report.payload import payload
 from groundstation.report.report_page import OWN_SCRIPTS, _own
 from groundstation.scene.static_files import SCRIPTS, text_of
+from onboard.bus.topics import Topic
 from tests.groundstation.px4_logs.made_up_logs import write_flight_with_logs
-from tests.groundstation.report.made_up import opened, rows, story, write
+from tests.groundstation.recorded import SECOND
+from tests.groundstation.report.made_up import BEGIN_NS, opened, rows, story, write
 
 NODE = shutil.which("node")
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser")
@@ -160,6 +163,24 @@ def test_a_browser_opens_the_pair_and_the_time_that_the_address_names(tmp_path: 
     assert 'data-time="5.500"' in shown
     assert "Age of what each knew of the other" in shown
     assert "closest 0.900 m" in re.sub(r"<[^>]*>", "", shown)
+
+
+@needs_chromium
+@pytest.mark.realtime
+def test_the_charge_of_a_flight_is_its_least_and_not_that_after_the_landing(tmp_path: Path) -> None:
+    # an emulated battery is full again soon after the landing, a real one recovers a little
+    told = []
+    for at_ns, topic, name, message in rows():
+        if topic is Topic.TELEMETRY:
+            second = (at_ns - BEGIN_NS) // SECOND
+            battery_frac = {4: 0.62, 9: 1.0}.get(second, 0.8)
+            message = msgspec.structs.replace(message, battery_frac=battery_frac)
+        told.append((at_ns, topic, name, message))
+    page = write_page(write(tmp_path / "flight", told)).path
+
+    shown = re.sub(r"<[^>]*>", "", dump(page, "", tmp_path))
+
+    assert "80 → 62 %" in shown
 
 
 @needs_chromium
