@@ -69,8 +69,10 @@ def record_path(folder: Path) -> Path:
     if folder.is_dir():
         path = folder / RECORD_NAME
     if not path.is_file():
+        last = max(folder.glob(f"*/{RECORD_NAME}"), default=None)
+        example = f", for instance {last.parent}" if last is not None else ""
         raise ConfigError(
-            f"{folder}: there is no {RECORD_NAME}. Give the folder of a recorded flight."
+            f"{folder}: there is no {RECORD_NAME}. Give the folder of a recorded flight{example}."
         )
     return path
 

@@ -94,3 +94,14 @@ def test_a_folder_without_a_record_is_refused(
 ) -> None:
     assert main(["incident", str(tmp_path)]) == 2
     assert "there is no flight.mcap" in capsys.readouterr().err
+
+
+def test_a_folder_of_flights_is_refused_with_the_last_of_them(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    for name in ("20260101-120000", "20260102-120000"):
+        (tmp_path / name).mkdir()
+        (tmp_path / name / "flight.mcap").touch()
+
+    assert main(["incident", str(tmp_path)]) == 2
+    assert f"for instance {tmp_path}/20260102-120000." in capsys.readouterr().err
