@@ -90,7 +90,8 @@ def _check_picture(picture: Path, *, flights: int) -> None:
     """Refuse one picture file for several flights, and unknown kinds of pictures."""
     if picture.suffix and flights > 1:
         raise ConfigError(
-            f"--plot {picture}: one file takes one flight; name a folder for {flights}."
+            f"--plot {picture}: one file takes one flight; name a folder for {flights}, or fly one "
+            "seed, for instance --seeds 0:1."
         )
     if picture.suffix not in ("", *_PICTURES):
         raise ConfigError(

@@ -165,7 +165,13 @@ def load(path: str | os.PathLike[str]) -> Scene:
     """
     found = Path(path)
     is_name_only = found.parent == Path()
-    if not found.exists() and is_name_only and found.stem in names():
+    if not found.exists() and is_name_only:
+        if found.stem not in names():
+            known = ", ".join(f"{name}{_SUFFIX}" for name in names())
+            raise ConfigError(
+                f"{path}: there is no such scene. Give the path of an existing one, or one of "
+                f"Covey's: {known}."
+            )
         found = Path(str(files(_PACKAGE).joinpath("scenes", found.name)))
     return parsed(read_bytes(found, SCENE_FILE), str(path))
 

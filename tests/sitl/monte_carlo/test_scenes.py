@@ -135,6 +135,18 @@ def test_a_file_that_is_no_scene_is_refused_in_a_sentence(data, words):
         scene_file.parsed(data, "two.json")
 
 
+def test_a_scene_that_is_not_there_is_refused_with_those_that_are(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(ConfigError, match=r"circl.json: there is no such scene.* circle.json, "):
+        scene_file.load("circl.json")
+
+
+def test_one_picture_for_many_flights_is_refused_with_how_to_fly_one(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    assert main(["simulate", "circle.json", "--plot", "circle.png"]) == 2
+    assert "--seeds 0:1" in capsys.readouterr().err
+
+
 def test_a_scene_that_cannot_be_held_is_refused_before_it_flies():
     near = {**SCENE["placing"], "goal_enu_m": [[0.3, 0], [-0.3, 0]]}
     with pytest.raises(ConfigError, match=r"two vehicles end 0.60 m from each other"):
