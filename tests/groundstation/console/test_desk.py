@@ -7,11 +7,12 @@ from types import SimpleNamespace
 from typing import Any
 
 import pytest
+from rich.text import Text
 
 from groundstation.console.app import ConsoleApp
 from groundstation.console.history import History
 from groundstation.console.screens.alarms_screen import AlarmList
-from groundstation.console.screens.dialogs import HelpScreen, QuitScreen
+from groundstation.console.screens.dialogs import HELP, REPLAY_HELP, HelpScreen, QuitScreen
 from groundstation.console.screens.preview_screen import PreviewScreen
 from tests.groundstation.console.rig import Oracle
 from tests.groundstation.console.scenes import SteadyClient, crowd, fly
@@ -43,6 +44,13 @@ def words_of(app: ConsoleApp) -> str:
     """The text of the front screen, with a sentence in one piece where lines were broken."""
     text = " ".join(screen(app)).replace("│", " ")
     return " ".join(text.split())
+
+
+@pytest.mark.parametrize("text", [HELP, REPLAY_HELP], ids=["fleet", "replay"])
+def test_no_line_of_the_help_is_broken_in_a_terminal_of_80_columns(text: str) -> None:
+    width = 68 - 2 - 2 - 1  # of the box, without borders, air and scroll bar
+    lines = Text.from_markup(text).plain.splitlines()
+    assert [line for line in lines if len(line) > width] == []
 
 
 @pytest.mark.parametrize("size", [SIZES[0], SIZES[-1]])
