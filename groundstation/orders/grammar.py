@@ -32,6 +32,7 @@ takes.
 
 from __future__ import annotations
 
+import difflib
 import math
 
 from groundstation.formations.slots import formation_names, formation_slots
@@ -127,8 +128,10 @@ def _verb_of(words: list[str]) -> type[Intent]:
         line = " ".join(["locate", *words[1:]])
         raise OrderError(f"The order 'identify' is now called 'locate': say: {line}")
     if verb not in INTENTS:
+        nearest = difflib.get_close_matches(verb[:_MOST_QUOTED], INTENTS, n=1, cutoff=0.7)
+        meant = f" Did you mean '{nearest[0].replace('_', ' ')}'?" if nearest else ""
         first_word = words[0]
-        raise OrderError(f"'{first_word[:_MOST_QUOTED]}' is no order. Orders are: {verbs}.")
+        raise OrderError(f"'{first_word[:_MOST_QUOTED]}' is no order.{meant} Orders are: {verbs}.")
     return INTENTS[verb]
 
 

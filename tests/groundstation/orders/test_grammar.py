@@ -417,6 +417,7 @@ def test_a_word_that_is_no_order_is_answered_with_the_orders_as_one_writes_them(
     _, _, orders = str(caught.value).rstrip(".").partition("Orders are: ")
     assert "bring home" in orders.split(", ")
     assert "_" not in orders
+    assert "'takof' is no order. Did you mean 'takeoff'?" in str(caught.value)
 
 
 @pytest.mark.parametrize("text", ["formation triangle -1.6 0 0 1", "formation triangle 0.0 0 0 1"])
