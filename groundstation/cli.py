@@ -313,14 +313,18 @@ def _run(words: list[str]) -> int:
     if not first.startswith("-") and find_command(first) is None:
         return _refuse_unknown(first)
 
-    from cyclopts import CycloptsError
+    from cyclopts import CycloptsError, UnusedCliTokensError
 
     app = front_page(words)
     try:
         status = app(words)
     except CycloptsError as error:
         called = " ".join(["covey", *(error.command_chain or command_words(words))])
-        return _refuse(f"{error} '{called} --help' says more.")
+        sentence = str(error)
+        if isinstance(error, UnusedCliTokensError):
+            unused = " ".join(error.unused_tokens or ())
+            sentence = f"too many words: {unused}."
+        return _refuse(f"{sentence} '{called} --help' says more.")
 
     if status is None:  # a page of help, or a command without its part
         is_asked = any(word.startswith("-") for word in words)

@@ -108,6 +108,11 @@ def test_a_command_with_a_slip_of_the_pen_is_told_the_one_that_was_meant(
         assert f"Did you mean '{meant}'?" in capsys.readouterr().err
 
 
+def test_words_too_many_are_told_in_a_sentence(capsys: pytest.CaptureFixture[str]) -> None:
+    assert cli.main(["report", "flights/a", "flights/b", "flights/c"]) == 2
+    assert "too many words: flights/b flights/c." in capsys.readouterr().err
+
+
 WANTED = {"report", "log", "incident", "evidence"}  # commands that the list has room for
 
 
