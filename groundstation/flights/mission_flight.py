@@ -180,7 +180,8 @@ class MissionFlight:
             if self.settings.is_simulated:
                 count = len(self._fleet.enabled_names)
                 folder = self.settings.folder
-                self._say(f"Starting the emulator and {count} agents; everything goes to {folder}.")
+                place = shown_folder(folder)
+                self._say(f"Starting the emulator and {count} agents; everything goes to {place}.")
                 simulation = self.settings.simulation
                 start_fleet(
                     self._fleet,
@@ -288,17 +289,21 @@ class MissionFlight:
             self._print(f"  [{event.vehicle}] {event.severity}: {plain_line(event.sentence)}")
 
 
+def shown_folder(folder: Path) -> Path:
+    """Return a folder as it is shown: one in the current folder by its relative path."""
+    if folder.absolute().is_relative_to(Path.cwd()):
+        return folder.absolute().relative_to(Path.cwd())
+    return folder
+
+
 def next_commands(folder: Path, mission_name: str) -> list[str]:
     """Return where a flight has been recorded, and commands that look at it, a line each.
 
     Args:
-        folder: the flight folder. In the current folder it is named by its relative path.
+        folder: the flight folder.
         mission_name: file name of the mission in it.
     """
-    shown = folder
-    if folder.absolute().is_relative_to(Path.cwd()):
-        shown = folder.absolute().relative_to(Path.cwd())
-
+    shown = shown_folder(folder)
     flight = shlex.quote(str(shown))
     files = f"{flight}/{mission_name} --fleet {flight}/fleet.toml"
     return [

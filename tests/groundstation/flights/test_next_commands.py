@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import signal
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -39,3 +42,16 @@ def test_a_path_with_a_space_can_be_copied_into_a_shell(
     monkeypatch.chdir(tmp_path)
     lines = next_commands(tmp_path / "my flights" / "first", "mission.toml")
     assert lines[3].endswith(" covey plot 'my flights/first'")
+
+
+@pytest.mark.realtime
+def test_the_first_line_of_a_flight_names_its_folder_from_the_current_one(tmp_path: Path) -> None:
+    words = [sys.executable, "-m", "groundstation", "demo", "--headless"]
+    process = subprocess.Popen(words, cwd=tmp_path, stdout=subprocess.PIPE, text=True)
+    assert process.stdout is not None
+    try:
+        line = process.stdout.readline()
+    finally:
+        process.send_signal(signal.SIGINT)
+        process.communicate(timeout=60)
+    assert "everything goes to flights/" in line
