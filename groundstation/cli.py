@@ -13,7 +13,6 @@ status.
 
 from __future__ import annotations
 
-import difflib
 import errno
 import importlib
 import inspect
@@ -29,7 +28,7 @@ from typing import TYPE_CHECKING, NamedTuple
 from onboard.bus.protocol import BusError, NoRouterError
 from onboard.config.fleet import ConfigError
 from onboard.exit_status import EXIT_INTERRUPTED, EXIT_NO_ANSWER, EXIT_OK, EXIT_WRONG_INPUT
-from onboard.plain_text import PlainStream, drawing, fitted
+from onboard.plain_text import PlainStream, drawing, fitted, meant_words
 
 if TYPE_CHECKING:
     from cyclopts import App
@@ -347,8 +346,7 @@ def _refuse_bench(words: list[str]) -> int:
 
 def _refuse_unknown(name: str) -> int:
     names = [command.name for commands in COMMANDS.values() for command in commands]
-    nearest = difflib.get_close_matches(name, names, n=1, cutoff=0.7)
-    meant = f" Did you mean '{nearest[0]}'?" if nearest else ""
+    meant = meant_words(name, names)
     return _refuse(f"there is no command '{name}'.{meant} 'covey --help' says more.")
 
 

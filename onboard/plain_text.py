@@ -40,6 +40,24 @@ def listed(names: Sequence[str], most: int = MOST_NAMES) -> str:
     return shown
 
 
+def meant_words(word: str, names: Sequence[str]) -> str:
+    """Return a question, with a space before it, that offers the name nearest to a wrong word.
+
+    Args:
+        word: The word that is none of the names.
+        names: The names that are known.
+
+    Returns:
+        The question; empty if no name is near.
+    """
+    import difflib  # takes time, and is needed only for a wrong word
+
+    nearest = difflib.get_close_matches(word, names, n=1, cutoff=0.7)
+    if not nearest:
+        return ""
+    return f" Did you mean '{nearest[0]}'?"
+
+
 def plain_lines(text: str) -> str:
     """Return text from outside without control characters, but with its lines and indentation.
 

@@ -32,12 +32,12 @@ takes.
 
 from __future__ import annotations
 
-import difflib
 import math
 
 from groundstation.formations.slots import formation_names, formation_slots
 from groundstation.orders.intents import INTENTS, Intent, LineWords
 from onboard.config.fleet import ConfigError, FleetConfig
+from onboard.plain_text import meant_words
 from onboard.tuples import Xyz
 
 _OPTION_MEANINGS = {
@@ -119,7 +119,8 @@ def default_formation(fleet: FleetConfig) -> str | None:
 
 def _verb_of(words: list[str]) -> type[Intent]:
     """Return the class of the verb that a line begins with."""
-    verbs = ", ".join(INTENTS).replace("_", " ")
+    names = [name.replace("_", " ") for name in INTENTS]
+    verbs = ", ".join(names)
     if not words:
         raise OrderError(f"Nothing was ordered. Orders are: {verbs}.")
 
@@ -128,8 +129,7 @@ def _verb_of(words: list[str]) -> type[Intent]:
         line = " ".join(["locate", *words[1:]])
         raise OrderError(f"The order 'identify' is now called 'locate': say: {line}")
     if verb not in INTENTS:
-        nearest = difflib.get_close_matches(verb[:_MOST_QUOTED], INTENTS, n=1, cutoff=0.7)
-        meant = f" Did you mean '{nearest[0].replace('_', ' ')}'?" if nearest else ""
+        meant = meant_words(verb[:_MOST_QUOTED].replace("_", " "), names)
         first_word = words[0]
         raise OrderError(f"'{first_word[:_MOST_QUOTED]}' is no order.{meant} Orders are: {verbs}.")
     return INTENTS[verb]

@@ -450,4 +450,5 @@ globalThis.Covey ??= {};
   }
 
   Covey.flightCharts = { distances, law, motion, air, loop, px4, pair };
+  Covey.smallest = smallest;
 })();

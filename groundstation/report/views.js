@@ -155,7 +155,7 @@ globalThis.Covey ??= {};
           flight.vehicles[vehicle].is_collided ? element("b", { className: "bad" }, " ✗ collided") : null,
         ),
         battery.length
-          ? `${(100 * battery[0]).toFixed(0)} → ${(100 * smallest(battery)).toFixed(0)} %`
+          ? `${(100 * battery[0]).toFixed(0)} → ${(100 * Covey.smallest(battery)).toFixed(0)} %`
           : "–",
         number(largest(intervention), 1, "m/s²"),
         seen ? `${((100 * touched) / seen).toFixed(0)} %` : "–",
@@ -438,10 +438,6 @@ globalThis.Covey ??= {};
       if (!(value <= most) && !Number.isNaN(value)) most = value;
     }
     return most;
-  }
-
-  function smallest(values) {
-    return values.reduce((least, value) => Math.min(least, value), Infinity);
   }
 
   /* What a verdict file has may have been written by anybody: lists and texts are made sure of. */
