@@ -12,8 +12,9 @@ from onboard.avoidance.params import Capsule, params_of
 from onboard.config.law import LawConfig
 from onboard.control import goal_conflict, router
 from onboard.control.router import PERIOD_S
+from onboard.rollout.rows import zero
 from onboard.types import Goal, Neighbour, State
-from onboard.vectors import ZERO_3, Vec2, Vec3
+from onboard.vectors import Vec2, Vec3
 from sitl.monte_carlo import campaign_settings
 from sitl.monte_carlo.batch_flight import Flown, fly
 from sitl.monte_carlo.scenarios import FlightPlan
@@ -24,15 +25,8 @@ GOAL = Goal(Vec3(0.0, 0.0, 1.0), 0.0, sequence=7)
 
 
 def at(x: float, y: float = 0.0) -> State:
-    return State(
-        position_enu_m=Vec3(x, y, 1.0),
-        velocity_enu_m_s=ZERO_3,
-        acceleration_enu_m_s2=ZERO_3,
-        yaw_rad=0.0,
-        age_s=0.0,
-        position_std_m=0.0,
-        velocity_std_m_s=0.0,
-    )
+    state: State = zero(State)
+    return state._replace(position_enu_m=Vec3(x, y, 1.0))
 
 
 def neighbour(
@@ -40,23 +34,13 @@ def neighbour(
 ) -> Neighbour:
     """Return a neighbour near its goal; its published intent leads there."""
     place = Vec3(x, 0.0, z)
-    return Neighbour(
+    made: Neighbour = zero(Neighbour)
+    return made._replace(
         position_enu_m=place,
-        velocity_enu_m_s=ZERO_3,
-        acceleration_enu_m_s2=ZERO_3,
         predicted_position_enu_m=place,
-        predicted_velocity_enu_m_s=ZERO_3,
-        commanded_acceleration_enu_m_s2=ZERO_3,
         intent_enu_m_s=Vec3(goal_x - x, 0.0, 0.5 * (goal_z - z)),
-        age_s=0.0,
-        lead_time_s=0.15,
-        position_std_m=0.0,
-        velocity_std_m_s=0.0,
-        crowd_count=0.0,
         is_cooperative=is_cooperative,
-        is_paper_obstacle=False,
         table_index=3,
-        radius_m=0.0,
     )
 
 
