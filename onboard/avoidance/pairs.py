@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 from onboard.avoidance.heights import Climb, is_ahead, share_of, sink_limit_m_s
 from onboard.avoidance.params import DIRECTION_INTENT, Capsule, LawParams, Spacing
-from onboard.avoidance.prediction import Received, known_std, receive
+from onboard.avoidance.prediction import LONGEST_LEAD_S, Received, known_std, receive
 from onboard.types import Neighbour
 from onboard.vectors import Vec2, dot_2, length_2
 
@@ -229,15 +229,22 @@ def sink_limit(own: Own, neighbours: Sequence[Neighbour], params: LawParams) -> 
 def design_distance(own_margin_2_m2: float, neighbour: Neighbour, spacing: Spacing) -> float:
     """Return the distance d [m] to keep from a neighbour. DEVIATION D5, D12.
 
-    The distance grows if the two vehicles' estimates are less accurate than with a mocap. Around a
-    person, it is measured from the person's circle (``radius_m``).
+    The distance grows if the two vehicles' estimates are less accurate than with a mocap, and if
+    one of them has a long lag. Around a person, it is measured from the person's circle
+    (``radius_m``).
 
     Args:
         own_margin_2_m2: :func:`margin_2` of this vehicle.
-        neighbour: the neighbour; its published standard deviations are used.
+        neighbour: the neighbour; its published standard deviations and lead time are used.
         spacing: distances and margins.
+    Properties: the same for both vehicles of a pair that cooperate.
     """
     margin_m = spacing.margin_m
+
+    # both vehicles of a pair keep the distance of the one with the longer lag
+    if neighbour.is_cooperative and neighbour.lead_time_s > spacing.margin_lag_s:
+        longer_s = min(neighbour.lead_time_s, LONGEST_LEAD_S) - spacing.margin_lag_s
+        margin_m += spacing.lag_margin_m_s * longer_s
 
     if spacing.sigma_position > 0.0:
         theirs = margin_2(neighbour.position_std_m, neighbour.velocity_std_m_s, spacing)

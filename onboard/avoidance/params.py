@@ -16,7 +16,7 @@ import msgspec
 from onboard.config.areas import Area
 from onboard.config.fleet import FleetConfig
 from onboard.config.flight_space import flight_space_of
-from onboard.config.law import BuiltInLaw, LawConfig
+from onboard.config.law import QUICK_LAG_S, BuiltInLaw, LawConfig
 from onboard.constants import GRAVITY_M_S2, MAX_PLANNED_THRUST_FRAC
 from onboard.vectors import Vec2, cross_2
 
@@ -118,7 +118,9 @@ class Spacing(NamedTuple):
     # pairs with a larger height difference do not count; infinite: every pair counts
     vertical_separation_m: float
 
-    margin_m: float  # design margin while estimates are good
+    margin_m: float  # design margin while estimates are good, for lags up to margin_lag_s
+    margin_lag_s: float
+    lag_margin_m_s: float  # added for each second of a neighbour's lag beyond margin_lag_s
     uncooperative_margin_m: float  # added for a neighbour that does not cooperate
 
     # the margin under the accuracy policy; all three are 0 under the fixed policy
@@ -401,6 +403,8 @@ def _spacing(config: LawConfig, limits: VehicleLimits) -> Spacing:
         safety_distance_m=float(limits.safety_distance_m),
         vertical_separation_m=float(limits.vertical_separation_m),
         margin_m=float(config.margin_m(limits.lag_s)),
+        margin_lag_s=float(max(limits.lag_s, QUICK_LAG_S)),
+        lag_margin_m_s=float(config.lag_margin_m_s),
         uncooperative_margin_m=float(config.uncooperative_margin_m),
         margin_floor_m=margin_floor_m,
         sigma_position=sigma_position,

@@ -72,9 +72,11 @@ def design_distances(own, n, s):
         own["velocity_std"] ** 2 + n["velocity_std_m_s"] ** 2
     )
 
-    margin = np.full(len(n["age_s"]), s.margin_m)
+    longer_s = np.clip(np.nan_to_num(n["lead_time_s"]) - s.margin_lag_s, 0.0, 1.0 - s.margin_lag_s)
+    for_lag = np.where(n["is_cooperative"] > 0, s.lag_margin_m_s * longer_s, 0.0)
+    margin = s.margin_m + for_lag
     if s.sigma_position > 0:
-        margin = np.clip(s.margin_floor_m + np.sqrt(variance), s.margin_m, 5.0)
+        margin = np.clip(s.margin_floor_m + np.sqrt(variance), margin, 5.0)
 
     return (
         s.safety_distance_m
@@ -281,9 +283,10 @@ def law(own, neighbours, capsules, p, is_roundabout=False):
     count = len(turn_parts[0][1]) if neighbours else 0
     promised = [np.zeros((0, 2)), np.zeros(0)]
     if neighbours:
-        bare = p._replace(
-            spacing=p.spacing._replace(margin_m=0.0, sigma_position=0.0, uncooperative_margin_m=0.0)
+        without_margins = p.spacing._replace(
+            margin_m=0.0, lag_margin_m_s=0.0, sigma_position=0.0, uncooperative_margin_m=0.0
         )
+        bare = p._replace(spacing=without_margins)
         promised = list(neighbour_rows(own, neighbours, bare, is_roundabout)[0])
         promised[1] = promised[1] + promised[0] @ own["compensation"]
 

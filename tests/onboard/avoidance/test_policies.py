@@ -22,7 +22,7 @@ from onboard.avoidance.params import (
     law_params,
     obstacles,
 )
-from onboard.avoidance.prediction import Motion
+from onboard.avoidance.prediction import LONGEST_LEAD_S, Motion
 from onboard.config.fleet import load_fleet
 from onboard.config.law import LawConfig
 from onboard.control import pipeline
@@ -37,6 +37,8 @@ from tests.onboard.avoidance.law_cases import (
     thrust_of,
     vec,
 )
+
+MOCAP = (0.002, 0.01)  # standard deviations of position and velocity [m, m/s]
 
 PAPER_WAY = {
     "responsibility": "full", "prediction": "none", "margin": "fixed", "rotation": "always",
@@ -157,9 +159,9 @@ def test_responsibility_says_how_much_of_the_bound_is_ours():
     assert bound("half", still, is_cooperative=False) == bound("full", still)
 
 
-def distance(params, own_std, their_std, is_cooperative=True):
+def distance(params, own_std, their_std, is_cooperative=True, lead_time_s=math.nan):
     neighbour = neighbour_of(ZERO_3, position_std_m=their_std[0], velocity_std_m_s=their_std[1])
-    neighbour = neighbour._replace(is_cooperative=is_cooperative)
+    neighbour = neighbour._replace(is_cooperative=is_cooperative, lead_time_s=lead_time_s)
     position_std_m, velocity_std_m_s = own_std
     margin = margin_2(position_std_m, velocity_std_m_s, params.spacing)
     return design_distance(margin, neighbour, params.spacing)
@@ -168,15 +170,36 @@ def distance(params, own_std, their_std, is_cooperative=True):
 def test_margin_grows_with_the_estimates_errors_and_stays_with_a_mocap():
     params = law_of()
     fixed = params.spacing.safety_distance_m + params.spacing.margin_m
-    mocap = (0.002, 0.01)
     vision = (0.05, 0.12)
     gps = (0.2, 0.2)
-    assert distance(params, mocap, mocap) == pytest.approx(fixed)
+    assert distance(params, MOCAP, MOCAP) == pytest.approx(fixed)
     assert 1.20 < distance(params, vision, vision) < 1.40
     assert distance(params, gps, gps) > 1.6
-    assert distance(params, vision, mocap) == pytest.approx(distance(params, mocap, vision))
-    assert distance(params, mocap, vision) < distance(params, vision, vision)
+    assert distance(params, vision, MOCAP) == pytest.approx(distance(params, MOCAP, vision))
+    assert distance(params, MOCAP, vision) < distance(params, vision, vision)
     assert distance(law_of(margin="fixed"), vision, vision) == pytest.approx(fixed)
+
+
+def test_both_vehicles_of_a_pair_keep_the_distance_of_the_one_with_the_longer_lag():
+    for quick_lag_s, slow_lag_s in ((0.1, 0.15), (0.1, 0.3), (0.15, 0.27), (0.27, 0.3)):
+        quick = law_of({"lag_s": quick_lag_s})
+        slow = law_of({"lag_s": slow_lag_s})
+        by_quick_m = distance(quick, MOCAP, MOCAP, lead_time_s=slow_lag_s)
+        by_slow_m = distance(slow, MOCAP, MOCAP, lead_time_s=quick_lag_s)
+        assert by_quick_m == pytest.approx(by_slow_m)
+        assert by_slow_m == distance(slow, MOCAP, MOCAP, lead_time_s=slow_lag_s)
+
+
+def test_margin_of_a_neighbours_lag_is_bounded_and_counts_for_who_cooperates_only():
+    quick = law_of({"lag_s": 0.15})
+    usual_m = distance(quick, MOCAP, MOCAP)
+    for bad_s in (math.nan, -math.inf, -1.0, 0.0):
+        assert distance(quick, MOCAP, MOCAP, lead_time_s=bad_s) == usual_m
+    assert distance(quick, MOCAP, MOCAP, lead_time_s=math.inf) == pytest.approx(
+        usual_m + 0.4 * (LONGEST_LEAD_S - 0.15)
+    )
+    stranger_m = distance(quick, MOCAP, MOCAP, is_cooperative=False)
+    assert distance(quick, MOCAP, MOCAP, False, lead_time_s=1.0) == stranger_m
 
 
 def test_margin_is_bounded_whatever_is_published_as_accuracy():

@@ -257,6 +257,15 @@ def test_message_is_as_old_as_it_says(delay_s, ticks):
         station.publish(moved(tick), published)
 
 
+def test_quick_and_slow_vehicles_pass_as_quietly_as_vehicles_of_one_type():
+    # each kept its own distance, and so they pushed each other: 30 and 57 m/s^3
+    setup = campaign_settings.setup_for(types="sih,ardrone")
+    for flown in fly("swap8x", range(1000, 1002), setup=setup):
+        assert flown.outcome.is_success
+        assert flown.outcome.min_separation_m > 0.8
+        assert flown.outcome.slew_rms_m_s3 < 12.0
+
+
 def test_an_intruder_that_nobody_can_outrun_is_avoided():
     """The mocap has tracked the intruder before the flight begins. Without that, the first and the
     last of these flights came to 0.72 and 0.76 m.
