@@ -59,6 +59,8 @@ class Forecast:
     now_m: float = math.inf  # smallest separation at the start
     duration_s: float = 0.0  # time until all have arrived; infinite if a vehicle does not arrive
     outside: tuple[str, ...] = ()  # vehicles that leave the fence on the way
+    # vehicles that do not arrive, with the vehicle that is nearest to each at the end
+    held_up: Mapping[str, str] = field(default_factory=dict)
     flight_count: int = 0  # number of flights that were computed, each with other errors
 
 
@@ -88,11 +90,11 @@ def forecast(
     goal_enu_m = np.array([legs[name].goal_enu_m for name in names])
     ordered_s = max(leg.duration_s for leg in legs.values())
 
-    longest_m = max(
-        way_m(fleet, name, leg.start_enu_m, leg.goal_enu_m) for name, leg in legs.items()
-    )
+    ways_m = {
+        name: way_m(fleet, name, leg.start_enu_m, leg.goal_enu_m) for name, leg in legs.items()
+    }
     slowest_m_s = min(fleet.vehicles[name].max_speed_m_s for name in names)
-    expected_s = max(ordered_s, _DETOUR * longest_m / slowest_m_s)
+    expected_s = max(ordered_s, _DETOUR * max(ways_m.values()) / slowest_m_s)
 
     if len(names) > _MANY_VEHICLES:
         seeds = seeds[:1]
@@ -118,7 +120,12 @@ def forecast(
     closest_m, pair, closest_s = _closest(trace_enu_m, names, height_share)
     now_m, _, _ = _closest(start_enu_m[None], names, height_share)
 
-    duration_s = float(flight.arrival_s.max())
+    arrival_s = flight.arrival_s[:, 0]  # (S,), when the last vehicle has arrived
+    duration_s = float(arrival_s.max())
+    held_up: dict[str, str] = {}
+    if math.isinf(duration_s):
+        held_up = _held_up(flight.trace_enu_m[-1, arrival_s.argmax()], goal_enu_m, ways_m)
+
     if is_takeoff:
         duration_s += TAKEOFF_START_S
 
@@ -130,6 +137,7 @@ def forecast(
         now_m=now_m,
         duration_s=duration_s,
         outside=_outside(fleet, legs, trace_enu_m),
+        held_up=held_up,
         flight_count=len(seeds),
     )
 
@@ -161,11 +169,27 @@ def objections(predicted: Forecast, intent: Intent, fleet: FleetConfig) -> tuple
             "Choose a goal further inside."
         )
     if not math.isfinite(predicted.duration_s):
-        reasons.append(
-            f"A vehicle would not arrive within {ARRIVED_M:g} m in time: the others block it. "
-            f"Spread the goals, or {intent.verb} fewer vehicles at once."
-        )
+        reasons.append(_who_is_held_up(predicted, intent))
     return tuple(reasons)
+
+
+def _who_is_held_up(predicted: Forecast, intent: Intent) -> str:
+    """Return the sentence about the vehicles that would not arrive."""
+    late = ", ".join(predicted.held_up) or "A vehicle"
+    blocking = dict.fromkeys(predicted.held_up.values())
+    others = ", ".join(blocking) or "the others"
+
+    remedy = f"Send {late} first, or spread the goals."
+    unordered = ", ".join(name for name in blocking if name not in intent.names)
+    if unordered:
+        remedy = f"Move {unordered} away first, or choose another goal."
+    elif not predicted.held_up:
+        remedy = f"Spread the goals, or {intent.verb} fewer vehicles at once."
+
+    return (
+        f"{late} would not arrive within {ARRIVED_M:g} m in time: {others} would be in the way. "
+        f"{remedy}"
+    )
 
 
 def _closest(
@@ -183,6 +207,37 @@ def _closest(
     tick, index = np.unravel_index(gaps_m.argmin(), gaps_m.shape)
     pair = (names[first[index]], names[second[index]])
     return float(gaps_m[tick, index]), pair, int(tick) * TICK_S
+
+
+def _held_up(end_enu_m: Array, goal_enu_m: Array, ways_m: Mapping[str, float]) -> dict[str, str]:
+    """Return the vehicles that have not arrived, with the vehicle nearest to each.
+
+    Two vehicles that block each other push each other off their goals. So of two that are nearest
+    to each other, only the one with the longer way is returned.
+
+    Args:
+        end_enu_m: last positions [m] of the N vehicles, (N, 3).
+        goal_enu_m: their goals [m], (N, 3).
+        ways_m: their names, with the lengths of their ways [m].
+    """
+    held_up: dict[str, str] = {}
+    if len(ways_m) < 2:
+        return held_up
+
+    names = tuple(ways_m)
+    from_goal_m = np.linalg.norm(end_enu_m - goal_enu_m, axis=-1)
+    longest_first = sorted(range(len(names)), key=lambda index: ways_m[names[index]], reverse=True)
+    for index in longest_first:
+        if from_goal_m[index] <= ARRIVED_M:
+            continue
+
+        away_m = np.linalg.norm(end_enu_m - end_enu_m[index], axis=-1)
+        away_m[index] = math.inf
+        name = names[index]
+        nearest = names[int(away_m.argmin())]
+        if held_up.get(nearest) != name:
+            held_up[name] = nearest
+    return held_up
 
 
 def _outside(fleet: FleetConfig, legs: Mapping[str, Leg], trace_enu_m: Array) -> tuple[str, ...]:

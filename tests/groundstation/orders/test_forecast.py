@@ -22,6 +22,7 @@ from groundstation.orders.forecast_process import Forecaster, ForecastFailed
 from groundstation.orders.intents import Move, Takeoff
 from onboard.config.fences import Fence, FenceCircle
 from onboard.config.fleet import FleetConfig
+from onboard.config.obstacles import Obstacle
 
 MOVE = Move(vehicles=("mav0", "mav1"), position_enu_m=(0.0, 0.0, 1.0))
 SWAP = {
@@ -45,6 +46,37 @@ def test_a_swap_is_safe_under_the_law_and_refused_without_it(fleet: FleetConfig)
     assert crash.closest_m < 0.4
     (reason,) = objections(crash, MOVE, fleet)
     assert "mav0 and mav1 would come within" in reason
+
+
+def wall(name: str, west: float, south: float, east: float, north: float) -> Obstacle:
+    corners = ((west, south), (east, south), (east, north), (west, north))
+    return Obstacle(name, polygon_enu_m=corners)
+
+
+def test_who_would_not_arrive_and_who_would_be_in_the_way_is_said(fleet: FleetConfig) -> None:
+    dead_end = (
+        wall("south", -3.9, -0.8, 0.0, -0.7),
+        wall("north", -3.9, 0.7, 0.0, 0.8),
+        wall("west", -3.9, -0.7, -3.8, 0.7),
+    )
+    fleet = msgspec.structs.replace(fleet, obstacles=dead_end)
+    deep = Leg((2.5, 0.0, 1.0), (-2.8, 0.0, 1.0))
+    near = Leg((1.2, 0.0, 1.0), (-1.2, 0.0, 1.0))
+
+    held_up = forecast(fleet, {"mav0": near, "mav1": deep}, seeds=(0,))
+    assert held_up.held_up == {"mav1": "mav0"}
+    (reason,) = objections(held_up, MOVE, fleet)
+    assert "mav1 would not arrive within 0.15 m in time: mav0 would be in the way" in reason
+    assert "Send mav1 first" in reason
+
+    standing = Leg((-1.2, 0.0, 1.0), (-1.2, 0.0, 1.0), is_by_this_order=False)
+    behind = forecast(fleet, {"mav0": standing, "mav1": deep}, seeds=(0,))
+    only_mav1 = msgspec.structs.replace(MOVE, vehicles=("mav1",))
+    assert "Move mav0 away first" in objections(behind, only_mav1, fleet)[0]
+
+    alone = forecast(fleet, {"mav1": deep}, seeds=(0,))
+    assert alone.held_up == {}
+    assert objections(alone, only_mav1, fleet) == ()
 
 
 def test_the_same_question_has_the_same_answer(fleet: FleetConfig) -> None:
