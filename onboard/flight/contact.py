@@ -173,6 +173,11 @@ def seems_to_stand_blind(signs: ContactSigns, view: FlightView, ground_z_m: floa
 
 
 def _has_stood_low(signs: ContactSigns, view: FlightView, height_m: float, for_s: float) -> bool:
-    """Return whether a vehicle without poses has stopped sinking, where the ground may be."""
+    """Return whether a vehicle without poses has stopped sinking, where the ground may be.
+
+    If poses come and go, PX4's vertical speed jumps by some decimetres per second. While they are
+    there, the height is known.
+    """
+    low_m = _BLIND_LOW_M if view.is_blind else LOW_M
     stands_s = (view.now_ns - signs.still_ns) * 1e-9
-    return height_m < _BLIND_LOW_M and stands_s > for_s
+    return height_m < low_m and stands_s > for_s

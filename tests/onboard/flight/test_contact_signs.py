@@ -197,14 +197,26 @@ def test_a_vehicle_without_poses_is_down_when_it_does_not_sink_where_the_ground_
     height_m: float, still_ms: float, seems_down: bool, is_down: bool
 ) -> None:
     signs = _lasted(still=still_ms)
-    view = _view(height_m)
+    view = _view(height_m, is_blind=True)
     assert contact.seems_to_stand_blind(signs, view, 0.0) is seems_down
     assert contact.is_agreed_blind(signs, view, 0.0) is is_down
 
 
 def test_without_poses_the_height_is_that_above_the_ground_of_the_take_off() -> None:
     signs = _lasted(still=261)
-    assert contact.is_agreed_blind(signs, _view(4.5), 4.0)
-    assert contact.seems_to_stand_blind(signs, _view(4.5), 4.0)
-    assert not contact.is_agreed_blind(signs, _view(0.5), -4.0)
-    assert not contact.seems_to_stand_blind(signs, _view(0.5), -4.0)
+    above = _view(4.5, is_blind=True)
+    below = _view(0.5, is_blind=True)
+    assert contact.is_agreed_blind(signs, above, 4.0)
+    assert contact.seems_to_stand_blind(signs, above, 4.0)
+    assert not contact.is_agreed_blind(signs, below, -4.0)
+    assert not contact.seems_to_stand_blind(signs, below, -4.0)
+
+
+@pytest.mark.parametrize(("height_m", "is_down"), [(0.059, True), (0.061, False)])
+def test_with_poses_for_a_moment_a_vehicle_is_down_only_where_its_gear_may_touch(
+    height_m: float, is_down: bool
+) -> None:
+    signs = _lasted(still=500)
+    seen = _view(height_m, is_blind=False)
+    assert contact.seems_to_stand_blind(signs, seen, 0.0) is is_down
+    assert contact.is_agreed_blind(signs, seen, 0.0) is is_down
