@@ -13,6 +13,7 @@ from groundstation.file_checks.examination import examine
 from groundstation.processes.free_ports import toml_text
 from onboard.config.fleet import ConfigError, RadioConfig, fleet_from_mapping
 from onboard.feasibility.airtime import OFDM, OVERHEAD_BYTES, airtime_finding, turn_s
+from onboard.feasibility.pair_checks import message_age_s
 from sitl.lockstep.channel import FIRST_WINDOW, MOST_DOUBLED, Channel
 from sitl.lockstep.connections import BusSettings, Losses
 from sitl.lockstep.flight import Lockstep
@@ -204,7 +205,7 @@ def test_a_fleet_that_is_cut_in_two_on_its_crossing_holds_and_goes_on_afterwards
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("half_seconds", range(16))
+@pytest.mark.parametrize("half_seconds", range(1, 17))  # at 0 an order itself would be cut off
 def test_a_fleet_is_cut_in_two_at_any_time_of_a_crossing(half_seconds: int) -> None:
     _partition(0.5 * half_seconds, 10.0, seed=half_seconds)
 
@@ -215,4 +216,4 @@ def test_thirty_vehicles_share_one_channel() -> None:
     flown = bench_radio.fly(case, seed=2)
     assert not flown.failure
     assert flown.min_separation_m > bench_radio.fleet_of(case).fleet.safety_distance_m
-    assert flown.age_p99_ms < 101.0
+    assert flown.age_p99_ms <= 1e3 * message_age_s(bench_radio.fleet_of(case))

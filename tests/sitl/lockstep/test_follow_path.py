@@ -84,7 +84,7 @@ def test_nobody_starts_when_one_does_not_take_its_path(
 
 
 @pytest.mark.long
-def test_the_others_wait_for_one_that_falls_behind_and_go_on_when_it_lands(
+def test_the_others_wait_for_one_that_falls_behind_until_a_hovering_one_has_stepped_aside(
     lockstep: Callable[..., Lockstep], paper: FleetConfig, tmp_path: Path
 ) -> None:
     flight = lockstep(paper)
@@ -97,12 +97,13 @@ def test_the_others_wait_for_one_that_falls_behind_and_go_on_when_it_lands(
     paths = files(tmp_path, paper)
     blocked = (tmp_path / "mav1.csv").read_text(encoding="utf-8").splitlines()
     times_s = [float(line.split(",")[0]) for line in blocked[1:]]
-    # past where mav2 hovers, so that mav1 stays more than BEHIND_M behind
+    # past where mav2 hovers, so that mav1 stays more than BEHIND_M behind; their goals are nearer
+    # than the distance to keep, so mav2 steps aside for it after a while
     east = [f"{t},{1.7 * (t / SECONDS) ** 2 * (3 - 2 * t / SECONDS)},-1.5,1" for t in times_s]
     (tmp_path / "mav1.csv").write_text("t,x,y,z\n" + "\n".join(east), encoding="utf-8")
     verdict = flight.fly(show(tmp_path, paper, {name: paths[name] for name in ("mav0", "mav1")}))
     assert min(rates) == 0.5
     follow = next(step for step in verdict.steps if step.step.startswith("follow_path"))
-    assert follow.vehicles == {"mav0": "done", "mav1": "failed"}
+    assert follow.vehicles == {"mav0": "done", "mav1": "done"}
     assert flight.min_separation_m > 0.8
     assert all(verdict.landed.values())
