@@ -285,7 +285,7 @@ class ConsoleApp(App[int]):
         self.history.add(state, now_ns)
         self._log_new_events(state)
 
-        panels.table.show(state, now_ns)
+        panels.table.show(state, now_ns, self.orders.latch.killed)
         panels.plan.show(state, now_ns, panels.table.selected, panels.table.marked)
         panels.separation.show(state, now_ns)
         self._show_title(state, now_ns)

@@ -50,6 +50,7 @@ STATE_SIGNS: dict[str, tuple[str, str]] = {
     "landing": ("▼", WARN),
     "landed": ("○", CALM),
     "failed": ("✖", BAD),
+    "killed": ("✖", BAD),
 }
 SEVERITY_SIGNS: dict[str, tuple[str, str]] = {
     "debug": ("·", FAINT),

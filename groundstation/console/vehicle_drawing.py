@@ -18,6 +18,7 @@ from groundstation.console import theme
 from groundstation.console.pipeline_drawing import attitude_block, thrust_block
 from groundstation.console.theme import BAD, CALM, FAINT, GOOD, RULE, TEXT, WARN, clean, number
 from groundstation.console.vehicle_subject import Text, VehicleSubject
+from groundstation.console.widgets.fleet_columns import shown_state
 from groundstation.fleet.satellite_words import satellite_words
 from groundstation.fleet.state import FleetState, PersonView
 from onboard.bus.schema import Telemetry
@@ -45,13 +46,13 @@ def heading(subject: VehicleSubject) -> Text:
     if telemetry is None:
         return [name, ("  nothing heard from its agent yet", FAINT)]
 
-    state = clean(telemetry.state, 20)
+    state = clean(shown_state(telemetry, is_latched=subject.is_latched), 20)
     if not view.is_fresh(subject.now_ns):
         silence = number(view.age_s(subject.now_ns), 1, limit=1e6)
         last = "PX4 says disarmed" if view.is_disarmed_by_px4 else f"last heard: {state}"
         return [name, (f"  NO TELEM {silence} s", BAD), (f"  {last}", FAINT)]
 
-    sign, colour = theme.STATE_SIGNS.get(telemetry.state, ("?", WARN))
+    sign, colour = theme.STATE_SIGNS.get(state, ("?", WARN))
     armed = ("  ARMED", WARN) if view.is_armed else ("  disarmed", FAINT)
     mode = clean(telemetry.mode, 16) or "-"
     return [name, (f"  {sign} {state}", colour), armed, (f"  {mode}", TEXT)]
@@ -231,6 +232,9 @@ class _Check(NamedTuple):
 def _checks(subject: VehicleSubject, width: int) -> Block:
     view = subject.view
     telemetry = subject.telemetry
+    if subject.is_latched:
+        advice = f"killed from here. Look at it, then write: reset {view.name}"
+        return _wrapped([(" ✖ NO-GO: ", BAD)], advice, width, BAD)
     if view.preflight is not None and view.has_preflight(subject.now_ns):
         return _preflight([_Check(*check) for check in view.preflight.checks], width)
     if telemetry is None:

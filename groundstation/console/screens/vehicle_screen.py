@@ -80,7 +80,7 @@ class VehicleScreen(LiveScreen):
         """Draw the present state of the vehicle."""
         name = self._table.selected
         self._stream.follow(name)
-        self._page.show(name, state, now_ns)
+        self._page.show(name, state, now_ns, is_latched=name in self._table.latched)
 
     def action_back(self) -> None:
         """Go back to the fleet."""
@@ -116,7 +116,9 @@ class VehicleBlocks(Lines, ScrollView, can_focus=True):
         self._time_text = time_text
         self._subject: VehicleSubject | None = None
 
-    def show(self, name: str | None, state: FleetState, now_ns: int) -> None:
+    def show(
+        self, name: str | None, state: FleetState, now_ns: int, *, is_latched: bool = False
+    ) -> None:
         """Draw this vehicle."""
         view = None if name is None else state.vehicles.get(name)
         if view is None:
@@ -134,6 +136,7 @@ class VehicleBlocks(Lines, ScrollView, can_focus=True):
                 alarms=self._alarms.of(view.name),
                 time_text=self._time_text,
                 chart_rows=_LOW_CHART if is_low else _HIGH_CHART,
+                is_latched=is_latched,
             )
             title = "".join(text for text, _ in heading(self._subject))
             self.border_title = title.replace("[", "(")

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import re
 
-from groundstation.console.widgets.fleet_columns import COLUMNS, VehicleRow
+from groundstation.console.widgets.fleet_columns import COLUMNS, KILLED, VehicleRow
 
 _LAST_CHARACTER = 0x10FFFF
 
@@ -21,7 +21,7 @@ def is_match(row: VehicleRow | None, name: str, index: int, filter_text: str) ->
     if row is None:
         words.append("waiting")
     else:
-        words += row.telemetry.state.split()
+        words += row.state.split()
         words.append(row.telemetry.mode.lower())
         words += _conditions(row)
     return all(_fits(term, words, index) for term in filter_text.lower().split())
@@ -31,11 +31,13 @@ def _conditions(row: VehicleRow) -> list[str]:
     """Return the words of all conditions that are true for a vehicle."""
     telemetry = row.telemetry
     charge_pct = telemetry.battery_frac * 100.0
+    is_refusing = bool(telemetry.not_ready) and not telemetry.is_airborne
+    is_unready = is_refusing or row.state == KILLED
     conditions = {
         "silent": row.is_stale,
         "armed": row.view.is_armed,
         "airborne": row.view.is_airborne,
-        "unready": bool(telemetry.not_ready) and not telemetry.is_airborne,
+        "unready": is_unready,
         "low": charge_pct <= row.fleet.fleet.battery_warning_pct,
     }
     return [word for word, is_true in conditions.items() if is_true]

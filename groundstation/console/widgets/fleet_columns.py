@@ -20,6 +20,8 @@ from onboard.constants import GRAVITY_M_S2
 from onboard.safety.failsafe_table import Condition
 
 Cell = tuple[str, str]  # text and colour
+KILLED = "killed"  # state of a vehicle on the ground that was killed from here, until it is reset
+_STARTABLE = ("waiting", "ready", "landed")  # states in which a vehicle would take off when ordered
 _FIX_CONDITIONS = {Condition.FIX_FELL_BACK.value, Condition.FIX_COARSE.value}
 _SLOW_LINK_S = 0.3  # age of PX4's last message to the agent from which the link counts as slow
 _LOST_LINK_S = 1.0  # the age from which it counts as lost
@@ -41,6 +43,12 @@ class VehicleRow:
     drain: Drain | None
     age_s: float
     is_stale: bool
+    is_latched: bool = False  # whether it was killed from here, and not reset since
+
+    @property
+    def state(self) -> str:
+        """The vehicle's state. On the ground, a latched vehicle is `killed` and never ready."""
+        return shown_state(self.telemetry, is_latched=self.is_latched)
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,12 +67,24 @@ class Column:
     cover: int = 0
 
 
+def shown_state(telemetry: Telemetry, *, is_latched: bool) -> str:
+    """Return the state of a vehicle: what it reports, or `killed` if it looks startable.
+
+    Args:
+        telemetry: the vehicle's last telemetry.
+        is_latched: whether this ground has killed it and refuses it orders until it is reset.
+    """
+    if is_latched and telemetry.state in _STARTABLE:
+        return KILLED
+    return telemetry.state
+
+
 # -- cells -----------------------------------------------------------------------------------------
 
 
 def _state(row: VehicleRow) -> Cell:
-    sign, colour = theme.STATE_SIGNS.get(row.telemetry.state, ("?", WARN))
-    return f"{sign} {clean(row.telemetry.state, 20)}", colour
+    sign, colour = theme.STATE_SIGNS.get(row.state, ("?", WARN))
+    return f"{sign} {clean(row.state, 20)}", colour
 
 
 def _mode(row: VehicleRow) -> Cell:
@@ -274,6 +294,9 @@ def _order(row: VehicleRow) -> Cell:
 def reason(row: VehicleRow) -> Cell:
     """Return why a vehicle is not ready, or what it follows, or the reason for its state."""
     telemetry = row.telemetry
+    if row.state == KILLED:
+        return f"reset {clean(row.view.name, 40)} after a look at it", BAD
+
     if telemetry.not_ready and not telemetry.is_airborne:
         text = clean(telemetry.not_ready[0], 160)
         hidden = len(telemetry.not_ready) - 1
@@ -309,6 +332,7 @@ def reason(row: VehicleRow) -> Cell:
 
 _BY_URGENCY = (
     "failed",
+    KILLED,
     "landing",
     "taking off",
     "flying",
@@ -322,9 +346,9 @@ _BY_URGENCY = (
 
 def _urgency(row: VehicleRow) -> float:
     """Return the position in the order of urgency; an unknown state comes first."""
-    if row.telemetry.state not in _BY_URGENCY:
+    if row.state not in _BY_URGENCY:
         return -1.0
-    return float(_BY_URGENCY.index(row.telemetry.state))
+    return float(_BY_URGENCY.index(row.state))
 
 
 def _speed_m_s(row: VehicleRow) -> float:

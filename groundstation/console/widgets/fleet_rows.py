@@ -12,6 +12,7 @@ from rich.style import Style
 from groundstation.console import theme
 from groundstation.console.theme import BAD, CALM, FAINT, TEXT, clean, number
 from groundstation.console.widgets.fleet_columns import (
+    KILLED,
     WIDE_REASON_WIDTH,
     Cell,
     Column,
@@ -135,7 +136,7 @@ def _fresh(layout: RowLayout, row: VehicleRow) -> list[Segment]:
 def _least_cover(layout: RowLayout, row: VehicleRow) -> int:
     """Return the ``cover`` from which columns give their room to the reason."""
     telemetry = row.telemetry
-    is_refusing = telemetry.not_ready or telemetry.state == "failed"
+    is_refusing = telemetry.not_ready or row.state in ("failed", KILLED)
     if telemetry.is_airborne or not is_refusing:
         return _NEVER_COVERED
     if layout.reason_width >= WIDE_REASON_WIDTH:
@@ -177,7 +178,7 @@ def _silent(layout: RowLayout, row: VehicleRow, has_nodes: bool) -> list[Segment
             segments.append(Segment(" " * (end - _SILENCE_WIDTH - 1)))
 
     if layout.reason_width:
-        text = theme.fit(f"was {clean(row.telemetry.state, 20)}{agent}", layout.reason_width)
+        text = theme.fit(f"was {clean(row.state, 20)}{agent}", layout.reason_width)
         segments.append(Segment(text, theme.style(FAINT, dim=True)))
     return segments
 

@@ -75,6 +75,7 @@ class FleetTable(Lines, ScrollView, can_focus=True):
         self._numbers = fleet.numbers
         self._sorted_s = -math.inf  # time of the last sorting
         self._has_nodes = False  # whether the agents on the bus are known
+        self.latched: frozenset[str] = frozenset()  # vehicles that were killed from here
         self._now_ns = 0
 
         self._titles = ("", "")  # in the upper and in the lower border
@@ -124,15 +125,23 @@ class FleetTable(Lines, ScrollView, can_focus=True):
         """Keep marks on all vehicles for another five seconds."""
         self._marks.keep(self._now_s)
 
-    def show(self, state: FleetState, now_ns: int) -> None:
-        """Draw this state of the fleet."""
+    def show(self, state: FleetState, now_ns: int, latched: frozenset[str] = frozenset()) -> None:
+        """Draw this state of the fleet.
+
+        Args:
+            state: the fleet.
+            now_ns: the ground's monotonic clock [ns].
+            latched: vehicles that were killed from here, and not reset since.
+        """
         self._views = list(state.vehicles.values())
         self._now_ns = now_ns
         self._has_nodes = bool(state.nodes)
+        self.latched = latched
 
         self._marks.update(state.vehicles, self._now_s)
 
-        if self.is_due(now_ns, [_urgent_values(view, now_ns) for view in self._views]):
+        urgent_values = [_urgent_values(view, now_ns) for view in self._views]
+        if self.is_due(now_ns, [latched, *urgent_values]):
             self._arrange()
             self._update_titles()
             self.redraw()
@@ -342,6 +351,7 @@ class FleetTable(Lines, ScrollView, can_focus=True):
             drain=self.history.drains.get(view.name),
             age_s=view.age_s(self._now_ns),
             is_stale=not view.is_fresh(self._now_ns),
+            is_latched=view.name in self.latched,
         )
 
     def _update_titles(self) -> None:

@@ -12,6 +12,7 @@ from groundstation.console.screens.dialogs import QuitScreen
 from groundstation.console.screens.preview_screen import PreviewScreen
 from groundstation.console.widgets.bars import StatusBar
 from groundstation.console.widgets.event_log import EventLog
+from groundstation.console.widgets.fleet_table import FleetTable
 from groundstation.console.widgets.notices import NoticeLines
 from groundstation.console.widgets.result_lines import ResultLines
 from groundstation.fleet import state as fleet_state
@@ -22,6 +23,7 @@ from onboard.bus.schema import Event
 from onboard.config.fleet import FleetConfig
 from tests.groundstation.console.fake import FakeClient
 from tests.groundstation.console.rig import Rig, StillClient
+from tests.groundstation.console.seeing import see
 
 
 async def test_an_emergency_goes_at_once_while_a_preview_computes_and_ends_it(
@@ -109,6 +111,29 @@ async def test_a_killed_vehicle_stays_latched_until_it_is_reset(rig: Rig) -> Non
         await pilot.press("escape", "colon", *"reset mav0", "enter")
         assert rig.line(NoticeLines) == ""
         await rig.preview(pilot, "takeoff all 1.0")
+
+
+async def test_a_killed_vehicle_on_the_ground_looks_killed_until_it_is_reset(rig: Rig) -> None:
+    async with rig.app.run_test(size=(80, 24)) as pilot:
+        rig.hover()
+        await pilot.press("f12", "f12")
+        rig.stand(state="landed", reason="Killed by order of somebody.")
+        await see(rig.app, pilot)
+        killed, other = rig.line(FleetTable).splitlines()[1:3]
+        assert "✖ killed" in killed
+        assert "reset mav0" in killed
+        assert "○ landed" in other
+
+        await pilot.press("enter")
+        await see(rig.app, pilot)
+        page = rig.screen_text
+        assert "NO-GO: killed" in page
+        assert "ready" not in page
+
+        await pilot.press("escape")
+        await rig.write(pilot, "reset mav0")
+        await see(rig.app, pilot)
+        assert "✖ killed" not in rig.line(FleetTable)
 
 
 async def test_a_kill_that_did_not_leave_is_not_latched(fleet: FleetConfig) -> None:
