@@ -23,6 +23,7 @@ from onboard.config.fleet import (
     load_fleet,
     read_toml,
 )
+from onboard.plain_text import meant_words
 
 _EXAMPLES = ("sih", "paper")  # example fleets whose types can be named without --fleet
 # keys of the table [fleet] that count in a campaign
@@ -270,7 +271,10 @@ def setup_for(
     perturbation = SimulatedErrors()
 
     for change in changes:
-        group, key, value = _parsed_change(change)
+        try:
+            group, key, value = parsed_change(change)
+        except ConfigError as error:
+            raise ConfigError(f"--set {error}") from None
         if group == "fleet":
             fleet_table[key] = value
         elif group == "law":
@@ -283,7 +287,7 @@ def setup_for(
             for name in names:
                 type_tables[name][key] = value
         else:
-            perturbation = _perturbed(perturbation, change, key, value)
+            perturbation = replace(perturbation, **{key: float(value)})
 
     return Setup(
         law=law,
@@ -325,33 +329,36 @@ def _type_names(types: str | None, tables: Mapping[str, Any]) -> tuple[str, ...]
     return names
 
 
-def _parsed_change(change: str) -> tuple[str, str, float | int | bool | str]:
+def parsed_change(change: str) -> tuple[str, str, float | int | bool | str]:
     """Return group, key and value of ``[group.]key=value``.
 
-    The group is empty for keys of the perturbation.
+    The group is empty for keys of the perturbation, whose values are numbers within their bounds.
 
     Raises:
-        ConfigError: the change has another form, the key is unknown, or the value is not finite.
+        ConfigError: the change has another form, the key is unknown, the value is not finite, or
+            it is no value of the perturbation.
     """
     name, equals, text = change.partition("=")
     name = _ALIASES.get(name, name)
 
+    known = keys(with_aliases=True)
     problem = None
     if not equals:
-        problem = "write it as key=value"
+        problem = "write it as key=value."
     elif name not in keys():
-        problem = "there is no such key"
+        problem = f"there is no such key.{meant_words(name, known)}"
     if problem:
-        raise ConfigError(f"--set {change}: {problem}. Keys: {', '.join(keys(with_aliases=True))}.")
+        raise ConfigError(f"{change}: {problem} Keys: {', '.join(known)}.")
 
     group, _, key = name.rpartition(".")
-    return group, key, _value(change, text)
+    value = _value(change, text)
+    if not group:
+        _check_bounds(change, key, value)
+    return group, key, value
 
 
-def _perturbed(
-    perturbation: SimulatedErrors, change: str, key: str, value: float | int | bool | str
-) -> SimulatedErrors:
-    """Return a perturbation with one value changed.
+def _check_bounds(change: str, key: str, value: float | int | bool | str) -> None:
+    """Check a value of the perturbation.
 
     Raises:
         ConfigError: the value is not a number, or is out of bounds.
@@ -360,8 +367,7 @@ def _perturbed(
     low = bounds[key]["low"]
     high = bounds[key]["high"]
     if isinstance(value, (bool, str)) or not low <= value <= high:
-        raise ConfigError(f"--set {change}: the value must be a number from {low:g} to {high:g}.")
-    return replace(perturbation, **{key: float(value)})
+        raise ConfigError(f"{change}: the value must be a number from {low:g} to {high:g}.")
 
 
 def keys(*, with_aliases: bool = False) -> list[str]:
@@ -397,7 +403,7 @@ def _value(change: str, text: str) -> float | int | bool | str:
             value = text
 
     if isinstance(value, float) and not math.isfinite(value):
-        raise ConfigError(f"--set {change}: the value must be finite.")
+        raise ConfigError(f"{change}: the value must be finite.")
     if isinstance(value, float | int | str):
         return value
     return text  # a date, a list or a table; no key accepts it

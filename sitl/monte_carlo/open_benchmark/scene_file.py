@@ -19,6 +19,7 @@ import msgspec
 from onboard.config.config_error import ConfigError
 from onboard.config.file_reading import SCENE_FILE, json_values, read_bytes
 from onboard.config.toml_reading import bound_problems, convert, table
+from sitl.monte_carlo.campaign_settings import parsed_change
 
 SCHEMA = 1
 _PACKAGE = "sitl.monte_carlo.open_benchmark"
@@ -233,6 +234,12 @@ def _problems(scene: Scene) -> Iterator[str]:
             yield from bound_problems(key, coordinate_m, -_LARGEST_M, _LARGEST_M)
 
     yield from _index_problems(scene)
+
+    for change in scene.changes:
+        try:
+            parsed_change(change)
+        except ConfigError as error:
+            yield f"'set' has {error}"
 
 
 def _number_problems(struct: msgspec.Struct, key: str, prefix: str = "") -> Iterator[str]:

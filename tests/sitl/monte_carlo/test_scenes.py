@@ -112,6 +112,8 @@ def test_points_are_drawn_clear_of_obstacles():
         ({"others": {"law": "off", "vehicles": [-1]}}, "'others.vehicles' is -1"),
         ({"within_s": 0}, "'within_s' is 0"),
         ({"jitter_m": 2}, "'jitter_m' is 2"),
+        ({"set": {"wnd_m_s": 2.0}}, "'set' has wnd_m_s=2.0: there is no such key. Did you mean"),
+        ({"set": {"delay_s": 9.0}}, "'set' has delay_s=9.0: the value must be a number from 0"),
     ],
 )
 def test_a_wrong_scene_is_refused_in_a_sentence_that_names_the_file_and_the_key(changes, words):
