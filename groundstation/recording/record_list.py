@@ -58,6 +58,7 @@ def summary(folder: Path) -> dict[str, Any]:
             "note": timeline.broken,
             "mission": _words(verdict.get("mission")),
             "has_passed": verdict.get("passed") if verdict else None,
+            "is_interrupted": verdict.get("is_interrupted") is True,
             "verdict": _words(verdict.get("summary")),
         }
 
@@ -81,12 +82,14 @@ def list_line(flight: dict[str, Any]) -> str:
     outcome = "no verdict"
     if flight["has_passed"] is True:
         outcome = "passed"
+    elif flight["is_interrupted"]:
+        outcome = "interrupted"
     elif flight["has_passed"] is False:
         outcome = "FAILED"
     broken = "" if flight["is_whole"] else "  (cut off or damaged)"
     return (
         f"{flight['folder']:32s} {flight['length_s']:8.1f} s {len(flight['vehicles']):4d} vehicles"
-        f" {flight['size_bytes'] / _MB:8.1f} MB  {outcome:10s} {flight['mission']}{broken}"
+        f" {flight['size_bytes'] / _MB:8.1f} MB  {outcome:11s} {flight['mission']}{broken}"
     )
 
 

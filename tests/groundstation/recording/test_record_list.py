@@ -123,3 +123,16 @@ def test_a_verdict_that_is_neither_true_nor_false_is_listed_as_none(
     (flights / "first" / "verdict.json").write_text('{"passed": []}')
     assert main(["log", "list", str(flights)]) == 0
     assert "no verdict" in capsys.readouterr().out
+
+
+def test_a_flight_that_its_operator_ended_is_listed_as_interrupted(
+    flights: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    verdict = '{"passed": false, "is_interrupted": true, "exit_status": 130}'
+    (flights / "first" / "verdict.json").write_text(verdict)
+
+    assert summary(flights / "first")["is_interrupted"] is True
+    assert main(["log", "list", str(flights)]) == 0
+    text = capsys.readouterr().out
+    assert " interrupted " in text
+    assert "FAILED" not in text
