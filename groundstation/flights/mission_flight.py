@@ -30,10 +30,12 @@ from groundstation.processes.fleet_processes import EMULATOR, start_fleet
 from groundstation.processes.priority import take_priority
 from groundstation.processes.supervisor import ProcessError, Processes
 from groundstation.recording.channels import RECORDED
+from groundstation.recording.timeline import Timeline
 from groundstation.recording.writer import FLUSH_PERIOD_S, RecordWriter
 from groundstation.verdict.final_verdict import final_verdict
 from groundstation.verdict.verdict import Verdict
 from onboard.bus.schema import Event
+from onboard.config.config_error import ConfigError
 from onboard.exit_status import EXIT_FAILED, EXIT_INTERRUPTED, EXIT_WRONG_INPUT
 from onboard.plain_text import plain_line, plain_lines
 
@@ -110,9 +112,15 @@ class MissionFlight:
             try:
                 if self.settings.is_headless:
                     return await self._fly_headless(client)
-                return await self._fly_in_console(client)
+                status = await self._fly_in_console(client)
             finally:
                 watch.cancel()
+
+        # The record is closed now, so what it holds is known.
+        mission_name = f"mission{Path(self.settings.mission.path).suffix}"
+        for line in next_commands(self.settings.folder, mission_name):
+            self._print(line)
+        return status
 
     async def _fly_headless(self, client: FleetClient) -> int:
         client.add_event_listener(self._print_event)
@@ -149,17 +157,13 @@ class MissionFlight:
             self._listen()  # until now the console has handled the signals
 
     def _print_end(self, sentences: Sequence[str]) -> None:
-        """Print the verdict and the next commands, after the console has left the terminal."""
+        """Print the verdict, after the console has left the terminal."""
         if not sentences:
             sentences = ["The console was left before the end of the mission: there is no verdict."]
         for line in sentences:
             self._print(plain_lines(line))
         for earlier in self._verdicts[:-1]:
             self._print(plain_lines(f"Before it: {earlier.summary}"))
-
-        mission_name = f"mission{Path(self.settings.mission.path).suffix}"
-        for line in next_commands(self.settings.folder, mission_name):
-            self._print(line)
 
     @contextlib.asynccontextmanager
     async def _open(self) -> AsyncIterator[FleetClient]:
@@ -299,20 +303,33 @@ def shown_folder(folder: Path) -> Path:
 def next_commands(folder: Path, mission_name: str) -> list[str]:
     """Return where a flight has been recorded, and commands that look at it, a line each.
 
+    Commands that would refuse the record are left out. A start that was left early has no vehicle.
+
     Args:
-        folder: the flight folder.
+        folder: the flight folder, with a record that is closed.
         mission_name: file name of the mission in it.
     """
     shown = shown_folder(folder)
     flight = shlex.quote(str(shown))
     files = f"{flight}/{mission_name} --fleet {flight}/fleet.toml"
-    return [
-        f"Record, events, logs and verdict: {shown}",
-        f"  see it again:    covey replay {flight}",
-        f"  in a browser:    covey report {flight}",
-        f"  draw it:         covey plot {flight}",
-        f"  how closely this can be flown: covey check {files}",
-    ]
+    lines = [f"Record, events, logs and verdict: {shown}"]
+
+    has_vehicles = False
+    has_ticks = False
+    with (
+        contextlib.suppress(ConfigError),  # nothing was recorded
+        contextlib.closing(Timeline(folder)) as timeline,
+    ):
+        has_vehicles = bool(timeline.vehicles)
+        has_ticks = "tick" in timeline.topics
+
+    if has_vehicles:
+        lines.append(f"  see it again:    covey replay {flight}")
+        lines.append(f"  in a browser:    covey report {flight}")
+    if has_ticks:
+        lines.append(f"  draw it:         covey plot {flight}")
+    lines.append(f"  how closely this can be flown: covey check {files}")
+    return lines
 
 
 def clock_say() -> Say:

@@ -116,4 +116,4 @@ def test_after_a_flight_the_shell_has_the_folder_and_the_next_commands(tmp_path:
     finally:
         terminal.close()
     assert "there is no verdict" in after
-    assert f"covey replay {tmp_path}/first" in after
+    assert f"covey check {tmp_path}/first" in after
