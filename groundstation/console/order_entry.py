@@ -461,9 +461,18 @@ class OrderEntry:
     # -- control of the fleet ----------------------------------------------------------------------
 
     def answer_request(self, answer: str) -> None:
-        """Hand control over to the ground that requests it (``give``), or ``keep`` it."""
-        if self._ordering is not None and self._ordering.control.requester is not None:
-            self._change_control(answer)
+        """Hand control over to the ground that requests it (``give``), or ``keep`` it.
+
+        Without a request, control is not given up: a key is pressed by mistake too easily, and the
+        mission that flies would end.
+        """
+        if answer == "give" and self._ordering is not None:
+            control = self._ordering.control
+            if control.is_operator and control.requester is None:
+                sentence = "Nobody asks for control. To give it up, write: give control"
+                self._panels.results.show_sentence(sentence, CALM)
+                return
+        self._change_control(answer)
 
     def _change_control(self, verb: str, word: str = "") -> None:
         if self._ordering is None:

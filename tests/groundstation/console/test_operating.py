@@ -9,6 +9,7 @@ from groundstation.console.screens.dialogs import QuitScreen
 from groundstation.console.screens.preview_screen import PreviewScreen
 from groundstation.console.widgets.event_log import EventLog
 from groundstation.console.widgets.notices import NoticeLines
+from groundstation.console.widgets.result_lines import ResultLines
 from groundstation.fleet.operator_control import SILENCE_S
 from onboard.config.fleet import FleetConfig
 from tests.groundstation.console.fake import FakeClient
@@ -64,6 +65,7 @@ async def test_the_operator_gives_control_or_keeps_it(rig: Rig, key: str, stays:
         assert rig.client.control.is_operator
         await pilot.press(key)
         assert rig.client.control.is_operator, "nobody has asked"
+        assert "Nobody asks for control" in rig.line(ResultLines)
         rig.client.tokens.roles.see("asks.1.ground-9.bob", True)
         rig.hover()
         await see(rig.app, pilot)
