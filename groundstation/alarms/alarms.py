@@ -62,6 +62,7 @@ _EVENT_KINDS: dict[str, Kind] = {
     "process_ended": GroundCondition.PROCESS_ENDED,
     "killed": GroundCondition.KILLED,
 }
+_NOT_RECORDED = "Nothing of it was recorded up to here."  # instead of the advice to start an agent
 # Alarms from a single event, which stay until they are acknowledged.
 _LATCHED = frozenset(_EVENT_KINDS.values())
 
@@ -114,10 +115,12 @@ class Alarms:
 
     Args:
         fleet: the fleet file.
+        is_replay: whether the state is that of a recorded flight, in which nothing can be started.
     """
 
-    def __init__(self, fleet: FleetConfig) -> None:
+    def __init__(self, fleet: FleetConfig, *, is_replay: bool = False) -> None:
         self.fleet = fleet
+        self.is_replay = is_replay
         self.has_new = False  # whether the last update brought an alarm above NOTE
         # vehicles that raised no alarm at the last update for what they have not heard yet
         self.starting: list[str] = []
@@ -150,6 +153,8 @@ class Alarms:
 
         present: dict[_Key, Alarm] = {}
         for alarm in conditions(state, self.fleet, now_ns):
+            if self.is_replay and alarm.kind is GroundCondition.WAITING:
+                alarm = dataclasses.replace(alarm, advice=_NOT_RECORDED)
             present[alarm.kind, alarm.subject] = alarm
         for alarm in self._of_events(state):
             present[alarm.kind, alarm.subject] = alarm

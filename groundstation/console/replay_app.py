@@ -10,6 +10,7 @@ from rich.segment import Segment
 from textual.app import ComposeResult
 from textual.binding import Binding, BindingType
 
+from groundstation.alarms.alarms import Alarms
 from groundstation.console import theme
 from groundstation.console.app import ConsoleApp
 from groundstation.console.screens.dialogs import REPLAY_HELP, HelpScreen
@@ -113,6 +114,7 @@ class ReplayApp(ConsoleApp):
 
     def __init__(self, replay: Replay, *, title: str, at_s: float = 0.0) -> None:
         super().__init__(replay.fleet, replay, title=title)
+        self.alarms = Alarms(replay.fleet, is_replay=True)
         self.replay = replay
         self.bar = ReplayBar(replay)
         self._begin_s = at_s

@@ -103,7 +103,10 @@ def _wrapped(head: Text, text: str, width: int, colour: str) -> Block:
 def _state(subject: VehicleSubject, width: int) -> Block:
     telemetry = subject.telemetry
     if telemetry is None:
-        return [[(" Is its agent running? covey agent status says more.", FAINT)]]
+        words = "Is its agent running? covey agent status says more."
+        if subject.is_replay:
+            words = "Nothing of it was recorded up to here."
+        return _wrapped([(" ", FAINT)], words, width, FAINT)
 
     lines = _alarms(subject, width)
 

@@ -28,6 +28,7 @@ class VehicleSubject:
     # function that returns the words for a time of reception [ns]
     time_text: Callable[[int], str] = field(default=str)
     chart_rows: int = 5  # height of a chart
+    is_replay: bool = False  # whether it is shown from a record
     is_latched: bool = False  # whether it was killed from here, and not reset since
 
     @property

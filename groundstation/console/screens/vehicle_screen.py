@@ -136,6 +136,7 @@ class VehicleBlocks(Lines, ScrollView, can_focus=True):
                 alarms=self._alarms.of(view.name),
                 time_text=self._time_text,
                 chart_rows=_LOW_CHART if is_low else _HIGH_CHART,
+                is_replay=self._alarms.is_replay,
                 is_latched=is_latched,
             )
             title = "".join(text for text, _ in heading(self._subject))

@@ -435,6 +435,28 @@ async def test_the_help_of_a_replay_shows_the_keys_of_the_replay(flight: Path) -
         assert "take off" not in shown
 
 
+async def test_a_vehicle_that_was_not_recorded_is_not_to_be_started_in_a_replay(
+    tmp_path: Path,
+) -> None:
+    shutil.copy(RECORDED_FLEET, tmp_path / "fleet.toml")
+    files = RecordFiles(tmp_path, (tmp_path / "flight.mcap").open("wb"), begin_ns=0, begin="a test")
+    files.write(Topic.TELEMETRY, "mav0", telemetry("mav0", stamp_ns=SECOND), SECOND)
+    files.finish()
+    files.close()
+
+    app = ReplayApp(replayed(tmp_path), title="alone")
+    async with app.run_test(size=(200, 40)) as pilot:
+        await pilot.press("down")
+        for key in ("escape", "A", "enter"):  # all screens on which an alarm or a page stands
+            await pilot.press(key)
+            await pilot.pause(0.2)
+            shown = "\n".join(screen_text(app))
+            assert "Nothing of it was recorded up to here." in shown, key
+            assert "covey agent" not in shown, key
+            if key != "escape":
+                await pilot.press("escape")
+
+
 async def test_a_record_that_was_cut_off_says_so_in_the_console(
     flight: Path, tmp_path: Path
 ) -> None:
