@@ -12,7 +12,7 @@ import unicodedata
 from collections.abc import Sequence
 from functools import lru_cache
 
-from rich.cells import cell_len, get_character_cell_size, set_cell_size
+from rich.cells import cell_len, chop_cells, get_character_cell_size, set_cell_size
 from rich.style import Style
 
 GROUND = "#0f141a"  # background
@@ -227,8 +227,8 @@ def spark(values: Sequence[float], width: int, top: float) -> str:
 def wrap(text: str, width: int, most: int = 6) -> list[str]:
     """Return ``text`` broken at spaces into at most ``most`` lines of ``width`` cells.
 
-    A word that is longer than a line is cut. The last line gets all the remaining words, and is cut
-    if it is too long.
+    A word that is longer than a line, such as a path in a command, goes on in the next lines. The
+    last line gets all the remaining words, and is cut if it is too long.
     """
     # Most texts are ASCII, whose cells are counted faster; hundreds of events may come at once.
     cells = len if text.isascii() else cell_len
@@ -245,7 +245,8 @@ def wrap(text: str, width: int, most: int = 6) -> list[str]:
             lines.append(line)
         line = word
         if cells(word) > width:
-            line = fit(word, max(1, width))
+            *whole_lines, line = chop_cells(word, max(1, width))
+            lines += whole_lines
     lines.append(line)
 
     if len(lines) > most:

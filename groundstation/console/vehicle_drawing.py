@@ -29,6 +29,7 @@ from onboard.safety.failsafe_table import WORDS, Action
 MAX_LOG = 40
 _MOST_NEIGHBOURS = 8
 _MOST_ORDERS = 8
+_MOST_LINES = 8  # lines of one sentence; remedies with a command and a path need most of them
 _MOST_ORDER_LINES = 2  # lines of one order
 _MOST_REASONS = 8
 _NEAR_FACTOR = 1.25  # distance over the safety distance below which a neighbour is marked
@@ -89,7 +90,7 @@ def _strip(line: Text | Strip, width: int) -> Strip:
 def _wrapped(head: Text, text: str, width: int, colour: str) -> Block:
     """Return ``text`` beside ``head``; further lines are indented by the width of the head."""
     indent = sum(len(piece) for piece, _ in head)
-    first, *others = theme.wrap(clean(text), max(8, width - indent), most=4)
+    first, *others = theme.wrap(clean(text), max(8, width - indent), most=_MOST_LINES)
 
     lines: Block = [[*head, (first, colour)]]
     for line in others:

@@ -26,6 +26,17 @@ def test_text_is_fitted_into_exactly_its_width(text: str, width: int, right: boo
 
 
 @SOME
+@given(TEXT, st.integers(2, 50))
+def test_wrapped_lines_have_the_whole_text_and_no_more_than_their_width(
+    text: str, width: int
+) -> None:
+    clean = theme.clean(text)
+    lines = theme.wrap(clean, width, most=200)
+    assert max(map(cell_len, lines)) <= width
+    assert "".join(lines).replace(" ", "") == clean.replace(" ", "")
+
+
+@SOME
 @given(TEXT)
 def test_an_ascii_text_has_as_many_cells_as_the_text_it_replaces(text: str) -> None:
     clean = theme.clean(text)

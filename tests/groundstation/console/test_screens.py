@@ -21,6 +21,7 @@ from groundstation.console.replay_app import ReplayApp, clock
 from groundstation.console.screens.alarms_screen import AlarmList, AlarmsScreen
 from groundstation.console.screens.vehicle_screen import VehicleBlocks, VehicleScreen
 from groundstation.console.widgets.bars import StatusBar
+from groundstation.fleet.state import fold
 from groundstation.recording.replay import Replay, open_flight
 from groundstation.recording.writer import RecordFiles
 from onboard.bus.schema import PreflightReport
@@ -209,8 +210,6 @@ async def test_the_page_says_why_a_vehicle_cannot_fly_and_what_to_do(fleet: Flee
         await pilot.pause(0.3)
         assert "no mocap" in lines(app.screen, VehicleBlocks)
 
-        from groundstation.fleet import state as fleet_state
-
         report = PreflightReport(
             vehicle="mav0",
             boot_id=1,
@@ -222,7 +221,7 @@ async def test_the_page_says_why_a_vehicle_cannot_fly_and_what_to_do(fleet: Flee
                 ("clock", True, "off by 40 ms", "Run chrony."),
             ),
         )
-        client.state = fleet_state.fold(client.state, report, client.now_ns())
+        client.state = fold(client.state, report, client.now_ns())
         app.refresh_fleet()
         await pilot.pause(0.2)
         text = lines(app.screen, VehicleBlocks)
@@ -234,6 +233,27 @@ async def test_the_page_says_why_a_vehicle_cannot_fly_and_what_to_do(fleet: Flee
             "battery",
         ):
             assert words in text
+
+
+async def test_the_page_shows_the_whole_command_that_is_to_be_copied(fleet: FleetConfig) -> None:
+    folder = "/home/somebody/fleets/" + "a_folder_with_a_long_name/" * 4
+    command = f"covey px4 signing --set --fleet {folder}fleet.toml --vehicles mav0"
+    client = SteadyClient(fleet)
+    client.hear("mav0", is_airborne=False, is_armed=False)
+    report = PreflightReport(
+        vehicle="mav0",
+        boot_id=1,
+        sequence=1,
+        stamp_ns=1,
+        checks=(("signing", False, "PX4 does not sign.", f"Give it the key: {command}."),),
+    )
+    client.state = fold(client.state, report, client.now_ns())
+    app = ConsoleApp(fleet, client)
+    async with app.run_test(size=(80, 40)) as pilot:
+        await pilot.press("enter")
+        await pilot.pause(0.3)
+        text = "".join(line.strip(" │") for line in screen_text(app))
+        assert command.replace(" ", "") in text.replace(" ", "")
 
 
 async def test_the_page_goes_to_the_next_vehicle_and_keys_mean_the_one_that_is_shown(
