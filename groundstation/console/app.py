@@ -33,6 +33,7 @@ from groundstation.console.panel_sizes import (
     NARROW,
     SHORT,
     TIGHT,
+    is_cramped,
     largest_verdict_height,
     panel_sizes,
 )
@@ -266,8 +267,13 @@ class ConsoleApp(App[int]):
         )
         self.panels.table.styles.height = table_height
         verdict_height = None
+        has_borders = True
         if isinstance(table_height, int) and alone != "verdict":
             verdict_height = largest_verdict_height(height, table_height)
+        if isinstance(table_height, int) and not alone:
+            has_borders = not is_cramped(height, table_height)
+
+        screen.set_class(not has_borders, "cramped")
         self.panels.verdict.styles.max_height = verdict_height
         self.panels.plan.styles.width = plan_width
 
@@ -295,6 +301,7 @@ class ConsoleApp(App[int]):
             self.bell()
 
         self.orders.update()
+        self.mission.count_hidden_lines()
 
         front = self.screen_stack[-1] if self.screen_stack else None
         if isinstance(front, LiveScreen):

@@ -26,6 +26,7 @@ _STATUS_BROKEN = 1
 _STATUS_NO_CONNECTION = 2
 
 _ALONE = "only-verdict"  # class of the screen while the verdict has all the room
+_BOX_KEYS = "v enlarges · q quits"
 
 
 class MissionWorker:
@@ -142,6 +143,19 @@ class MissionWorker:
         else:
             self._show_box(is_shown=False)
 
+    def count_hidden_lines(self) -> None:
+        """Say in the border of the verdict's box how many of its lines have no room."""
+        box = self._panels.verdict
+        if not box.display or self._app.screen_stack[0].has_class(_ALONE):
+            return
+
+        shown = box.content_size
+        all_rows = box.get_content_height(shown, self._app.size, shown.width)
+        hidden = all_rows - shown.height
+        box.border_subtitle = _BOX_KEYS
+        if hidden > 0:
+            box.border_subtitle = f"↓ +{hidden} more · {_BOX_KEYS}"
+
     async def _fly(self, mission: MissionCall) -> object:
         verdict = await mission()
         sentences = getattr(verdict, "sentences", None)
@@ -189,7 +203,7 @@ class MissionWorker:
     def _show_box(self, *, is_shown: bool) -> None:
         """Show or hide the verdict's box below plan and events."""
         self._panels.verdict.display = is_shown
-        self._panels.verdict.border_subtitle = "v enlarges · q quits"
+        self._panels.verdict.border_subtitle = _BOX_KEYS
 
         screen = self._app.screen_stack[0]
         screen.set_class(is_shown, "judged")

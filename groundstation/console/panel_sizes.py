@@ -17,6 +17,7 @@ _PLAN_MOST_SHARE = 0.62  # largest share of the width for the plan
 _EVENTS_LEAST = 3  # rows that a verdict leaves to the events, with their border
 _BESIDE_VERDICT = 6  # rows that a verdict leaves to plan and events if both have room
 _VERDICT_LEAST = 4  # smallest height of a verdict, with its border
+_RIGHT_LEAST = 7  # rows in which separation and events have borders and a row of each is shown
 
 # Smallest sizes of a table and a plan with anything in them.
 _TABLE_LEAST = 4  # rows: border, heading and one vehicle
@@ -63,6 +64,16 @@ def panel_sizes(
     if alone == "plan":
         return table_height, "1fr"
     return table_height, plan_width
+
+
+def is_cramped(height: int, table_height: int) -> bool:
+    """Return whether separation and events have so few rows that they go without borders.
+
+    Args:
+        height: height of the terminal, in cells.
+        table_height: rows of the fleet table.
+    """
+    return height - table_height - LINES_AROUND < _RIGHT_LEAST
 
 
 def largest_verdict_height(height: int, table_height: int) -> int:

@@ -98,6 +98,37 @@ async def test_a_verdict_shows_its_reason_and_covers_no_later_event(size: tuple[
         assert "mission failed ─" not in words_of(app)
 
 
+async def test_a_verdict_without_room_says_how_many_lines_are_hidden() -> None:
+    sentences = [f"Sentence {number}." for number in range(20)]
+
+    async def mission() -> object:
+        return SimpleNamespace(exit_status=0, summary="", sentences=sentences)
+
+    _, app = eight(mission=mission)
+    async with app.run_test(size=(80, 24)) as pilot:
+        await pilot.pause()
+        await see(app, pilot)
+        await see(app, pilot)
+        shown = app.panels.verdict.content_size.height
+        assert f"↓ +{20 - shown} more · v enlarges" in words_of(app)
+
+        await pilot.resize_terminal(160, 60)
+        await see(app, pilot)
+        await see(app, pilot)
+        assert "─ v enlarges" in words_of(app)
+
+
+@pytest.mark.parametrize("height", [12, 13, 15, 17, 20, 24])
+async def test_the_newest_event_is_shown_in_a_low_terminal(height: int) -> None:
+    _, app = eight()
+    async with app.run_test(size=(60, height)) as pilot:
+        app.panels.events.add("mav2: dead.")
+        await see(app, pilot)
+        await see(app, pilot)
+        assert "mav2: dead." in words_of(app)
+        assert "least" in words_of(app)
+
+
 async def test_a_low_terminal_counts_the_vehicles_that_have_no_row() -> None:
     _, app = eight()
     async with app.run_test(size=(80, 20)) as pilot:
