@@ -3,8 +3,8 @@
 Example:
   covey plot flights/first
 
-Exit status: 0 all was drawn that can be read, and a sentence says what a record
-lacks that was cut off; 2 nothing can be drawn.
+Exit status: 0 all was drawn that can be read, and a sentence says so if a record
+was cut off or is damaged; 2 nothing can be drawn.
 """
 
 from __future__ import annotations

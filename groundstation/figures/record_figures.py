@@ -9,7 +9,7 @@ from typing import Any
 from groundstation.figures import attitude, avoidance, plan_figure, tracking
 from groundstation.figures.data import POSES, TOPICS, from_samples
 from groundstation.figures.style import save, styled
-from groundstation.recording.reader import read, record_path
+from groundstation.recording.reader import DAMAGED_PIECE, read, record_path
 from groundstation.recording.timeline import Timeline
 from onboard.config.fleet import ConfigError, load_fleet, read_toml
 from onboard.config.flight_space import outlines_of
@@ -47,8 +47,9 @@ def draw_record(folder: Path, out: Path | None = None) -> tuple[list[Path], str]
     if limits.get("people"):
         topics.append(POSES)
     begin_ns, damage = _begin_and_damage(path)
+    damaged_pieces: list[str] = []
     flight = from_samples(
-        read(path, topics),
+        read(path, topics, on_damage=lambda: damaged_pieces.append(DAMAGED_PIECE)),
         title=title,
         record_begin_ns=begin_ns,
         **limits,
@@ -60,6 +61,8 @@ def draw_record(folder: Path, out: Path | None = None) -> tuple[list[Path], str]
             " DIR`."
         )
 
+    if damaged_pieces and not damage:  # the index of a record does not show it
+        damage = DAMAGED_PIECE
     target = flight_folder / "figures"
     if out is not None:
         target = out

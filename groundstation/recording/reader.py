@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import json
 import struct
-from collections.abc import Container, Iterator, Sequence
+from collections.abc import Callable, Container, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import IO, Any, cast
@@ -29,6 +29,7 @@ MAX_CHUNK_BYTES = 16 * 1024 * 1024
 MAX_FLIGHT_NS = 86_400_000_000_000  # a day: stamps further from the others do not belong to it
 # exceptions that mcap raises on damaged bytes
 DAMAGED = (McapError, ZstdError, EOFError, ValueError, OverflowError, struct.error)
+DAMAGED_PIECE = "A piece of the record is damaged; the flight jumps over it."
 _MAX_NUMBER = 1e300
 _MAX_STAMP_NS = (1 << 63) - 1
 
@@ -77,7 +78,9 @@ def record_path(folder: Path) -> Path:
     return path
 
 
-def read(folder: Path, topics: Sequence[str] = ()) -> Iterator[Sample]:
+def read(
+    folder: Path, topics: Sequence[str] = (), on_damage: Callable[[], None] = lambda: None
+) -> Iterator[Sample]:
     """Read a record from its beginning.
 
     A record that was cut off ends there, and damaged parts are left out.
@@ -85,6 +88,7 @@ def read(folder: Path, topics: Sequence[str] = ()) -> Iterator[Sample]:
     Args:
         folder: flight folder, or the MCAP file itself.
         topics: only channels of these topics are read, for instance ``truth``; empty: all.
+        on_damage: called for each piece of the record that is damaged and left out.
 
     Yields:
         Samples in the order of the file.
@@ -94,7 +98,7 @@ def read(folder: Path, topics: Sequence[str] = ()) -> Iterator[Sample]:
     """
     channels: dict[int, str] = {}
     with opened(record_path(folder), RECORD) as stream:
-        for record in _records(stream):
+        for record in _records(stream, on_damage):
             if isinstance(record, Channel):
                 channels[record.id] = record.topic
             elif isinstance(record, Message):
@@ -113,7 +117,8 @@ def count_messages(folder: Path) -> int:
         ConfigError: there is no record.
     """
     with record_path(folder).open("rb") as stream:
-        return sum(1 for record in _records(stream) if isinstance(record, Message))
+        records = _records(stream, on_damage=lambda: None)
+        return sum(1 for record in records if isinstance(record, Message))
 
 
 def _sample(message: Message, channel: str, topics: Sequence[str]) -> Sample | None:
@@ -228,7 +233,7 @@ def _fits(chunk: Chunk) -> bool:
     return size_bytes <= MAX_CHUNK_BYTES
 
 
-def _records(stream: IO[bytes]) -> Iterator[McapRecord]:
+def _records(stream: IO[bytes], on_damage: Callable[[], None]) -> Iterator[McapRecord]:
     """Yield the records of the file; those of chunks are unpacked.
 
     A damaged chunk is left out. Damage outside of a chunk ends the reading.
@@ -239,12 +244,15 @@ def _records(stream: IO[bytes]) -> Iterator[McapRecord]:
         try:
             record = next(records, None)
         except DAMAGED:
+            on_damage()
             return
         if record is None:
             return
         if isinstance(record, Chunk):
             records_of_chunk = chunk_records(record)
-            if records_of_chunk is not None:
+            if records_of_chunk is None:
+                on_damage()
+            else:
                 yield from records_of_chunk
         else:
             yield record

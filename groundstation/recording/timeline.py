@@ -32,6 +32,7 @@ from mcap.records import Channel, Chunk, Metadata, Schema
 from groundstation.recording.channels import KINDS, REPLY, from_json
 from groundstation.recording.reader import (
     DAMAGED,
+    DAMAGED_PIECE,
     chunk_messages,
     chunk_records,
     record_path,
@@ -453,7 +454,7 @@ class Timeline:
 
         if parts is None:
             if not self.broken:
-                self.broken = "A piece of the record is damaged; the flight jumps over it."
+                self.broken = DAMAGED_PIECE
             return []
         return parts
 

@@ -11,6 +11,7 @@ import pytest
 from mcap.writer import Writer
 
 from groundstation.cli import main
+from groundstation.figures import record_figures
 from groundstation.figures.data import TOPICS, FlightData, from_samples
 from groundstation.recording.reader import read
 
@@ -222,3 +223,19 @@ def test_a_record_that_breaks_off_is_drawn_as_far_as_it_goes_and_said_so(
     assert main(["plot", str(tmp_path)]) == 0
     assert "The record was cut off" in capsys.readouterr().err
     assert (tmp_path / "figures" / "fig4_plan.png").exists()
+
+
+def test_damage_in_the_middle_of_a_record_is_said(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(record_figures, "_FIGURES", {})
+    path = write_flight(tmp_path)
+    assert main(["plot", str(tmp_path)]) == 0
+    assert "damaged" not in capsys.readouterr().err
+
+    data = bytearray(path.read_bytes())
+    middle = len(data) // 2
+    data[middle : middle + 40] = bytes(40)
+    path.write_bytes(data)
+    assert main(["plot", str(tmp_path)]) == 0
+    assert "A piece of the record is damaged" in capsys.readouterr().err
