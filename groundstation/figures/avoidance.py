@@ -12,6 +12,9 @@ from onboard.arrays import Array
 
 MAX_PAIRS = 10  # with more pairs, one line for each vehicle shows its nearest neighbour
 _FAR_M = 10.0  # largest room around a line that its name makes use of
+_NAME_PT = 9.0  # size of a line's name
+_LETTER = 0.8  # width of a letter over its size, with some room
+_POINTS_PER_INCH = 72.0
 
 
 def draw(flight: FlightData) -> Any:
@@ -159,7 +162,11 @@ def _draw_closest(ax: Any, flight: FlightData) -> None:
 
 
 def _name_lines(ax: Any, grid_s: Array, pairs: tuple[PairSeparation, ...]) -> None:
-    """Write the name of each pair where its line is furthest from the other lines."""
+    """Write the name of each pair where its line is furthest from the other lines.
+
+    A name stands above all of its line that is below it, so that the line does not cross it.
+    """
+    width_pt = _POINTS_PER_INCH * ax.figure.get_figwidth()
     lines_m = np.stack([pair.distance_m for pair in pairs])
     margin = len(grid_s) // 20  # no name at the very start or end
 
@@ -172,12 +179,16 @@ def _name_lines(ax: Any, grid_s: Array, pairs: tuple[PairSeparation, ...]) -> No
             continue
 
         grid_index = margin + int(np.argmax(inner_m))
+        name = f"{pair.first} – {pair.second}"
+        share = _LETTER * _NAME_PT * len(name) / width_pt
+        half = round(0.5 * share * len(grid_s))
+        below_m = pair.distance_m[max(0, grid_index - half) : grid_index + half + 1]
         ax.annotate(
-            f"{pair.first} – {pair.second}",
-            (grid_s[grid_index], pair.distance_m[grid_index]),
+            name,
+            (grid_s[grid_index], np.nanmax(below_m)),
             (0, 6),
             textcoords="offset points",
-            fontsize=9,
+            fontsize=_NAME_PT,
             ha="center",
             color="#333c44",
         )

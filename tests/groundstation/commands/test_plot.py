@@ -12,7 +12,9 @@ from mcap.writer import Writer
 
 from groundstation.cli import main
 from groundstation.figures import record_figures
-from groundstation.figures.data import TOPICS, FlightData, from_samples
+from groundstation.figures.avoidance import _name_lines
+from groundstation.figures.data import TOPICS, FlightData, PairSeparation, from_samples
+from groundstation.figures.style import new_figure, styled
 from groundstation.recording.reader import read
 
 FIGURES = ("fig2_attitude", "fig4_plan", "fig5_tracking", "fig6_avoidance")
@@ -239,3 +241,29 @@ def test_damage_in_the_middle_of_a_record_is_said(
     path.write_bytes(data)
     assert main(["plot", str(tmp_path)]) == 0
     assert "A piece of the record is damaged" in capsys.readouterr().err
+
+
+def test_no_line_crosses_the_name_of_its_pair() -> None:
+    grid_s = np.arange(-1.0, 22.0, 0.02)
+    falling_m = np.interp(grid_s, [3.0, 6.6, 8.0, 10.0], [1.5, 0.81, 0.81, 1.6])
+    rising_m = np.interp(grid_s, [6.0, 8.0, 10.0], [1.5, 1.8, 1.6])
+    high_m = np.interp(grid_s, [3.0, 8.3, 10.0], [3.0, 0.98, 1.6])
+    pairs = (
+        PairSeparation("mav0", "mav1", falling_m),
+        PairSeparation("mav1", "mav2", rising_m),
+        PairSeparation("mav0", "mav2", high_m),
+    )
+    with styled():
+        figure = new_figure(11.1, 9.2, "names")
+        grid = figure.add_gridspec(3, 1, height_ratios=(1.0, 1.0, 1.5))
+        ax = figure.add_subplot(grid[2, :])
+        lines = [ax.plot(grid_s, pair.distance_m)[0] for pair in pairs]
+        ax.set_xlim(grid_s[0], grid_s[-1])
+        ax.set_ylim(0.0, 3.3)
+        _name_lines(ax, grid_s, pairs)
+        figure.canvas.draw()
+
+    assert len(ax.texts) == 3
+    for name, line in zip(ax.texts, lines, strict=True):
+        box = name.get_window_extent()
+        assert not box.count_contains(line.get_transform().transform(line.get_xydata()))
