@@ -15,7 +15,9 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import os
 import shlex
+import sys
 import time
 from collections.abc import AsyncIterator, Callable, Sequence
 from pathlib import Path
@@ -261,7 +263,9 @@ class MissionFlight:
                 return
 
     def _listen(self) -> None:
-        listen(self.settings.mission.path, self._on_signal)
+        # A console has its own keys, and would leave the terminal as it is.
+        on_blocked = self._end_blocked if self.settings.is_headless else None
+        listen(self.settings.mission.path, self._on_signal, on_blocked)
 
     def _on_signal(self) -> None:
         self._signals += 1
@@ -273,6 +277,20 @@ class MissionFlight:
             self._processes.kill()
             if self._main is not None:
                 self._main.cancel()
+
+    def _end_blocked(self) -> None:
+        """End the process, because the mission's code never lets the event loop go on.
+
+        For the agents it is a ground that is lost.
+        """
+        land_s = self._fleet.fleet.ground_lost_land_s
+        sentence = (
+            "Ended at once: the mission's code never awaits, so nothing could be ordered. "
+            "Simulated vehicles end with it; others finish their order, hold, and land after "
+            f"{land_s:g} s without a ground.\n"
+        )
+        os.write(sys.stderr.fileno(), sentence.encode())  # a print may be under way just now
+        os._exit(EXIT_INTERRUPTED)
 
     def _progress(self) -> str:
         """Return one line about the mission, for the console."""

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import asyncio
 import os
 import signal
+import subprocess
+import sys
 import threading
 import time
 from pathlib import Path
@@ -12,6 +15,7 @@ from typing import Any
 import pytest
 
 from groundstation.client.client import FleetClient
+from groundstation.flights import interruption
 from groundstation.flights.interruption import listen, listen_no_more
 from groundstation.mission_files.loading import load_mission
 from groundstation.missions.runner import MissionRun
@@ -64,3 +68,53 @@ async def test_two_interrupts_of_a_mission_that_blocks_land_the_vehicles_at_once
     assert verdict.exit_status == 130
     assert {order.kind for _, order in bus.orders[-3:]} == {"land"}
     assert not client.state.airborne_names
+
+
+async def test_a_second_interrupt_is_told_while_the_loop_has_not_handled_the_first(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(interruption, "_BLOCKED_S", 0.2)
+    heard: list[str] = []
+
+    def press() -> None:
+        os.kill(os.getpid(), signal.SIGINT)
+        time.sleep(0.3)  # nothing is awaited meanwhile
+
+    listen("mission.py", lambda: heard.append("on the loop"), lambda: heard.append("blocked"))
+    try:
+        press()
+        assert heard == []
+        press()
+        assert heard == ["blocked"]
+
+        await asyncio.sleep(0.05)
+        assert heard == ["blocked", "on the loop"]
+        press()
+        assert heard == ["blocked", "on the loop"], "the loop was free before this one"
+    finally:
+        listen_no_more()
+
+
+@pytest.mark.realtime
+def test_a_mission_that_never_awaits_is_ended_by_the_second_interrupt(tmp_path: Path) -> None:
+    (tmp_path / "spins.py").write_text(
+        "FLEET = 'paper'\nEXPECT = {'all_landed': True}\n\n\n"
+        "async def mission(fleet):\n    print('spins', flush=True)\n"
+        "    while True:\n        fleet.names\n",
+        encoding="utf-8",
+    )
+    words = [sys.executable, "-m", "groundstation", "demo", "--headless", "--mission", "spins.py"]
+    process = subprocess.Popen(
+        words, cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    )
+    try:
+        assert process.stdout is not None
+        assert any("spins" in line for line in process.stdout)
+        for _ in range(2):
+            process.send_signal(signal.SIGINT)
+            time.sleep(1.5)
+        _, errors = process.communicate(timeout=10.0)
+    finally:
+        process.kill()
+    assert process.returncode == 130
+    assert "never awaits" in errors
