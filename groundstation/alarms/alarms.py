@@ -62,7 +62,7 @@ _EVENT_KINDS: dict[str, Kind] = {
     "process_ended": GroundCondition.PROCESS_ENDED,
     "killed": GroundCondition.KILLED,
 }
-_NOT_RECORDED = "Nothing of it was recorded up to here."  # instead of the advice to start an agent
+NOT_RECORDED = "Nothing of it was recorded up to here."  # instead of the advice to start an agent
 # Alarms from a single event, which stay until they are acknowledged.
 _LATCHED = frozenset(_EVENT_KINDS.values())
 
@@ -154,7 +154,7 @@ class Alarms:
         present: dict[_Key, Alarm] = {}
         for alarm in conditions(state, self.fleet, now_ns):
             if self.is_replay and alarm.kind is GroundCondition.WAITING:
-                alarm = dataclasses.replace(alarm, advice=_NOT_RECORDED)
+                alarm = dataclasses.replace(alarm, advice=NOT_RECORDED)
             present[alarm.kind, alarm.subject] = alarm
         for alarm in self._of_events(state):
             present[alarm.kind, alarm.subject] = alarm

@@ -267,13 +267,13 @@ class ConsoleApp(App[int]):
         )
         self.panels.table.styles.height = table_height
         verdict_height = None
-        has_borders = True
+        cramped = False
         if isinstance(table_height, int) and alone != "verdict":
             verdict_height = largest_verdict_height(height, table_height)
         if isinstance(table_height, int) and not alone:
-            has_borders = not is_cramped(height, table_height)
+            cramped = is_cramped(height, table_height)
 
-        screen.set_class(not has_borders, "cramped")
+        screen.set_class(cramped, "cramped")
         self.panels.verdict.styles.max_height = verdict_height
         self.panels.plan.styles.width = plan_width
 

@@ -14,6 +14,7 @@ from typing import NamedTuple
 from rich.segment import Segment
 from textual.strip import Strip
 
+from groundstation.alarms.alarms import NOT_RECORDED
 from groundstation.console import theme
 from groundstation.console.pipeline_drawing import attitude_block, thrust_block
 from groundstation.console.theme import BAD, CALM, FAINT, GOOD, RULE, TEXT, WARN, clean, number
@@ -106,7 +107,7 @@ def _state(subject: VehicleSubject, width: int) -> Block:
     if telemetry is None:
         words = "Is its agent running? covey agent status says more."
         if subject.is_replay:
-            words = "Nothing of it was recorded up to here."
+            words = NOT_RECORDED
         return _wrapped([(" ", FAINT)], words, width, FAINT)
 
     lines = _alarms(subject, width)

@@ -41,7 +41,8 @@ def test_a_vehicle_climbs_far_and_lands_from_there(lockstep, high, tmp_path):
     assert verdict.passed, verdict.sentences
     told = [sample.values for sample in read(tmp_path, ("telemetry",))]
     assert max(values["position_enu_m"][2] for values in told) == pytest.approx(HEIGHT_M, abs=0.3)
-    assert min(values["battery_frac"] for values in told) >= 0.5
+    # as long as a battery of this type lasts: it does not reach PX4's floor of 0.5
+    assert min(values["battery_frac"] for values in told) == pytest.approx(0.67, abs=0.02)
     assert (
         max(abs(values["velocity_enu_m_s"][2]) for values in told)
         < 1.1 * high.vehicles["mav0"].max_speed_m_s
