@@ -24,7 +24,7 @@ from cyclopts import App, Parameter
 from groundstation.commands.parameters import File, Folder, Names
 from groundstation.recording.flown_paths import write_csvs
 from groundstation.recording.record_list import (
-    channels,
+    contents,
     flight_folders,
     info_lines,
     list_line,
@@ -82,11 +82,10 @@ def info(flight: _Flight, /, *, json: bool = False) -> int:
         _print(log_summary.as_mapping(log), log_summary.lines(log), is_json=json)
         return EXIT_OK
 
-    about = summary(flight)
-    counts = channels(flight)
+    about = contents(flight)
     px4_logs = flight_logs.logs_of_folder(flight)
-    content = {**about, "channels": counts, "px4": log_summary.fleet_mapping(px4_logs)}
-    lines = [*info_lines(about, counts), *log_summary.fleet_lines(px4_logs)]
+    content = {**about, "px4": log_summary.fleet_mapping(px4_logs)}
+    lines = [*info_lines(about), *log_summary.fleet_lines(px4_logs)]
     _print(content, lines, is_json=json)
     return EXIT_OK
 

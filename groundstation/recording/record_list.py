@@ -47,24 +47,16 @@ def summary(folder: Path) -> dict[str, Any]:
         ConfigError: there is no record.
     """
     with contextlib.closing(Timeline(folder)) as timeline:
-        verdict = _verdict(timeline.path.parent)
-        return {
-            "folder": str(folder),
-            "length_s": round(timeline.length_s, 1),
-            "size_bytes": timeline.path.stat().st_size,
-            "vehicles": list(timeline.vehicles),
-            "events": len(timeline.events),
-            "is_whole": not timeline.broken,
-            "note": timeline.broken,
-            "mission": _words(verdict.get("mission")),
-            "has_passed": verdict.get("passed") if verdict else None,
-            "is_interrupted": verdict.get("is_interrupted") is True,
-            "verdict": _words(verdict.get("summary")),
-        }
+        return _summary(folder, timeline)
 
 
-def channels(folder: Path) -> dict[str, int]:
-    """Return how many messages each channel of a record has.
+def contents(folder: Path) -> dict[str, Any]:
+    """Return the :func:`summary` of a flight folder, with the number of messages of each channel.
+
+    The whole record is read, so a damaged piece in its middle is noticed, too.
+
+    Args:
+        folder: flight folder, or its MCAP file.
 
     Raises:
         ConfigError: there is no record.
@@ -74,7 +66,26 @@ def channels(folder: Path) -> dict[str, int]:
         for number in range(timeline.chunk_count):
             for raw in timeline.raw_messages(number, timeline.topics):
                 counts[f"{raw.topic}/{raw.name}"] += 1
-    return dict(sorted(counts.items()))
+        about = _summary(folder, timeline)
+    return {**about, "channels": dict(sorted(counts.items()))}
+
+
+def _summary(folder: Path, timeline: Timeline) -> dict[str, Any]:
+    """Return a summary of a record, as whole or damaged as it has been found so far."""
+    verdict = _verdict(timeline.path.parent)
+    return {
+        "folder": str(folder),
+        "length_s": round(timeline.length_s, 1),
+        "size_bytes": timeline.path.stat().st_size,
+        "vehicles": list(timeline.vehicles),
+        "events": len(timeline.events),
+        "is_whole": not timeline.broken,
+        "note": timeline.broken,
+        "mission": _words(verdict.get("mission")),
+        "has_passed": verdict.get("passed") if verdict else None,
+        "is_interrupted": verdict.get("is_interrupted") is True,
+        "verdict": _words(verdict.get("summary")),
+    }
 
 
 def list_line(flight: dict[str, Any]) -> str:
@@ -93,8 +104,9 @@ def list_line(flight: dict[str, Any]) -> str:
     )
 
 
-def info_lines(flight: dict[str, Any], counts: dict[str, int]) -> list[str]:
-    """Return the :func:`summary` of a flight and the counts of its :func:`channels` as lines."""
+def info_lines(flight: dict[str, Any]) -> list[str]:
+    """Return the :func:`contents` of a flight as lines."""
+    counts = flight["channels"]
     length_s = max(flight["length_s"], 1e-3)  # a record of a single stamp has no length
     lines = [
         f"{flight['folder']}: {flight['length_s']:.1f} s, {flight['size_bytes'] / _MB:.1f} MB,"

@@ -10,7 +10,7 @@ import pytest
 
 from groundstation.cli import main
 from groundstation.recording import record_list
-from groundstation.recording.record_list import channels, flight_folders, summary
+from groundstation.recording.record_list import contents, flight_folders, summary
 from tests.groundstation.report.made_up import rows, story, write
 
 
@@ -56,11 +56,28 @@ def test_a_folder_that_may_not_be_entered_is_left_out(public_folder: Path) -> No
 
 
 def test_each_channel_has_its_number_of_messages(flights: Path) -> None:
-    counts = channels(flights / "first")
+    counts = contents(flights / "first")["channels"]
 
     assert counts["tick/mav0"] == 100
     assert counts["telemetry/mav1"] == 20
     assert counts["order/mav0"] == 1
+
+
+def test_info_says_that_a_record_is_damaged_in_its_middle(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    flight = write(tmp_path, rows(length_s=4.0))
+    assert main(["log", "info", str(flight)]) == 0
+    assert "damaged" not in capsys.readouterr().out
+
+    data = bytearray((flight / "flight.mcap").read_bytes())
+    middle = len(data) // 2
+    data[middle : middle + 40] = bytes(40)
+    (flight / "flight.mcap").write_bytes(data)
+
+    assert main(["log", "info", str(flight)]) == 0
+    assert "A piece of the record is damaged" in capsys.readouterr().out
+    assert not contents(flight)["is_whole"]
 
 
 def test_the_list_names_flights_that_were_cut_off_and_runs_nothing_of_their_texts(
