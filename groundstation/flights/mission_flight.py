@@ -330,7 +330,10 @@ def next_commands(folder: Path, mission_name: str) -> list[str]:
     shown = shown_folder(folder)
     flight = shlex.quote(str(shown))
     files = f"{flight}/{mission_name} --fleet {flight}/fleet.toml"
-    lines = [f"Record, events, logs and verdict: {shown}"]
+    if (folder / "verdict.json").exists():
+        lines = [f"Record, events, logs and verdict: {shown}"]
+    else:
+        lines = [f"Record, events and logs: {shown}"]
 
     has_vehicles = False
     has_ticks = False

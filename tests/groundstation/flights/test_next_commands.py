@@ -22,13 +22,22 @@ def test_a_flight_below_the_current_folder_is_named_by_its_relative_path(
     folder = write(tmp_path / "flights" / "first", rows(length_s=1.0))
     lines = next_commands(folder, "mission.toml")
     assert lines == [
-        "Record, events, logs and verdict: flights/first",
+        "Record, events and logs: flights/first",
         "  see it again:    covey replay flights/first",
         "  in a browser:    covey report flights/first",
         "  draw it:         covey plot flights/first",
         "  how closely this can be flown: covey check flights/first/mission.toml"
         " --fleet flights/first/fleet.toml",
     ]
+
+
+def test_a_verdict_is_named_only_if_there_is_one(tmp_path: Path) -> None:
+    folder = write(tmp_path, rows(length_s=1.0))
+    assert next_commands(folder, "mission.toml")[0] == f"Record, events and logs: {folder}"
+
+    (folder / "verdict.json").write_text("{}", encoding="utf-8")
+    first = next_commands(folder, "mission.toml")[0]
+    assert first == f"Record, events, logs and verdict: {folder}"
 
 
 def test_a_flight_elsewhere_is_named_by_its_whole_path(
