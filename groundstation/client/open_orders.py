@@ -474,7 +474,8 @@ class OpenOrders:
 
         Then a mission's landing is left to the agents, which avoid each other without this ground;
         PX4s that land by themselves do not. There are two signs of a dead own link: another vehicle
-        fell silent at the same time, or no other vehicle in flight is heard.
+        fell silent at the same time, in flight or before its take-off, or no other vehicle in
+        flight is heard.
         """
         if not result.is_by_mission:
             return False
@@ -488,7 +489,7 @@ class OpenOrders:
             return True
 
         for name, view in self._views().items():
-            if name == vehicle or not view.is_armed:
+            if name == vehicle:
                 continue
 
             other_age_s = view.age_s(now_ns)
