@@ -36,6 +36,9 @@ from onboard.avoidance.params import (
 from onboard.vectors import ZERO_2, Vec2, cross_2, dot_2, length_2
 
 SPEED_GAIN_1_S = 8.0  # rate at which the speed may approach its limit
+# An acceleration may be as large as this jerk, for each m/s of the top speed, reduces to zero before
+# the speed reaches its limit.
+SPEED_JERK_1_S2 = 6.0
 # A vehicle that flees from a neighbour that does not cooperate may fly faster by this factor.
 FLEEING_FACTOR = 2.0
 # The distance row of a neighbour that cannot be outrun demands at most this share of the largest
@@ -481,16 +484,27 @@ def fence_rows(position_m: Vec2, velocity_m_s: Vec2, fence: Walls, gains: Gains)
     ]
 
 
-def speed_row(velocity_m_s: Vec2, top_speed_m_s: float) -> HalfPlane:
+def speed_row(velocity_m_s: Vec2, top_speed_m_s: float, jerk_m_s3: float) -> HalfPlane:
     """Return the half-plane that lets the speed approach its limit only slowly. DEVIATION D13.
+
+    Just below the limit the acceleration is in proportion to what is left of the speed. Farther
+    below it, the acceleration is at most ``sqrt(2 j left)``, which a constant jerk j reduces to
+    zero exactly when the limit is reached. Attitude follows late, so a vehicle that may accelerate
+    as strongly as it can until shortly before the limit exceeds it.
 
     Args:
         velocity_m_s: horizontal velocity of this vehicle, not zero.
         top_speed_m_s: the limit.
+        jerk_m_s3: j; infinite for a vehicle that may accelerate as strongly as it can.
     """
     speed = length_2(velocity_m_s)
     backwards = Vec2(-velocity_m_s.x / speed, -velocity_m_s.y / speed)
-    return HalfPlane(backwards, -SPEED_GAIN_1_S * (top_speed_m_s - speed))
+
+    left_m_s = top_speed_m_s - speed
+    largest_m_s2 = SPEED_GAIN_1_S * left_m_s
+    if left_m_s > 0.0:
+        largest_m_s2 = min(largest_m_s2, math.sqrt(2.0 * jerk_m_s3 * left_m_s))
+    return HalfPlane(backwards, -largest_m_s2)
 
 
 def compensated(row: HalfPlane, compensation_m_s2: Vec2) -> HalfPlane:

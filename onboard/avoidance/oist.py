@@ -20,6 +20,7 @@ from onboard.avoidance import oist_paper
 from onboard.avoidance.constraints import (
     FLEEING_FACTOR,
     NO_ROW,
+    SPEED_JERK_1_S2,
     VIOLATED_M_S2,
     Constraint,
     can_bind,
@@ -376,7 +377,7 @@ def speed_limit(
     """Return the row of the speed limit, which is higher for a vehicle that flees.
 
     The limit is raised by one standard deviation of our own velocity, so that noise does not brake
-    the vehicle.
+    the vehicle. A vehicle that flees may accelerate as strongly as it can.
 
     Args:
         own: this vehicle at t + L.
@@ -388,9 +389,12 @@ def speed_limit(
 
     limit_m_s = params.top_speed_m_s
     limit_m_s += min(own.velocity_std_m_s, _MOST_NOISE_FRAC * params.top_speed_m_s)
+    jerk_m_s3 = SPEED_JERK_1_S2 * params.top_speed_m_s
     if is_fleeing(own, pairs, rows):
         limit_m_s *= FLEEING_FACTOR
-    return compensated(speed_row(own.velocity_m_s, limit_m_s), own.compensation_m_s2)
+        jerk_m_s3 = math.inf
+    row = speed_row(own.velocity_m_s, limit_m_s, jerk_m_s3)
+    return compensated(row, own.compensation_m_s2)
 
 
 def is_fleeing(own: Own, pairs: list[NeighbourPair], rows: list[HalfPlane]) -> bool:

@@ -309,7 +309,11 @@ def law(own, neighbours, capsules, p, is_roundabout=False):
         noise_m_s = min(own["velocity_std"], 0.25 * p.top_speed_m_s)
         limit_m_s = (p.top_speed_m_s + noise_m_s) * (2.0 if is_free else 1.0)
         normal = -own["velocity"] / speed
-        bound = -8.0 * (limit_m_s - speed) + normal @ own["compensation"]
+        left_m_s = limit_m_s - speed
+        largest_m_s2 = 8.0 * left_m_s
+        if left_m_s > 0.0 and not is_free:
+            largest_m_s2 = min(largest_m_s2, np.sqrt(2.0 * 6.0 * p.top_speed_m_s * left_m_s))
+        bound = -largest_m_s2 + normal @ own["compensation"]
         limit = binding(normal[None], np.array([bound]), own["radius"])
 
     is_limited = bool((limit[1] - limit[0] @ u > 1e-10).any())

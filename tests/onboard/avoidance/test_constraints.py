@@ -1,5 +1,7 @@
 """Rows of what stands still and of the speed: half-planes that say what they should."""
 
+import math
+
 import numpy as np
 import pytest
 
@@ -99,11 +101,30 @@ def test_only_the_nearest_obstacles_count():
     assert one == two
 
 
-def test_speed_row_holds_an_avoiding_vehicle_below_its_limit():
-    params = law_of()
-    normal, bound = speed_row(Vec2(params.top_speed_m_s, 0.0), params.top_speed_m_s)
+def test_speed_row_holds_a_vehicle_below_its_limit():
+    normal, bound = speed_row(Vec2(1.0, 0.0), 1.0, jerk_m_s3=6.0)
     assert bound == pytest.approx(0.0)  # at the limit: no further acceleration along the motion
     assert normal @ np.array([1.0, 5.0]) < 0.0
+
+
+def _largest_m_s2(left_m_s: float, jerk_m_s3: float) -> float:
+    """Return the acceleration along the motion that a row allows below its limit."""
+    row = speed_row(Vec2(1.0, 0.0), 1.0 + left_m_s, jerk_m_s3)
+    return -row.bound_m_s2
+
+
+def test_an_acceleration_may_be_only_as_large_as_its_jerk_takes_away_before_the_limit():
+    assert _largest_m_s2(0.02, 6.0) == pytest.approx(0.16)  # near the limit: in proportion
+    assert _largest_m_s2(0.75, 6.0) == pytest.approx(3.0)  # sqrt(2 * 6 * 0.75)
+    assert _largest_m_s2(-0.1, 6.0) == pytest.approx(-0.8)  # beyond it: brake
+
+    left_m_s = 0.75
+    speed_gain_m_s = 3.0**2 / (2.0 * 6.0)  # from 3 m/s^2 to none at a constant jerk
+    assert speed_gain_m_s == pytest.approx(left_m_s)
+
+
+def test_a_vehicle_that_flees_accelerates_as_strongly_as_it_can():
+    assert _largest_m_s2(0.75, math.inf) == pytest.approx(6.0)
 
 
 def test_wall_requires_braking_that_suffices_and_an_open_side_nothing():

@@ -144,7 +144,8 @@ def test_the_top_speed_limits_who_is_slow_as_well(speed_m_s: float) -> None:
     params = _PARAMS._replace(top_speed_m_s=1.0)
     limit = oist.speed_limit(own, [], [], params)
     limited = oist.nearest_thrust(own, Vec2(9.0, 0.0), [], [], limit, params)
-    assert limited.point == pytest.approx((min(4.0, 8.0 * (1.0 - speed_m_s)), 0.0))
+    left_m_s = 1.0 - speed_m_s
+    assert limited.point == pytest.approx((math.sqrt(2.0 * 6.0 * left_m_s), 0.0))
 
 
 def test_who_stands_has_no_limit_of_speed_and_who_flees_a_higher_one() -> None:
@@ -154,7 +155,8 @@ def test_who_stands_has_no_limit_of_speed_and_who_flees_a_higher_one() -> None:
     assert oist.speed_limit(_own(), [], [], params) == constraints.NO_ROW
 
     own = _own(velocity_m_s=Vec2(0.5, 0.0))
-    assert oist.speed_limit(own, [], [], params).bound_m_s2 == pytest.approx(-8.0 * 0.5)
+    alone = oist.speed_limit(own, [], [], params)
+    assert alone.bound_m_s2 == pytest.approx(-math.sqrt(2.0 * 6.0 * 0.5))
     fleeing = oist.speed_limit(own, [stranger], [binding], params)
     assert fleeing.bound_m_s2 == pytest.approx(-8.0 * 1.5)
 
@@ -376,7 +378,7 @@ def test_an_obstacle_is_turned_about_while_its_row_is_violated(
 
 
 def test_the_row_of_the_speed_and_what_can_bind() -> None:
-    row = constraints.speed_row(Vec2(3.0, 4.0), 6.0)
+    row = constraints.speed_row(Vec2(3.0, 4.0), 6.0, jerk_m_s3=100.0)
     assert row.normal == pytest.approx((-0.6, -0.8))
     assert row.bound_m_s2 == pytest.approx(-8.0)
 
