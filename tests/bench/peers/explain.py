@@ -17,6 +17,7 @@ from onboard.avoidance.params import params_of
 from onboard.config.fleet import load_fleet
 from onboard.config.law import LawConfig
 from onboard.vectors import ZERO_2, Vec2
+from sitl.monte_carlo import campaign_settings, process_chunks, scenarios
 from tests.bench.peers import arena, ideal_ring, pictures
 from tests.bench.peers.ablation import VARIANTS
 from tests.bench.peers.contestants import COVEY, PEERS, Contestant
@@ -25,6 +26,7 @@ from tests.onboard.avoidance.law_cases import nearest_thrust
 
 _FLEET = Path(__file__).parents[3] / "configs/fleets/paper.toml"
 WEAK = "ardrone"
+_TOP_SPEED_SEEDS = range(1000, 1020)
 # nothing errs: only the vehicle's own lag and limits are left
 _STILL = ("delay_s=0", "loss_share=0", "gust_m_s2=0", "lag_mismatch=0", "gain=0")
 _UNDISTURBED: dict[str, Any] = {
@@ -41,6 +43,7 @@ def draw(folder: Path) -> list[Path]:
         "law_ring.png": ring,
         "law_lag.png": lag,
         "law_turn.png": turn,
+        "law_top_speed.png": top_speed,
     }
     paths = []
     for name, picture in drawn.items():
@@ -134,3 +137,31 @@ def turn(path: Path) -> None:
         for name, contestant in variants.items()
     }
     pictures.paths(traces, path, "Who turns about whom", columns=3)
+
+
+def top_speed(path: Path) -> None:
+    """The fastest vehicle of each flight of the mix, with and without the limit of the speed."""
+    changes: dict[str, tuple[str, ...]] = {
+        "no limit of the speed": ("law.avoid_speed_frac=100",),
+        "Covey": (),
+    }
+    speeds_m_s = {name: _fastest_m_s(sets) for name, sets in changes.items()}
+    pictures.histogram(
+        speeds_m_s,
+        path,
+        title="The fastest vehicle of each flight; max_speed_m_s is 1.0",
+        axis_title="its greatest horizontal speed in m/s",
+    )
+
+
+def _fastest_m_s(sets: tuple[str, ...]) -> list[float]:
+    """Fly the mix; return the greatest speed of any vehicle in each flight [m/s].
+
+    Args:
+        sets: changes of the settings, as ``--set`` has them.
+    """
+    setup = campaign_settings.setup_for(changes=sets)
+    speeds_m_s = []
+    for records in process_chunks.campaign(scenarios.MIX, _TOP_SPEED_SEEDS, setup, jobs=2):
+        speeds_m_s += [record["max_speed_m_s"] for record in records]
+    return speeds_m_s

@@ -15,6 +15,8 @@ from tests.bench.peers.report import Outcome, Summary, interval
 
 Array = NDArray[np.float64]
 
+_BAR_WIDTH = 0.02  # of a histogram
+
 
 def comparison(rows: Mapping[str, Summary], path: Path, title: str) -> None:
     """Bars for each method: success, violations with their interval, ratio, slew, cost."""
@@ -81,6 +83,27 @@ def distances(flights: Mapping[str, Sequence[Outcome]], path: Path, title: str) 
             axis.set_visible(False)
         figure.supxlabel("time over the time alone", fontsize=10)
         figure.supylabel("smallest distance in m", fontsize=10)
+        figure.savefig(path)
+
+
+def histogram(
+    values: Mapping[str, Sequence[float]], path: Path, *, title: str, axis_title: str
+) -> None:
+    """How many flights have which value: one histogram above the other, on the same axes."""
+    everything = np.concatenate([np.array(of_one) for of_one in values.values()])
+    edges = np.arange(
+        math.floor(everything.min() / _BAR_WIDTH) * _BAR_WIDTH,
+        everything.max() + _BAR_WIDTH,
+        _BAR_WIDTH,
+    )
+    with styled():
+        figure = new_figure(8.0, 1.9 * len(values) + 0.7, title)
+        axes = np.atleast_1d(figure.subplots(len(values), 1, sharex=True, sharey=True))
+        for axis, (name, of_one) in zip(axes, values.items(), strict=True):
+            axis.hist(of_one, edges, color=COLOURS[0])
+            axis.set_title(f"{name}: {len(of_one)} flights, at most {max(of_one):.2f}")
+            axis.set_ylabel("flights")
+        axes[-1].set_xlabel(axis_title)
         figure.savefig(path)
 
 
