@@ -27,6 +27,7 @@ _MOMENTS_S = (4.0, 7.0, 9.0, 11.0, 13.0, 15.0, 17.0, 20.0)
 _EVERY_HALF_SECOND_S = tuple(4.0 + 0.5 * number for number in range(33))
 
 DAILY = [
+    GroundCase("cut for good", 3, 4.0),  # while the vehicles arm
     pytest.param(GroundCase("hung for 3 s", 3, 13.0, seed=4), marks=pytest.mark.long),
     pytest.param(GroundCase("starved", 3, 11.0, seed=3), marks=pytest.mark.long),
     pytest.param(GroundCase("killed", 3, 12.0), marks=pytest.mark.long),
