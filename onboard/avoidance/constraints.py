@@ -36,8 +36,8 @@ from onboard.avoidance.params import (
 from onboard.vectors import ZERO_2, Vec2, cross_2, dot_2, length_2
 
 SPEED_GAIN_1_S = 8.0  # rate at which the speed may approach its limit
-# An acceleration below the speed limit may be as large as a constant jerk reduces to zero before
-# the limit is reached. This is the jerk for each m/s of the top speed.
+# Jerk for each m/s of the top speed. It has to reduce the acceleration to zero before the speed
+# reaches its limit, which bounds the acceleration.
 SPEED_JERK_1_S2 = 6.0
 # A vehicle that flees from a neighbour that does not cooperate may fly faster by this factor.
 FLEEING_FACTOR = 2.0

@@ -17,7 +17,7 @@ from onboard.avoidance.params import params_of
 from onboard.config.fleet import load_fleet
 from onboard.config.law import LawConfig
 from onboard.vectors import ZERO_2, Vec2
-from sitl.monte_carlo import campaign_settings, process_chunks, scenarios
+from sitl.monte_carlo import scenarios
 from tests.bench.peers import arena, ideal_ring, pictures
 from tests.bench.peers.ablation import VARIANTS
 from tests.bench.peers.contestants import COVEY, PEERS, Contestant
@@ -141,27 +141,16 @@ def turn(path: Path) -> None:
 
 def top_speed(path: Path) -> None:
     """The fastest vehicle of each flight of the mix, with and without the limit of the speed."""
-    changes: dict[str, tuple[str, ...]] = {
-        "no limit of the speed": ("law.avoid_speed_frac=100",),
-        "Covey": (),
-    }
-    speeds_m_s = {name: _fastest_m_s(sets) for name, sets in changes.items()}
+    speeds_m_s: dict[str, list[float]] = {}
+    for contestant in (VARIANTS["no-speed"], COVEY):
+        speeds_m_s[contestant.title] = [
+            outcome.max_speed_m_s
+            for scenario in scenarios.MIX
+            for outcome in arena.fly(contestant, scenario, _TOP_SPEED_SEEDS).outcomes
+        ]
     pictures.histogram(
         speeds_m_s,
         path,
         title="The fastest vehicle of each flight; max_speed_m_s is 1.0",
         axis_title="its greatest horizontal speed in m/s",
     )
-
-
-def _fastest_m_s(sets: tuple[str, ...]) -> list[float]:
-    """Fly the mix; return the greatest speed of any vehicle in each flight [m/s].
-
-    Args:
-        sets: changes of the settings, as ``--set`` has them.
-    """
-    setup = campaign_settings.setup_for(changes=sets)
-    speeds_m_s = []
-    for records in process_chunks.campaign(scenarios.MIX, _TOP_SPEED_SEEDS, setup, jobs=2):
-        speeds_m_s += [record["max_speed_m_s"] for record in records]
-    return speeds_m_s

@@ -118,9 +118,9 @@ def test_an_acceleration_may_be_only_as_large_as_its_jerk_takes_away_before_the_
     assert _largest_m_s2(0.75, 6.0) == pytest.approx(3.0)  # sqrt(2 * 6 * 0.75)
     assert _largest_m_s2(-0.1, 6.0) == pytest.approx(-0.8)  # beyond it: brake
 
-    left_m_s = 0.75
-    speed_gain_m_s = 3.0**2 / (2.0 * 6.0)  # from 3 m/s^2 to none at a constant jerk
-    assert speed_gain_m_s == pytest.approx(left_m_s)
+    # the speed that is gained while a constant jerk reduces the acceleration to zero
+    gained_m_s = _largest_m_s2(0.75, 6.0) ** 2 / (2.0 * 6.0)
+    assert gained_m_s == pytest.approx(0.75)
 
 
 def test_a_vehicle_that_flees_accelerates_as_strongly_as_it_can():

@@ -202,7 +202,7 @@ def test_clock_of_the_trajectory_slows_while_the_law_holds_the_vehicle_back_and_
     assert held.clock_rate < 0.4
     # The vehicle of this test never moves, so it wants to accelerate with all it has, and the limit
     # of the speed holds it back for moments.
-    assert free.clock_rate > 0.8
+    assert free.clock_rate > 0.85
     assert held.trajectory.elapsed_s < 0.9 * free.trajectory.elapsed_s
 
 
