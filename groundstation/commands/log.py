@@ -43,7 +43,7 @@ def list_flights(folder: _Flight = Path("flights"), /, *, json: bool = False) ->
     """List the recorded flights in a folder, the newest first.
 
     Args:
-        folder: folder of flight folders (default: flights)
+        folder: folder of flight folders
         json: JSON instead of lines
     """
     if not folder.is_dir():

@@ -60,8 +60,8 @@ def replay(
     Args:
         flight: flight folder, or the MCAP file of one
         fleet: fleet file, if there is none beside the record
-        speed: speed as a multiple of real time
-        at: begin at this second
+        speed: speed as a multiple of real time, in the console
+        at: begin at this second, in the console
         headless: no console: print what happened
         json: with --headless: as JSON
         orders: no console: print who ordered what, when, the vehicle's answer, and how it ended
@@ -74,6 +74,10 @@ def replay(
     """
     if resume_at is not None or what_if or record is not None:
         return _fly_again(flight, resume_at, what_if, record or new_folder().absolute())
+
+    has_console = not (headless or json or orders or csv is not None)
+    if not has_console and (at or speed != 1.0):
+        raise ConfigError("--at and --speed are for the console: leave them out.")
 
     if csv is not None:
         print("\n".join(str(path) for path in write_csvs(flight, Path(csv))))
@@ -120,8 +124,6 @@ def _fly_again(
     flown = open_recorded(flight)
     refuse_flown_folder(folder)
 
-    begins = "from its start" if resume_at_s is None else f"as it was until {resume_at_s:g} s"
-    print(f"{flight} is flown again, {begins}; everything goes to {folder}.", flush=True)
     reflown = fly_again(
         flown,
         folder=folder,
@@ -131,6 +133,8 @@ def _fly_again(
     )
 
     for line in reflown.verdict.sentences:
+        print(f"{reflown.flown_s:6.1f} s  {line}")
+    for line in reflown.never_happened:
         print(f"{reflown.flown_s:6.1f} s  {line}")
     if flown.digests:
         print(f"Its state was the recorded one up to {reflown.equal_until_s:g} s.")

@@ -216,6 +216,8 @@ def _names(scenario: Sequence[str]) -> list[str]:
                 f"{name} is a file, and this command flies scenarios of its own. Fly a mission in "
                 f"simulated time with: covey fly {name} --lockstep"
             )
+        if name in scene_file.names():
+            raise ConfigError(f"{name} is a scene: fly it with covey simulate {name}.json")
     return scenarios.expand(scenario)
 
 

@@ -117,7 +117,7 @@ def _changed_from_start(origin: FlightOrigin, change: Change) -> FlightOrigin:
 def _changed_settings(settings: SimulationSettings, change: Change) -> SimulationSettings:
     """Return settings with a change that takes effect at the start."""
     if change.key == "wind":
-        return replace(settings, wind_enu_m_s=wind_of(change.value))
+        return replace(settings, wind_enu_m_s=_wind(change))
     if change.key == "gust":
         return replace(settings, gust_m_s=_number(change))
     if change.key == "seed":
@@ -145,7 +145,7 @@ def _changed_in_flight(
 
     # The value is only checked here; a wrong one raises ConfigError.
     if change.key == "wind":
-        wind_of(change.value)
+        _wind(change)
     elif change.key == "gust":
         refuse_wrong_settings(replace(settings, gust_m_s=_number(change)))
     else:
@@ -231,6 +231,10 @@ def _value(text: str) -> Any:
         return toml_values(f"value = {text}", "--what-if")["value"]
     except ConfigError:
         return text
+
+
+def _wind(change: Change) -> tuple[float, float]:
+    return wind_of(change.value, option="--what-if wind")
 
 
 def _number(change: Change) -> float:

@@ -91,7 +91,8 @@ def mission_of(flown: RecordedFlight, origin: FlightOrigin, fleet: FleetConfig) 
     if path.endswith(".py"):
         # Python code is loaded from a file. The copy in the folder will do, because a change cannot
         # alter a Python mission.
-        mission = load_mission(flown.folder / "mission.py", fleet)
+        copy = load_mission(flown.folder / "mission.py", fleet)
+        mission = replace(copy, original_path=path)
     else:
         # A change may have altered the text. The path is the original one, because files that the
         # mission names are relative to it.

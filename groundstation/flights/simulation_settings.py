@@ -46,8 +46,12 @@ class TimedOrder(NamedTuple):
     text: str  # the order as in the console
 
 
-def wind_of(text: str) -> tuple[float, float]:
+def wind_of(text: str, *, option: str = "--wind-m-s") -> tuple[float, float]:
     """Return a wind that is written as EAST,NORTH [m/s].
+
+    Args:
+        text: the written wind.
+        option: where it was written, for the message.
 
     Raises:
         ConfigError: the text has another form, or the wind is too strong for the emulator.
@@ -59,8 +63,7 @@ def wind_of(text: str) -> tuple[float, float]:
     is_allowed = abs(east) <= LARGEST_WIND_M_S and abs(north) <= LARGEST_WIND_M_S  # False for NaN
     if not is_allowed:
         raise ConfigError(
-            f"--wind-m-s is '{text}'; write it as EAST,NORTH, each at most"
-            f" {LARGEST_WIND_M_S:g} m/s."
+            f"{option} is '{text}'; write it as EAST,NORTH, each at most {LARGEST_WIND_M_S:g} m/s."
         )
     return (east, north)
 
@@ -106,10 +109,10 @@ def refuse_wrong_settings(settings: SimulationSettings) -> None:
         ConfigError: there is one of them.
     """
     if settings.seed < 0:
-        raise ConfigError(f"--seed is {settings.seed}; it must be 0 or more.")
+        raise ConfigError(f"The seed is {settings.seed}; it must be 0 or more.")
     if not 0.0 <= settings.gust_m_s <= LARGEST_WIND_M_S:
         raise ConfigError(
-            f"--gust-m-s is {settings.gust_m_s:g}; it must lie between 0 and"
+            f"Gusts of {settings.gust_m_s:g} m/s cannot be simulated; they must lie between 0 and"
             f" {LARGEST_WIND_M_S:g} m/s."
         )
     for line in settings.orders:

@@ -87,7 +87,7 @@ def _lines_of(recorded: RecordedMessage, seen: dict[str, _Seen]) -> list[Line]:
     """Return the line about an order, or about an event that is critical or of these vehicles."""
     message = recorded.message
     if isinstance(message, Order):
-        return [Line(recorded.stamp_ns, f"{recorded.name}: ordered by {message.text}")]
+        return [Line(recorded.stamp_ns, f"{recorded.name}: is ordered: {message.text}")]
 
     if isinstance(message, Event) and message.severity != "debug":
         is_concerned = message.vehicle in seen or message.severity == "critical"

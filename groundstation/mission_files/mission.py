@@ -32,6 +32,7 @@ class Mission(msgspec.Struct, frozen=True):
     arguments: Mapping[str, str] = {}  # arguments of a Python mission's function, as written
     paths: Mapping[str, Path] = {}  # file that a step names -> path
     shapes: Mapping[str, FormationShape] = {}  # the mission's own formations
+    original_path: str = ""  # path of the file of which `path` is a copy
 
     def course(self) -> Iterator[CourseStep]:
         """Yield the steps as they are expected to be flown; a Python mission yields none."""
@@ -48,8 +49,11 @@ class Mission(msgspec.Struct, frozen=True):
 
     @property
     def name(self) -> str:
-        """The name of the file without its ending."""
-        return FilePath(self.path).stem
+        """The name of the original file without its ending."""
+        path = self.original_path
+        if not path:
+            path = self.path
+        return FilePath(path).stem
 
 
 def with_shapes(fleet: FleetConfig, shapes: Mapping[str, FormationShape]) -> FleetConfig:

@@ -16,6 +16,9 @@ from onboard.plain_text import plain_line
 _MB = 1e6
 MAX_FOLDERS = 2_000  # flights that a list shows
 MAX_CHANNELS = 400  # channels that the lines about one record show
+# characters that are shown of a verdict
+_LONGEST_NAME = 100
+_LONGEST_SENTENCE = 4_000
 
 
 def flight_folders(folder: Path) -> list[Path]:
@@ -73,18 +76,21 @@ def contents(folder: Path) -> dict[str, Any]:
 def _summary(folder: Path, timeline: Timeline) -> dict[str, Any]:
     """Return a summary of a record, as whole or damaged as it has been found so far."""
     verdict = _verdict(timeline.path.parent)
+    severities = Counter(event.severity for _, event in timeline.events)
     return {
         "folder": str(folder),
         "length_s": round(timeline.length_s, 1),
         "size_bytes": timeline.path.stat().st_size,
         "vehicles": list(timeline.vehicles),
         "events": len(timeline.events),
+        "warnings": severities["warning"],
+        "critical": severities["critical"],
         "is_whole": not timeline.broken,
         "note": timeline.broken,
-        "mission": _words(verdict.get("mission")),
+        "mission": _words(verdict.get("mission"), _LONGEST_NAME),
         "has_passed": verdict.get("passed") if verdict else None,
         "is_interrupted": verdict.get("is_interrupted") is True,
-        "verdict": _words(verdict.get("summary")),
+        "verdict": _words(verdict.get("summary"), _LONGEST_SENTENCE),
     }
 
 
@@ -110,7 +116,8 @@ def info_lines(flight: dict[str, Any]) -> list[str]:
     length_s = max(flight["length_s"], 1e-3)  # a record of a single stamp has no length
     lines = [
         f"{flight['folder']}: {flight['length_s']:.1f} s, {flight['size_bytes'] / _MB:.1f} MB,"
-        f" {flight['events']} events.",
+        f" {flight['events']} events, {flight['warnings']} of them warnings and"
+        f" {flight['critical']} critical.",
         f"Vehicles: {', '.join(plain_line(name) for name in flight['vehicles'])}.",
     ]
     lines += [sentence for sentence in (flight["verdict"], flight["note"]) if sentence]
@@ -131,5 +138,11 @@ def _verdict(folder: Path) -> dict[str, Any]:
     return {}
 
 
-def _words(value: object) -> str:
-    return plain_line(value)[:400] if isinstance(value, str) else ""
+def _words(value: object, longest: int) -> str:
+    """Return a text of a verdict that anybody may have written, at most so many characters."""
+    if not isinstance(value, str):
+        return ""
+    text = plain_line(value)
+    if len(text) > longest:
+        return f"{text[:longest]}..."
+    return text

@@ -25,6 +25,7 @@ import msgspec
 from onboard.config.file_reading import LAW_SOURCE, read_bytes
 from onboard.config.law import BUILT_IN
 from onboard.config.toml_reading import ConfigError
+from onboard.plain_text import meant_words
 
 GROUP = "covey.laws"  # group of entry points
 
@@ -231,10 +232,10 @@ def _target(name: str, where: str) -> str:
     if name in known:
         return known[name]
 
-    laws = ", ".join((*BUILT_IN, *sorted(known)))
+    laws = (*BUILT_IN, *sorted(known))
     raise ConfigError(
-        f"{where}, but there are only {laws}. Name one of these, or a law of your own as "
-        "module:function (docs/own-law.md)."
+        f"{where}, but there are only {', '.join(laws)}.{meant_words(name, laws)} Name one of"
+        " these, or a law of your own as module:function (docs/own-law.md)."
     )
 
 

@@ -11,13 +11,15 @@ import re
 import tomllib
 from collections.abc import Iterator, Mapping
 from importlib.resources import files
-from typing import Any, get_args
+from types import NoneType
+from typing import Any, get_args, get_type_hints
 
 import msgspec
 
 from onboard.config.config_error import ConfigError as ConfigError
 from onboard.config.example_files import existing_file
 from onboard.config.file_reading import FLEET_FILE, read_text, toml_values
+from onboard.plain_text import meant_words
 
 SCHEMA = 1  # version of the file format
 
@@ -98,22 +100,42 @@ def _sentence(text: str, kind: Any, path: str, key: str) -> str:
     if unknown is None:
         return f"{path}: '{key}{tail}': {message}. Correct the value."
 
-    names = ", ".join(_known_keys(kind, tail))
-    known = ""
+    field = unknown["field"]
+    names = _known_keys(kind, tail)
+    known = meant_words(field, names)
     if names:
-        known = f" Known keys here: {names}."
-    return f"{path}: unknown key '{key}{tail}.{unknown['field']}'.{known} Remove or correct it."
+        known += f" Known keys here: {', '.join(names)}."
+    return f"{path}: unknown key '{key}{tail}.{field}'.{known} Remove or correct it."
 
 
 def _known_keys(kind: Any, tail: str) -> tuple[str, ...]:
-    """Return the keys of a struct, or of the structs in a list; none for deeper positions."""
-    if not tail:
-        struct = kind
-    elif re.fullmatch(r"\[\d+\]", tail):
-        struct = next(iter(get_args(kind)), None)  # type of the list's items
-    else:
-        return ()
-    return getattr(struct, "__struct_fields__", ())
+    """Return the keys of the struct at a position in a value; none where several kinds may stand.
+
+    Args:
+        kind: type of the value.
+        tail: position as msgspec writes it, for instance ``.obstacles[0]``.
+    """
+    for step in re.findall(r"\.\w+|\[.*?\]", tail):
+        kind = _kind_inside(kind, step)
+    return getattr(_without_none(kind), "__struct_fields__", ())
+
+
+def _kind_inside(kind: Any, step: str) -> Any:
+    """Return the type of a struct's field, or of the items of a list or a table."""
+    kind = _without_none(kind)
+    if step.startswith("."):
+        hints = get_type_hints(kind) if isinstance(kind, type) else {}
+        return hints.get(step.removeprefix("."))
+
+    kinds = [each for each in get_args(kind) if each is not Ellipsis]
+    return kinds[-1] if kinds else None  # a table has the type of its keys first
+
+
+def _without_none(kind: Any) -> Any:
+    """Return the type of a value that may be absent."""
+    kinds = get_args(kind)
+    present = [each for each in kinds if each is not NoneType]
+    return present[0] if NoneType in kinds and len(present) == 1 else kind
 
 
 def table(value: Any, path: str, key: str) -> dict[str, Any]:

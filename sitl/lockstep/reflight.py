@@ -11,12 +11,11 @@ before that second, it ends, because the changes would be tried on a different f
 
 from __future__ import annotations
 
+import contextlib
 import math
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import NamedTuple
-
-from msgspec.structs import replace
 
 from groundstation.flights.changes import Change, changed
 from groundstation.flights.flight_settings import write_files
@@ -29,10 +28,11 @@ from groundstation.flights.recorded_flight import (
 )
 from groundstation.flights.simulation_settings import write_settings
 from groundstation.mission_files.mission_findings import refuse_unflyable
+from groundstation.recording.timeline import Timeline
 from groundstation.verdict.verdict import Verdict
 from onboard.config.fleet import ConfigError
 from sitl.lockstep.flight import Lockstep
-from sitl.lockstep.simulated_flight import open_flight
+from sitl.lockstep.simulated_flight import never_happened, open_flight
 from sitl.lockstep.state_digest import DIGEST_EVERY_S, digest
 
 Say = Callable[[str], None]
@@ -46,6 +46,8 @@ class Reflown(NamedTuple):
     min_separation_m: float
     flown_s: float
     equal_until_s: float  # until this second its state was equal to the recorded one
+    # sentences about faults, orders and changes whose time it did not reach
+    never_happened: tuple[str, ...]
 
 
 class _Comparison:
@@ -105,9 +107,11 @@ def fly_again(
         say: called with each line of progress.
 
     Raises:
-        ConfigError: a change is impossible, or the flight differs from the recorded one before the
-            changes take effect.
+        ConfigError: a change is impossible, the recorded flight ended before the changes take
+            effect, or the flight differs from it before that.
     """
+    if resume_at_s is not None:
+        _refuse_later_than_its_end(flown, resume_at_s)
     origin = changed(flown.origin, changes, resume_at_s)
     fleet_path = flown.folder / "fleet.toml"
     fleet = fleet_of(origin.fleet_text, fleet_path)
@@ -118,22 +122,47 @@ def fly_again(
     if folder is not None:
         suffix = Path(mission.path).suffix
         write_files(folder, {"fleet.toml": origin.fleet_text, f"mission{suffix}": mission.text})
-        settings = replace(origin.settings, mission_path=str(Path(mission.path).absolute()))
-        write_settings(folder, settings)
+        write_settings(folder, origin.settings)
 
     with open_flight(fleet, origin.settings, folder) as flight:
+        say(_beginning(flown, folder, resume_at_s))
         flight.say = lambda line: say(f"{flight.time_s:6.1f} s  {line}")
         comparison = _Comparison(flight, flown.digests, folder)
         if resume_at_s is not None:
             flight.at(resume_at_s, lambda: _refuse_another_flight(comparison, resume_at_s))
         verdict = flight.fly(mission)
+        if resume_at_s is not None and flight.time_s < resume_at_s:
+            raise AnotherFlightError(flight.time_s)
 
         return Reflown(
             verdict=verdict,
             min_separation_m=flight.min_separation_m,
             flown_s=flight.time_s,
             equal_until_s=comparison.equal_until_s,
+            never_happened=tuple(never_happened(origin.settings, flight.time_s)),
         )
+
+
+def _refuse_later_than_its_end(flown: RecordedFlight, resume_at_s: float) -> None:
+    """Refuse changes that would take effect after the end of the recorded flight."""
+    with contextlib.closing(Timeline(flown.folder)) as timeline:
+        length_s = timeline.length_s
+    if resume_at_s > length_s:
+        raise ConfigError(
+            f"--resume-at is {resume_at_s:g}, but the recorded flight ended at {length_s:.1f} s."
+            " Nothing would be changed. Give an earlier second."
+        )
+
+
+def _beginning(flown: RecordedFlight, folder: Path | None, resume_at_s: float | None) -> str:
+    """Return a line that says what is flown again, and where its record goes."""
+    begins = "from its start"
+    if resume_at_s is not None:
+        begins = f"as it was until {resume_at_s:g} s"
+    line = f"{flown.folder} is flown again, {begins}"
+    if folder is None:
+        return f"{line}."
+    return f"{line}; everything goes to {folder}."
 
 
 def _refuse_another_flight(comparison: _Comparison, resume_at_s: float) -> None:

@@ -215,7 +215,7 @@ class Setup:
                 "types": types,
                 "vehicles": vehicles,
             },
-            path="covey simulate",
+            path="the simulated fleet",
         )
 
 
@@ -342,13 +342,13 @@ def parsed_change(change: str) -> tuple[str, str, float | int | bool | str]:
     name = _ALIASES.get(name, name)
 
     known = keys(with_aliases=True)
-    problem = None
     if not equals:
-        problem = "write it as key=value."
-    elif name not in keys():
-        problem = f"there is no such key.{meant_words(name, known)}"
-    if problem:
-        raise ConfigError(f"{change}: {problem} Keys: {', '.join(known)}.")
+        raise ConfigError(f"{change}: write it as key=value. Keys: {', '.join(known)}.")
+    if name not in keys():
+        meant = meant_words(name, known)
+        if not meant:
+            meant = f" Keys: {', '.join(known)}."
+        raise ConfigError(f"{change}: there is no such key.{meant}")
 
     group, _, key = name.rpartition(".")
     value = _value(change, text)

@@ -119,7 +119,7 @@ def write_trace(folder: Path, flown: Flown, setup: Setup) -> Path:
 COLUMNS = (
     "scenario",
     "flights",
-    "success",
+    "arrived",
     "violations",
     "below 95 %",
     "collisions",

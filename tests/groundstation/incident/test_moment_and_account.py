@@ -65,7 +65,7 @@ def test_the_account_says_what_each_knew_of_the_other_and_whose_law_acted(too_ne
     assert "mav0: its law let the thrust of the trajectory pass unchanged." in facts
     told = "\n".join(line.sentence for line in account.lines)
     assert "mav0: notices 'separation breached'" in told
-    assert "mav0: ordered by move of" in told
+    assert "mav0: is ordered: move of" in told
 
 
 @pytest.mark.long

@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import contextlib
 import json
 import os
 import tempfile
@@ -11,6 +12,7 @@ import pytest
 from groundstation.cli import main
 from groundstation.recording import record_list
 from groundstation.recording.record_list import contents, flight_folders, summary
+from groundstation.recording.timeline import Timeline
 from tests.groundstation.report.made_up import rows, story, write
 
 
@@ -153,3 +155,27 @@ def test_a_flight_that_its_operator_ended_is_listed_as_interrupted(
     text = capsys.readouterr().out
     assert " interrupted " in text
     assert "FAILED" not in text
+
+
+def test_warnings_and_critical_events_are_counted(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    flight = write(tmp_path / "first", [*rows(length_s=2.0), *story("mav0")])
+    with contextlib.closing(Timeline(flight)) as timeline:
+        severities = [event.severity for _, event in timeline.events]
+    assert severities.count("warning") > 0
+
+    assert main(["log", "info", str(flight)]) == 0
+    counts = f"{severities.count('warning')} of them warnings and {severities.count('critical')}"
+    assert f"{len(severities)} events, {counts} critical." in capsys.readouterr().out
+
+
+def test_a_long_verdict_is_shown_whole_and_a_huge_one_is_cut_visibly(flights: Path) -> None:
+    verdict = flights / "first" / "verdict.json"
+    verdict.write_text(json.dumps({"passed": False, "summary": "word" * 400}))
+    assert summary(flights / "first")["verdict"] == "word" * 400
+
+    verdict.write_text(json.dumps({"passed": False, "summary": "x" * 1_000_000}))
+    shown = summary(flights / "first")["verdict"]
+    assert len(shown) < 10_000
+    assert shown.endswith("x...")

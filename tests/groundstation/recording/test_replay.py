@@ -394,6 +394,15 @@ def test_the_story_is_printed_for_people_and_for_programs(
     assert len(story["events"]) == 24
 
 
+@pytest.mark.parametrize("what", [["--headless"], ["--orders"], ["--csv", "flown"]])
+@pytest.mark.parametrize("option", [["--at", "4"], ["--speed", "2"]])
+def test_options_of_the_console_are_refused_without_it(
+    flight: Path, capsys: pytest.CaptureFixture[str], what: list[str], option: list[str]
+) -> None:
+    assert main(["replay", str(flight), *what, *option]) == 2
+    assert "--at and --speed are for the console" in capsys.readouterr().err
+
+
 def test_a_record_without_its_fleet_file_asks_for_it(
     flight: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -45,6 +45,7 @@ def test_a_law_beside_the_file_is_found_and_its_source_is_part_of_what_agents_co
     ("source", "name", "said"),
     [
         (GOOD, "nothing", "there are only covey, paper, off"),
+        (GOOD, "coveyy", "Did you mean 'covey'?"),
         (GOOD, "mine:", "there are only covey, paper, off"),
         (GOOD, "../mine:law", "there are only covey, paper, off"),
         (GOOD, "mine.py:law", "write the module's name without .py: mine:law"),

@@ -13,6 +13,8 @@ from groundstation.file_checks.examination import examine
 from groundstation.mission_files.loading import load_mission
 from onboard.config.fleet import load_fleet
 from sitl.monte_carlo import campaign_settings, process_chunks
+from sitl.monte_carlo.batch_flight import fly
+from sitl.monte_carlo.open_benchmark import scene_file, scene_plans
 
 FAILING = """
 
@@ -21,6 +23,22 @@ def failing(memory, inputs):
     if memory > 300:
         raise ValueError("no more")
     return memory, thrust
+"""
+
+# they push each other towards the pillar
+_PILLAR = """
+{
+  "schema": 1,
+  "name": "pillar",
+  "about": "Two vehicles change places beside a pillar.",
+  "placing": {
+    "type": "listed",
+    "start_enu_m": [[-2.0, 0.0], [2.0, 0.0]],
+    "goal_enu_m": [[2.0, 0.0], [-2.0, 0.0]]
+  },
+  "obstacles": [{"begin_enu_m": [0.0, 1.2], "radius_m": 0.25}],
+  "set": {"delay_s": 0.1, "wind_m_s": 2.0}
+}
 """
 
 
@@ -76,6 +94,17 @@ def test_a_campaign_flies_it_and_tells_of_each_flight_in_which_covey_took_over(f
         assert record["success"]
         assert not record["collision"]
         assert ("law_refused" in record) is is_refused
+
+
+def test_the_templates_law_passes_beside_a_pillar(folder, monkeypatch):
+    monkeypatch.chdir(folder)
+    scene = scene_file.parsed(_PILLAR.encode(), "pillar.json")
+    setup = scene_plans.setup(scene, law="my_law:law")
+    (flown,) = fly([scene_plans.plan(scene, 0)], setup)
+    assert flown.law_refusal == ""
+    assert flown.outcome.is_success
+    assert flown.outcome.min_separation_m > 0.8
+    assert flown.outcome.min_clearance_m > 0.0
 
 
 def test_the_check_says_that_the_file_brings_code_along(folder):

@@ -30,6 +30,15 @@ duration_s = 2.0
 do = "land"
 """
 
+_PYTHON_MISSION = """\
+FLEET = "paper"
+
+
+async def mission(fleet):
+    await fleet.takeoff(0.6)
+    await fleet.land()
+"""
+
 Row = tuple[str, int, bytes]
 
 
@@ -122,7 +131,8 @@ def test_an_order_of_another_ground_comes_at_its_time(flown: Path) -> None:
         ("bus.loss=2", "between 0 and 1"),
         ("without_fault=1", "this flight has 0 faults"),
         ("fault=mav7 motor_dead motor=2", "'mav7' is not emulated"),
-        ("wind=strong", "write it as EAST,NORTH"),
+        ("wind=strong", "--what-if wind is 'strong'; write it as EAST,NORTH"),
+        ("gust=-1", "Gusts of -1 m/s cannot be simulated"),
     ],
 )
 def test_an_impossible_change_is_refused_before_anything_flies(
@@ -130,7 +140,41 @@ def test_an_impossible_change_is_refused_before_anything_flies(
 ) -> None:
     words = ["replay", str(flown), "--resume-at", "6", "--record", str(tmp_path / "again")]
     assert main([*words, "--what-if", text]) == 2
-    assert sentence in capsys.readouterr().err
+    printed = capsys.readouterr()
+    assert sentence in printed.err
+    assert printed.out == ""
+
+
+def test_a_change_after_the_end_of_the_flight_is_refused(
+    flown: Path, capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    again = tmp_path / "again"
+    words = ["replay", str(flown), "--resume-at", "99", "--what-if", "wind=1,0"]
+    assert main([*words, "--record", str(again)]) == 2
+    assert "the recorded flight ended at" in capsys.readouterr().err
+    assert not (again / "flight.mcap").exists()
+
+
+def test_a_fault_whose_time_was_not_reached_is_named(
+    flown: Path, capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    words = ["replay", str(flown), "--what-if", "fault=mav1 motor_dead motor=2 at=99"]
+    assert main([*words, "--record", str(tmp_path / "again")]) == 0
+    assert "motor=2 at=99' never happened" in capsys.readouterr().out
+
+
+def test_a_python_mission_keeps_its_name_when_it_is_flown_again(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    mission = tmp_path / "hop.py"
+    mission.write_text(_PYTHON_MISSION)
+    first, second, third = (str(tmp_path / name) for name in ("first", "second", "third"))
+    assert main(["fly", str(mission), "--lockstep", "--record", first]) == 0
+    mission.unlink()
+
+    assert main(["replay", first, "--what-if", "seed=2", "--record", second]) == 0
+    assert main(["replay", second, "--what-if", "seed=3", "--record", third]) == 0
+    assert capsys.readouterr().out.count("PASSED: mission 'hop'") == 3
 
 
 def test_a_flight_without_its_settings_cannot_be_flown_again(flown: Path, tmp_path: Path) -> None:

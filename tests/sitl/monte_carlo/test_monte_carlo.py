@@ -313,6 +313,7 @@ def test_goal_beside_a_frozen_vehicle_is_blocked_and_any_other_is_reached():
     ("words", "said"),
     [
         (["nowhere"], "'nowhere' is not a scenario"),
+        (["circle"], "circle is a scene: fly it with covey simulate circle.json"),
         (
             ["form3", "--law", "nothing"],
             "'law.name' is 'nothing', but there are only covey, paper, off",
@@ -325,6 +326,7 @@ def test_goal_beside_a_frozen_vehicle_is_blocked_and_any_other_is_reached():
         (["form3", "--jobs", "0"], "--jobs is 0"),
         (["form3", "--scale", "nan"], "--scale is nan"),
         (["form3", "--set", "law.kappa=4"], "there is no such key"),
+        (["form3", "--set", "dely_s=1"], "Did you mean 'delay_s'?"),
         (["form3", "--set", "delay_s"], "write it as key=value"),
         (["form3", "--set", "loss_share=2"], "from 0 to 1"),
         (["form3", "--set", "law.kappa_1_1_s=inf"], "must be finite"),

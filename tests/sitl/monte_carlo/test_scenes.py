@@ -108,6 +108,8 @@ def test_points_are_drawn_clear_of_obstacles():
         ({"placing": {**SCENE["placing"], "goal_enu_m": [[0, 0]]}}, "2 starts and 1 goals"),
         ({"obstacles": [{"begin_enu_m": [0, 1e9], "radius_m": 1}]}, "obstacles.begin_enu_m"),
         ({"obstacles": [{"begin_enu_m": [0, 0], "radius_m": 0}]}, "obstacles.radius_m"),
+        ({"obstacles": [{"begin_enu_m": [0, 0], "radius": 1}]}, "Did you mean 'radius_m'?"),
+        ({"intruder": {"speed": 1}}, "Known keys here: "),
         ({"blind": [2]}, "'blind' is 2"),
         ({"others": {"law": "off", "vehicles": [-1]}}, "'others.vehicles' is -1"),
         ({"within_s": 0}, "'within_s' is 0"),
