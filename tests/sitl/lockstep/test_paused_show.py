@@ -12,6 +12,7 @@ import pytest
 
 from groundstation.orders.result import OrderFailed
 from groundstation.paths.pieces import fitted
+from groundstation.processes.free_ports import toml_text
 from groundstation.starter.starter_files import Answers, starter
 from onboard.config.fleet import FleetConfig, fleet_from_mapping
 from onboard.control.path import Path, point_at
@@ -26,6 +27,14 @@ def fleet_of(count: int) -> FleetConfig:
     """A fleet as `covey init` makes it."""
     text = starter(Answers(vehicles=count)).fleet_text
     return fleet_from_mapping(tomllib.loads(text), path="fleet.toml", text=text)
+
+
+def _with_hover_time(fleet: FleetConfig, hover_time_s: float) -> FleetConfig:
+    """Return the fleet with batteries that last so long."""
+    values = tomllib.loads(fleet.text)
+    for table in values["types"].values():
+        table["hover_time_s"] = hover_time_s
+    return fleet_from_mapping(values, path="fleet.toml", text=toml_text(values))
 
 
 def turning_grid(fleet: FleetConfig, degrees: float) -> dict[str, Path]:
@@ -157,13 +166,15 @@ def test_a_show_that_is_skipped_ends_at_its_last_positions_above_the_promise(
 def test_a_pause_ends_by_itself_with_all_at_home_when_a_battery_must_leave(
     lockstep: Callable[..., Lockstep],
 ) -> None:
-    flight = lockstep(fleet_of(3))
+    flight = lockstep(_with_hover_time(fleet_of(3), 120.0))
+    for px4 in flight.simulation.emulator.autopilots:
+        px4.params.values["SIM_BAT_MIN_PCT"] = 0.0  # PX4 stops a simulated battery at 50 %
     fleet = flight.fleet
     flight.takeoff(HEIGHT_M)
 
     async def stop_it() -> None:
         await fleet.wait(6.0)
-        await fleet.pause()  # emulated batteries last for some minute, and the pause for ever
+        await fleet.pause()
 
     async def show() -> None:
         async with asyncio.TaskGroup() as tasks:
