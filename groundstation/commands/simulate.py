@@ -170,26 +170,9 @@ def simulate(
         raise ConfigError(f"name a scenario, or --map. Known: {scenarios.KNOWN}.")
     flown_seeds = _seeds(seeds)
 
-    subjects: Sequence[flight_plans.Subject]
-    if any(scene_file.is_scene(name) for name in scenario):
-        if len(scenario) > 1:
-            raise ConfigError(
-                "a scene has settings of its own: name one file with a scene, and nothing else."
-            )
-        if type is not None or (errors, scale) != (_DEFAULT_ERRORS, _DEFAULT_SCALE):
-            raise ConfigError(
-                f"{scenario[0]} says types, errors and places itself. Leave --type, --errors and "
-                "--scale out; --set changes a value."
-            )
-        scene = scene_file.load(scenario[0])
-        subjects = [scene]
-        setup = scene_plans.setup(scene, law=law, changes=set, fleet_path=fleet)
-    else:
-        subjects = _names(scenario)
-        setup = campaign_settings.setup_for(
-            law=law, types=type, fleet_path=fleet, errors=errors, scale=scale, changes=set
-        )
-
+    subjects, setup = _flown_subjects(
+        scenario, law=law, types=type, fleet_path=fleet, errors=errors, scale=scale, changes=set
+    )
     records = run(
         subjects,
         flown_seeds,
@@ -202,6 +185,46 @@ def simulate(
     )
     is_flawless = all(results.is_flawless(record) for record in records)
     return EXIT_OK if is_flawless else EXIT_FAILED
+
+
+def _flown_subjects(
+    scenario: Sequence[str],
+    *,
+    law: str | None,
+    types: str | None,
+    fleet_path: str | None,
+    errors: str,
+    scale: float,
+    changes: Sequence[str],
+) -> tuple[Sequence[flight_plans.Subject], campaign_settings.Setup]:
+    """Return the scenarios, or the scene, of a command line, and the settings of their flights.
+
+    Raises:
+        ConfigError: a name is unknown, or an option does not go with a scene.
+    """
+    if not any(scene_file.is_scene(name) for name in scenario):
+        setup = campaign_settings.setup_for(
+            law=law,
+            types=types,
+            fleet_path=fleet_path,
+            errors=errors,
+            scale=scale,
+            changes=changes,
+        )
+        return _names(scenario), setup
+
+    if len(scenario) > 1:
+        raise ConfigError(
+            "a scene has settings of its own: name one file with a scene, and nothing else."
+        )
+    if types is not None or (errors, scale) != (_DEFAULT_ERRORS, _DEFAULT_SCALE):
+        raise ConfigError(
+            f"{scenario[0]} says types, errors and places itself. Leave --type, --errors and "
+            "--scale out; --set changes a value."
+        )
+    scene = scene_file.load(scenario[0])
+    setup = scene_plans.setup(scene, law=law, changes=changes, fleet_path=fleet_path)
+    return [scene], setup
 
 
 def _names(scenario: Sequence[str]) -> list[str]:
