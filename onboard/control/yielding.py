@@ -36,6 +36,8 @@ _FACING = 0.3  # least cosine of the angle between an intent and the direction t
 _AHEAD_M = 6.0  # length of the opponent's route that is kept free
 _BESIDE_M = 0.15  # a refuge is this much farther from that route than necessary
 _ASIDE_M = (0.0, 0.5, 1.0)  # distances from a corner at which a refuge is tried
+# A route to a refuge passes the opponent only with this much more than the distance to keep.
+_PASSING_SPARE_M = 0.1
 
 _REJOIN_M = 2.5  # length of its own route that must be free before the vehicle continues
 _REJOIN_SPARE_M = 0.3  # other vehicles must be this much farther from that length than necessary
@@ -118,7 +120,8 @@ def nearest_refuge(here: Vec2, opponent: Opponent, route_map: RouteMap) -> Vec2 
         route_map: map of the static things.
     """
     corners = route_map.corners
-    lengths_m = route_map.lengths_past(here, opponent.position_m, opponent.distance_m)
+    passing_m = opponent.distance_m + _PASSING_SPARE_M
+    lengths_m = route_map.lengths_past(here, opponent.position_m, passing_m)
 
     best: Vec2 | None = None
     best_m = math.inf

@@ -13,7 +13,7 @@ import pytest
 
 from onboard.avoidance.params import Capsule, params_of
 from onboard.config.law import LawConfig
-from onboard.control import parked, router
+from onboard.control import parked, router, yielding
 from onboard.control.router import PERIOD_S
 from onboard.rollout.fleet_routes import FleetRoutes
 from onboard.types import Goal, Neighbour, State
@@ -394,3 +394,25 @@ def test_beside_many_obstacles_fewer_parked_vehicles_count() -> None:
     assert parked.most_pillars(0, 0) == 8
     assert 0 < parked.most_pillars(40, 4) < 8
     assert parked.most_pillars(96, 12) == 0
+
+
+def test_a_refuge_does_not_lie_past_an_opponent_abreast_in_a_strip_just_wide_enough() -> None:
+    # Two walls leave a strip for centres that is as wide as the distance between two vehicles.
+    west = Capsule(Vec2(-1.9, -1.0), Vec2(-1.9, 1.0), 0.0)
+    east = Capsule(Vec2(-0.1, 0.7), Vec2(-0.1, 4.5), 0.0)
+    around = router.surroundings([west, east], params_of(LawConfig()))
+    opponent = yielding.Opponent(
+        position_m=Vec2(-0.55, 0.84),
+        direction=Vec2(-0.885, 0.465),
+        distance_m=0.9,
+        table_index=0,
+    )
+
+    refuge = yielding.nearest_refuge(
+        here=Vec2(-1.46, 0.89),
+        opponent=opponent,
+        route_map=router.map_of(around.still, around),
+    )
+
+    assert refuge is not None
+    assert refuge.x < west.begin_enu_m.x  # around the northern end of the western wall
