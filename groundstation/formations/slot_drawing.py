@@ -40,6 +40,10 @@ def text_slots(text: str, font: str | None, count: int) -> Array:
     if font is not None:
         opened(font, FONT).close()  # refuses what is not a regular file, or is too large for a font
     try:
+        if font is not None:
+            # Refuses a wrong font. Matplotlib would refuse it too, but after it has opened another
+            # font, which it never closes.
+            matplotlib.ft2font.FT2Font(font)
         properties = matplotlib.font_manager.FontProperties(fname=font)
         outline = matplotlib.textpath.TextPath((0.0, 0.0), text, size=_HEIGHT_PX, prop=properties)
     except (OSError, RuntimeError, ValueError) as error:
@@ -102,23 +106,13 @@ def _pixels(file: str) -> Array:
 
     data = read_bytes(file, PICTURE)
     try:
-        # Only the header is read here, which has the size; no pixel is unpacked yet. Pillow warns
-        # of large pictures and of wrong animations.
-        with warnings.catch_warnings(action="ignore"):
-            opened_image = Image.open(BytesIO(data), formats=_FORMATS)
-        with opened_image as image:
-            width_px, height_px = image.size
-            if width_px * height_px > _MOST_PIXELS:
-                raise ConfigError(
-                    f"{file}: this image has {width_px} x {height_px} pixels; "
-                    f"{_MOST_PIXELS // 1_000_000} million are the most that is read. "
-                    "Make it smaller."
-                )
-            step = math.ceil(max(image.size) / _MOST_PX)
-            if image.mode.startswith("I"):  # grey of 16 bits, which `convert` would limit to 255
-                grey = np.asarray(image)[::step, ::step] / 65_535.0
-                return np.stack([grey, grey, grey, np.ones_like(grey)], axis=-1)
-            return np.asarray(image.convert("RGBA"))[::step, ::step] / 255.0
+        # Pillow warns of large pictures and of wrong animations, some of them while it unpacks.
+        # To open an image reads only its header, which has the size.
+        with (
+            warnings.catch_warnings(action="ignore"),
+            Image.open(BytesIO(data), formats=_FORMATS) as image,
+        ):
+            return _unpacked(image, file)
     except UnidentifiedImageError:
         formats = ", ".join(_FORMATS)
         raise ConfigError(f"{file}: this image is none of {formats}. Give a PNG.") from None
@@ -133,9 +127,30 @@ def _pixels(file: str) -> Array:
         raise ConfigError(f"{file}: this image cannot be read ({error}). Give a PNG.") from None
 
 
+def _unpacked(image: Any, file: str) -> Array:
+    """Return the pixels of an opened image, at most _MOST_PX by _MOST_PX of them.
+
+    Raises:
+        ConfigError: it has too many pixels.
+    """
+    width_px, height_px = image.size
+    if width_px * height_px > _MOST_PIXELS:
+        raise ConfigError(
+            f"{file}: this image has {width_px} x {height_px} pixels; "
+            f"{_MOST_PIXELS // 1_000_000} million are the most that is read. Make it smaller."
+        )
+
+    step = math.ceil(max(image.size) / _MOST_PX)
+    if image.mode.startswith("I"):  # grey of 16 bits, which `convert` would limit to 255
+        grey = np.asarray(image)[::step, ::step] / 65_535.0
+        return np.stack([grey, grey, grey, np.ones_like(grey)], axis=-1)
+    return np.asarray(image.convert("RGBA"))[::step, ::step] / 255.0
+
+
 def _matplotlib() -> Any:
     try:
         import matplotlib.font_manager
+        import matplotlib.ft2font
         import matplotlib.image
         import matplotlib.path
         import matplotlib.textpath

@@ -38,13 +38,13 @@ def test_the_quick_bench_flies_everybody_and_its_table_says_who_kept_the_distanc
 ):
     monkeypatch.setattr(bench, "QUICK", ("swap4",))
     (tmp_path / "law-measured.md").write_text(
-        "before\n<!-- bench: methods -->\nold\n<!-- end -->\nafter\n"
+        "before\n<!-- bench: methods -->\nformer table\n<!-- end -->\nafter\n"
     )
 
     assert bench.main(["--quick", "--seeds", "0:1", "--jobs", "1", "--out", str(tmp_path)]) == 0
 
     page = (tmp_path / "law-measured.md").read_text()
-    assert "old" not in page
+    assert "former table" not in page
     assert page.startswith("before")
     assert page.endswith("after\n")
 

@@ -4,7 +4,11 @@ from __future__ import annotations
 
 import itertools
 import math
+import os
+import struct
 import tomllib
+import warnings
+import zlib
 from pathlib import Path
 from typing import Any
 
@@ -113,6 +117,31 @@ def test_two_slots_of_an_image_take_two_pixels_though_one_is_nearest_to_both(
 
     first, second = slot_drawing.image_slots(str(tmp_path / "dots.png"), 2)
     assert math.dist(first, second) >= 1.0
+
+
+def test_a_wrong_animation_in_an_image_prints_no_warning(tmp_path: Path) -> None:
+    from matplotlib.image import imsave
+
+    file = tmp_path / "dot.png"
+    picture = np.ones((6, 4, 3))
+    picture[2, 2] = 0.0
+    imsave(file, picture)
+    animation = struct.pack(">I4s8sI", 8, b"acTL", b"", zlib.crc32(b"acTL" + bytes(8)))
+    end = file.read_bytes()[-12:]
+    file.write_bytes(file.read_bytes()[:-12] + animation + end)
+
+    with warnings.catch_warnings(action="error"):
+        slot_drawing.image_slots(str(file), 1)
+
+
+def test_fonts_that_are_none_leave_no_file_open(tmp_path: Path) -> None:
+    font = tmp_path / "font.ttf"
+    font.write_bytes(b"nothing")
+    open_files = len(os.listdir("/proc/self/fd"))
+    for _ in range(20):
+        with pytest.raises(ConfigError, match="cannot be read"):
+            slot_drawing.text_slots("A", str(font), 2)
+    assert len(os.listdir("/proc/self/fd")) < open_files + 20
 
 
 def test_a_text_and_an_image_are_drawn_by_their_slots(tmp_path: Path) -> None:
