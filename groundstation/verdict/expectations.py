@@ -44,6 +44,7 @@ def check(
     arrivals: Sequence[Arrival],
     landed: Mapping[str, bool],
     collided: Sequence[str] = (),
+    fallen: Sequence[str] = (),
 ) -> list[ExpectationResult]:
     """Compare each declared expectation with the flight.
 
@@ -54,6 +55,7 @@ def check(
         arrivals: distances from goals at the end of orders.
         landed: whether each vehicle that takes part is landed and disarmed.
         collided: vehicles that touched another one.
+        fallen: vehicles that came to the ground by a fall.
 
     Returns:
         One result for each declared expectation.
@@ -64,7 +66,7 @@ def check(
     if expect.arrived_within_m is not None:
         results.append(_check_arrivals(expect.arrived_within_m, arrivals))
     if expect.all_landed is not None:
-        results.append(_check_landed(expect.all_landed, landed))
+        results.append(_check_landed(expect.all_landed, landed, fallen))
     return results
 
 
@@ -104,13 +106,18 @@ def _check_arrivals(limit_m: float, arrivals: Sequence[Arrival]) -> ExpectationR
     return ExpectationResult("arrived_within_m", is_met, sentence)
 
 
-def _check_landed(is_expected: bool, landed: Mapping[str, bool]) -> ExpectationResult:
+def _check_landed(
+    is_expected: bool, landed: Mapping[str, bool], fallen: Sequence[str]
+) -> ExpectationResult:
+    """Compare who is on the ground and disarmed; a fall is named, and judged by the verdict."""
     flying = [name for name, has_landed in landed.items() if not has_landed]
     are_landed = not flying
 
     outcome = "all"
     if flying:
         outcome = f"not {', '.join(flying)}"
+    if fallen:
+        outcome += f"; by a fall: {', '.join(fallen)}"
     return ExpectationResult(
         "all_landed", are_landed == is_expected, f"Landed and disarmed: {outcome}."
     )

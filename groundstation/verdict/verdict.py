@@ -134,7 +134,9 @@ def judge(
     closest = _smallest_of_all(state, report)
     collided = _collided(flown, report)
     landed = _landed(fleet, state)
-    checks = check(expect, fleet, closest, flown.arrivals, landed, collided)
+    touchdowns = _landing_speeds(flown, begin_ns)
+    fallen = [fall.vehicle for fall in falls(touchdowns)]
+    checks = check(expect, fleet, closest, flown.arrivals, landed, collided, fallen)
 
     is_collision = bool(collided)
     if closest is not None and fleet.fleet.vertical_separation_m is None:
@@ -174,7 +176,7 @@ def judge(
         record=record,
         vertical_separation_m=fleet.fleet.vertical_separation_m,
         unknown_times=unknown_times,
-        touchdowns=_landing_speeds(flown, begin_ns),
+        touchdowns=touchdowns,
         collided=collided,
         nearest_person=_nearest_person(fleet, report, begin_ns),
     )
@@ -208,6 +210,15 @@ def _landed(fleet: FleetConfig, state: FleetState) -> dict[str, bool]:
     return landed
 
 
+def falls(touchdowns: Sequence[LandingSpeed]) -> list[LandingSpeed]:
+    """Return the contacts of vehicles that fell: without thrust, and faster than any landing."""
+    return [
+        contact
+        for contact in touchdowns
+        if not contact.had_thrust and contact.speed_m_s > contact.limit_m_s
+    ]
+
+
 def describe(verdict: Verdict) -> list[str]:
     """Return distance, arrival, landing and timing in words, one sentence a line."""
     lines = []
@@ -228,12 +239,23 @@ def describe(verdict: Verdict) -> list[str]:
                 sentence = result.sentence
         lines.append(sentence)
 
-    landed = [name for name, has_landed in verdict.landed.items() if has_landed]
+    fallen = falls(verdict.touchdowns)
+    names_fallen = {fall.vehicle for fall in fallen}
+    landed = [
+        name
+        for name, has_landed in verdict.landed.items()
+        if has_landed and name not in names_fallen
+    ]
     not_landed = [name for name, has_landed in verdict.landed.items() if not has_landed]
     landed_sentence = f"Landed and disarmed: {listed(landed) or 'nobody'}"
     if not_landed:
         landed_sentence += f"; NOT: {', '.join(not_landed)}"
     lines.append(f"{landed_sentence}.")
+    lines += [
+        f"Fell: {fall.vehicle}, and hit the ground with {fall.speed_m_s:.1f} m/s,"
+        f" at {fall.time_s:.1f} s."
+        for fall in fallen
+    ]
 
     powered = [landing for landing in verdict.touchdowns if landing.had_thrust]
     hardest = max(powered, key=lambda landing: landing.speed_m_s, default=None)

@@ -10,7 +10,13 @@ from groundstation.fleet.state import initial
 from groundstation.recording.flight_report import LoopTiming
 from groundstation.verdict.expectations import Expect
 from groundstation.verdict.observations import FlightObservations, StepResult
-from groundstation.verdict.verdict import NearestPerson, Verdict, describe, judge
+from groundstation.verdict.verdict import (
+    LandingSpeed,
+    NearestPerson,
+    Verdict,
+    describe,
+    judge,
+)
 from onboard.config.fleet import FleetConfig
 
 
@@ -97,3 +103,18 @@ def test_a_mission_that_went_on_after_a_step_names_who_had_not_done_it(fleet: Fl
     verdict = judge(flown, Expect())
     assert not verdict.passed
     assert verdict.summary.endswith(f"'follow_path mav0,mav1,mav2': mav0, mav1 failed: {left}")
+
+
+def test_a_vehicle_that_fell_has_not_landed_and_its_speed_is_told() -> None:
+    fall = LandingSpeed(
+        vehicle="mav1", time_s=14.6, speed_m_s=4.93, limit_m_s=1.6, had_thrust=False
+    )
+    flight = {"landed": {"mav0": True, "mav1": True}, "touchdowns": [fall]}
+    assert told("Landed and disarmed: ", **flight) == "mav0."
+    assert told("Fell: ", **flight) == "mav1, and hit the ground with 4.9 m/s, at 14.6 s."
+
+
+def test_a_vehicle_whose_motors_stopped_just_above_the_ground_has_landed() -> None:
+    soft = LandingSpeed(vehicle="mav1", time_s=14.6, speed_m_s=0.3, limit_m_s=0.8, had_thrust=False)
+    flight = {"landed": {"mav0": True, "mav1": True}, "touchdowns": [soft]}
+    assert told("Landed and disarmed: ", **flight) == "mav0, mav1."
