@@ -167,8 +167,8 @@ class OtherGround:
     """A second ground station, run by someone else, that gives orders at planned times.
 
     It joins the bus for its first order, and gives the order as soon as it has telemetry of all
-    vehicles. It is not the operator: its orders to hold, land and kill are accepted, and its other
-    orders are refused.
+    vehicles. It is not the operator: its orders to hold, land, kill and pause are accepted, and its
+    other orders are refused. An event tells of each order that did not end as ordered.
 
     Args:
         flight: the flight whose bus it joins.
@@ -189,9 +189,19 @@ class OtherGround:
             lambda state: all(state.vehicles[name].telemetry for name in names), _HEARS_ALL_S
         )
         try:
-            await client.submit(order.text)
+            result = await client.submit(order.text)
         except grammar.OrderError as error:
-            client.publish_event("warning", "order", f"'{order.text}': {error}")
+            self._tell(order, str(error))
+            return
+
+        for answer in (await result.wait()).values():
+            if not answer.is_done:
+                self._tell(order, f"{answer.vehicle} {answer.phase}: {answer.sentence}")
+
+    def _tell(self, order: TimedOrder, outcome: str) -> None:
+        """Publish an event of the first ground, because only that ground's events are recorded."""
+        sentence = f"Order '{order.text}' of {OTHER_GROUND}: {outcome}"
+        self._flight.client.publish_event("warning", "order-of-other", sentence)
 
     async def _joined(self) -> FleetClient:
         if self._client is None:

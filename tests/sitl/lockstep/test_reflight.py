@@ -112,6 +112,16 @@ def test_a_flight_that_is_another_one_before_its_change_is_ended(
         fly_again(open_recorded(falsified), resume_at_s=6.0, changes=[parse_change("wind=3,0")])
 
 
+def test_an_order_of_another_ground_that_is_refused_is_told(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    mission = tmp_path / "up_and_down.toml"
+    mission.write_text(_MISSION)
+    words = ["fly", str(mission), "--lockstep", "--record", str(tmp_path / "flight")]
+    assert main([*words, "--order", "6 home mav1"]) == 0
+    assert "Order 'home mav1' of ground-2: mav1 refused: " in capsys.readouterr().out
+
+
 def test_an_order_of_another_ground_comes_at_its_time(flown: Path) -> None:
     reflown = fly_again(
         open_recorded(flown), resume_at_s=6.0, changes=[parse_change("order=kill mav1")]
