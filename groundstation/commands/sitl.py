@@ -188,7 +188,7 @@ def _select(
         ConfigError: one of them is real, so that its body would get poses from two sources.
     """
     marked = fleet.emulated_names
-    names = fleet.select(vehicles or marked, exclude)
+    names = fleet.select(vehicles or marked or None, exclude)
 
     real = []
     if marked:  # then all vehicles without the mark are real

@@ -86,7 +86,7 @@ def fleet_from_mapping(
         ConfigError: see :func:`load_fleet`.
     """
     check_schema(data, path)
-    if "step" in data:
+    if "step" in data or isinstance(data.get("fleet"), str):
         raise ConfigError(
             f"{path} is a mission file, not a fleet file. Name its fleet, or fly it: "
             f"covey fly {path}"

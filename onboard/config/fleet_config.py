@@ -384,14 +384,17 @@ class FleetConfig(msgspec.Struct, frozen=True):
         """Select vehicles by name or by index in the file.
 
         Args:
-            vehicles: ``a,b``, ``0-2`` or ``all``, or a list of these. None or empty: all enabled
-                vehicles.
+            vehicles: ``a,b``, ``0-2`` or ``all``, or a list of these. None, or an empty text: all
+                enabled vehicles.
             exclude: vehicles to leave out, in the same form.
         Returns:
             The names without duplicates, in the given order.
         Raises:
-            ConfigError: There is no vehicle with a given name or index.
+            ConfigError: There is no vehicle with a given name or index, or a list is empty.
         """
+        is_text = vehicles is None or isinstance(vehicles, str)
+        if not is_text and not vehicles:
+            raise ConfigError("the list of vehicles is empty. Leave it out for all vehicles.")
         text = ""
         if isinstance(vehicles, str):
             text = vehicles

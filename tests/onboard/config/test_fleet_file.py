@@ -46,6 +46,7 @@ WRONG = [
     ("surprise", 2, "unknown key 'surprise'"),
     ("vehicles.mav1.mass_kg", "heavy", "vehicles.mav1.mass_kg"),
     ("vehicles.mav1.mass_kg", -1.0, "between"),
+    ("fleet.battery_land_pct", 120.0, "'fleet.battery_land_pct' is 120.0"),
     ("vehicles.mav1.mass_kg", float("nan"), "between"),
     ("vehicles.mav1.system_id", 1, "vehicles.mav0.system_id"),
     ("vehicles.mav1.system_id", 256, "between 1 and 255"),
@@ -190,11 +191,20 @@ def paper() -> FleetConfig:
     return load_fleet(PAPER)
 
 
+@pytest.mark.parametrize("key", ["step", "fleet"])
+def test_a_mission_file_is_told_from_a_fleet_file(key: str) -> None:
+    values = {"step": [{"do": "land"}], "fleet": "paper"}
+    with pytest.raises(ConfigError, match="is a mission file, not a fleet file"):
+        fleet_from_mapping({"schema": 1, key: values[key]}, path="my.toml")
+
+
 def test_vehicles_are_selected_by_name_index_and_range(paper: FleetConfig) -> None:
     assert paper.select("all") == paper.select(None) == ("mav0", "mav1", "mav2")
     assert paper.select("mav2,0") == ("mav2", "mav0")
     assert paper.select("1-2") == ("mav1", "mav2")
     assert paper.select("all", "mav1") == ("mav0", "mav2")
+    with pytest.raises(ConfigError, match="the list of vehicles is empty"):
+        paper.select([])
     for wrong in ("2-1", "7", "mav9", "1-9", ""):
         if wrong:
             with pytest.raises(ConfigError):
