@@ -10,6 +10,7 @@ from __future__ import annotations
 import asyncio
 import traceback
 from collections.abc import Callable, Coroutine
+from pathlib import Path
 from typing import Any, NamedTuple
 
 from groundstation.client.client import FleetClient
@@ -476,14 +477,14 @@ class MissionRun:
         self._observations.pilots = tuple(by_hand)
 
     def _failure_of(self, error: BaseException) -> str:
-        """Return what ended the steps, in words; for a mistake of the author, its trace."""
+        """Return what ended the steps, in words; for a mistake of the author, its line."""
         by_hand = flown_by_hand(self.client)
         if isinstance(error, OrderFailed) and by_hand:
             self._observations.pilots = tuple(by_hand)
             return pilot_words(by_hand)
         if isinstance(error, _FAILURES):
             return str(error)
-        return "".join(traceback.format_exception(error)).strip()
+        return _mistake(error, self.mission.path)
 
     async def _leave_to(self, taken: Taken) -> None:
         """Leave the fleet to whoever has taken it.
@@ -567,3 +568,24 @@ class MissionRun:
         return all(
             state.is_landed(name) or state.vehicles[name].is_airborne for name in self.fleet.names
         )
+
+
+def _mistake(error: BaseException, path: str) -> str:
+    """Return a mistake of a mission's author in words.
+
+    Args:
+        error: the exception that the mission has raised.
+        path: path of the mission's file.
+
+    Returns:
+        The exception with the last line of the file that led to it; or, if it does not come from
+        the file itself, its whole trace.
+    """
+    file = Path(path).resolve()
+    frames = traceback.extract_tb(error.__traceback__)
+    lines = [frame.lineno for frame in frames if Path(frame.filename).resolve() == file]
+    if not lines or isinstance(error, BaseExceptionGroup):  # a group has several causes
+        return "".join(traceback.format_exception(error)).strip()
+
+    what = "".join(traceback.format_exception_only(error)).strip()
+    return f"{path}, line {lines[-1]}: {what}"

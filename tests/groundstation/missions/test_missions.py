@@ -557,7 +557,9 @@ async def test_a_mistake_in_a_python_mission_still_lands_everybody(
     )
     verdict = await MissionRun(load_mission(path, fleet), client).run()
     assert verdict.exit_status == 1
+    assert f"{path}, line 3: AttributeError: " in verdict.summary
     assert "fly_to_the_moon" in verdict.summary
+    assert "Traceback" not in verdict.summary
     assert all(verdict.landed.values())
 
 
