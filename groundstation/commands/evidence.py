@@ -24,7 +24,7 @@ from typing import Annotated
 from cyclopts import Parameter
 
 from groundstation.commands.parameters import FleetFile, Folder
-from groundstation.evidence.evidence_page import PAGE_NAME
+from groundstation.evidence.evidence_page import PAGE_NAME, result_words
 from groundstation.evidence.evidence_summary import Evidence, read_evidence, summarized
 from groundstation.evidence.folder import write_folder
 from groundstation.evidence.kept_flights import KEPT_NAME, KeptFlights
@@ -80,7 +80,14 @@ def evidence(
     flown_mission = load_mission(mission, config)
     config = flown_mission.fleet
     refuse_strong_wind(config, wind)
-    other = read_evidence(beside) if beside is not None else None
+    other = None
+    if beside is not None:
+        if beside.resolve() == out.resolve():
+            raise ConfigError(
+                f"--beside is {beside}, the folder of this evidence itself. Give the folder of"
+                " another machine's."
+            )
+        other = read_evidence(beside)
 
     campaign = Campaign(
         fleet_path=str(fleet),
@@ -202,4 +209,4 @@ def _row_line(row: MatrixRow) -> str:
     figures = "no flights"
     if row.flights:
         figures = f"{row.wrong_flights} of {row.flights} wrong, below {row.upper_bound:.1%}"
-    return f"  {row.status:<10} {row.question}  ({figures})"
+    return f"  {result_words(row)}: {row.question}  ({figures})"

@@ -187,7 +187,7 @@ def _matrix_row(row: MatrixRow) -> str:
     return (
         f"<tr class='{status}'><td>{_text(row.question)}</td>"
         f"<td>{'<br>'.join(map(_text, row.asked_by))}</td>"
-        f"<td>{_text(_result(row))}{_reasons(row.reasons)}</td><td>{flights}</td>"
+        f"<td>{_text(result_words(row))}{_reasons(row.reasons)}</td><td>{flights}</td>"
         f"<td>{bound}</td><td>{_shown_by(row)}</td><td>{_text(row.remains)}</td></tr>"
     )
 
@@ -197,7 +197,8 @@ def _is_wide(row: MatrixRow) -> bool:
     return row.status == SHOWN and row.upper_bound > _WIDE_BOUND
 
 
-def _result(row: MatrixRow) -> str:
+def result_words(row: MatrixRow) -> str:
+    """Return what the flights of a row have shown, in words."""
     words = _WORDS[row.status]
     if row.status == SHOWN and row.not_flown:
         words += f", in part: {_counted(len(row.not_flown), 'fault')} not flown"

@@ -41,7 +41,7 @@ class Candidate(NamedTuple):
     """One candidate, which consists of one or more changes."""
 
     kind: CandidateKind
-    what: str  # in words that fit after "The promise would have been kept"
+    what: str  # in words that fit after "The flight would have passed"
     changes: tuple[Change, ...]
 
 

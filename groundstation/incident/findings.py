@@ -1,7 +1,7 @@
-"""Sorts flights by whether they kept the promise, and writes the result in sentences.
+"""Sorts flights by whether they passed, and writes the result in sentences.
 
-Each flight repeats the recorded one with one change. The promise is the safety distance of the
-fleet file.
+Each flight repeats the recorded one with one change. It passes if it keeps the promise, which is
+the safety distance of the fleet file, and if the expectations of the mission come true.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ class Trial(NamedTuple):
     has_passed: bool  # whether all expectations of the mission came true
     failure: str = ""  # a sentence that says why it could not be flown; empty: it was flown
 
-    def keeps(self, promise_m: float) -> bool:
+    def passes(self, promise_m: float) -> bool:
         """Return whether the promise was kept and the expectations of the mission came true."""
         return not self.failure and self.has_passed and self.min_separation_m >= promise_m
 
@@ -29,27 +29,27 @@ class Trial(NamedTuple):
 class Findings(NamedTuple):
     """The changed flights, sorted by their outcome."""
 
-    causes: tuple[Trial, ...]  # trials of causes in which the promise is kept
-    defences: tuple[Trial, ...]  # trials of defences in which the promise is kept
-    others: tuple[Trial, ...]  # trials in which the promise is not kept
+    causes: tuple[Trial, ...]  # trials of causes that pass
+    defences: tuple[Trial, ...]  # trials of defences that pass
+    others: tuple[Trial, ...]  # trials that do not pass
 
 
 def findings_of(trials: Sequence[Trial], promise_m: float) -> Findings:
     """Sort trials by their outcome.
 
-    The trials that keep the promise are sorted by their smallest distance, the largest first.
+    The trials that pass are sorted by their smallest distance, the largest first.
     Distances are rounded to decimetres for this; among equals the likelier change comes first.
 
     Args:
         trials: trials of the candidates, the likeliest change first.
         promise_m: the safety distance.
     """
-    keeping = [trial for trial in trials if trial.keeps(promise_m)]
-    others = [trial for trial in trials if not trial.keeps(promise_m)]
+    passing = [trial for trial in trials if trial.passes(promise_m)]
+    others = [trial for trial in trials if not trial.passes(promise_m)]
 
     return Findings(
-        causes=tuple(_best_first(keeping, "cause")),
-        defences=tuple(_best_first(keeping, "defence")),
+        causes=tuple(_best_first(passing, "cause")),
+        defences=tuple(_best_first(passing, "defence")),
         others=tuple(others),
     )
 
@@ -65,17 +65,16 @@ def sentences(findings: Findings) -> list[str]:
 
     for number, trial in enumerate(findings.causes, start=1):
         lines.append(
-            f"{number}. The promise would have been kept {trial.candidate.what}:"
-            f" {_distance(trial)}."
+            f"{number}. The flight would have passed {trial.candidate.what}: {_distance(trial)}."
         )
     if not findings.causes:
         lines.append(
-            "No single thing of this flight is the cause: whichever was taken away, the promise"
-            " was not kept."
+            "No single thing of this flight is the cause: whichever was taken away, it did not"
+            " pass."
         )
 
     for trial in findings.defences:
-        lines.append(f"It would have been kept also by {trial.candidate.what}: {_distance(trial)}.")
+        lines.append(f"It would have passed also by {trial.candidate.what}: {_distance(trial)}.")
 
     for trial in findings.others:
         if trial.failure:

@@ -16,6 +16,7 @@ from onboard.exit_status import EXIT_WRONG_INPUT
         (["--wind", "3", "--rounds", "0"], "--rounds is 0"),
         (["--wind", "3", "--jobs", "0"], "--jobs is 0"),
         (["--wind", "3", "--beside", "nowhere"], "evidence.json: there is no such file"),
+        (["--wind", "3", "--beside", "folder"], "the folder of this evidence itself"),
         (["--wind", "3", "--only", "no such fault"], "--only is 'no such fault'"),
         ([], "--wind"),
     ],

@@ -90,9 +90,9 @@ def test_the_cause_whose_absence_leaves_the_most_room_comes_first() -> None:
         0.8,
     )
     told = sentences(findings)
-    assert told[0].startswith("1. The promise would have been kept without the fault")
-    assert told[1].startswith("2. The promise would have been kept without the light wind")
-    assert told[2].startswith("It would have been kept also by 0.2 m more margin")
+    assert told[0].startswith("1. The flight would have passed without the fault")
+    assert told[1].startswith("2. The flight would have passed without the light wind")
+    assert told[2].startswith("It would have passed also by 0.2 m more margin")
     assert "It would not have helped to fly without the order" in told[3]
 
 

@@ -74,7 +74,7 @@ def test_the_cause_is_named_with_the_distance_that_would_have_been_kept(
 ) -> None:
     assert main(["incident", str(too_near)]) == 0
     told = capsys.readouterr().out
-    assert "1. The promise would have been kept with Covey's law in place of 'off'" in told
+    assert "1. The flight would have passed with Covey's law in place of 'off'" in told
 
 
 @pytest.mark.long
