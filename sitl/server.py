@@ -107,8 +107,10 @@ def emulator_of(
             profile_of(vehicle), seed=seed, index=vehicle.index, scale=environment.vehicle_scatter
         )
         hover_time_s = _HOVER_S
+        least_charge_pct = None
         if vehicle.hover_time_s is not None:
             hover_time_s = vehicle.hover_time_s
+            least_charge_pct = 0.0  # who says how long a battery lasts wants to see its end
         spec = VehicleSpec(
             name=vehicle.name,
             system_id=vehicle.system_id,
@@ -116,6 +118,7 @@ def emulator_of(
             start_enu_m=vehicle.start_enu_m,
             px4=VERSIONS[px4 or vehicle.px4_version],
             hover_time_s=hover_time_s,
+            least_charge_pct=least_charge_pct,
         )
         specs.append(spec)
 

@@ -62,6 +62,8 @@ class VehicleSpec:
     px4: Version = DEFAULT  # version of its PX4
     # Time that a full battery hovers; None: the time of PX4's simulator.
     hover_time_s: float | None = None
+    # Lowest charge of its battery; None: that of PX4's simulator.
+    least_charge_pct: float | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -96,6 +98,8 @@ def _simulation_parameters(spec: VehicleSpec, origin: EarthPoint) -> dict[str, i
     }
     if spec.hover_time_s is not None:
         values["SIM_BAT_DRAIN"] = spec.hover_time_s
+    if spec.least_charge_pct is not None:
+        values["SIM_BAT_MIN_PCT"] = spec.least_charge_pct
     return values
 
 

@@ -167,8 +167,6 @@ def test_a_pause_ends_by_itself_with_all_at_home_when_a_battery_must_leave(
     lockstep: Callable[..., Lockstep],
 ) -> None:
     flight = lockstep(_with_hover_time(fleet_of(3), 120.0))
-    for px4 in flight.simulation.emulator.autopilots:
-        px4.params.values["SIM_BAT_MIN_PCT"] = 0.0  # PX4 stops a simulated battery at 50 %
     fleet = flight.fleet
     flight.takeoff(HEIGHT_M)
 
