@@ -156,6 +156,14 @@ def _takeoff_height_m(show: Show) -> float:
     if takeoff_m < _LOWEST_TAKEOFF_M:
         least_m = _LOWEST_TAKEOFF_M / _TAKEOFF_SHARE
         low = [name for name, height_m in highest_m.items() if height_m < least_m]
+        deepest_m = min(
+            float(_heights_m(drone.path, _grid(drone.path)).min()) for drone in show.drones
+        )
+        if deepest_m < -least_m:
+            raise ConfigError(
+                f"{', '.join(low)}: the path lies below the ground: z points down there. Export the"
+                " show with z up."
+            )
         raise ConfigError(
             f"{', '.join(low)}: the path stays on the ground. Take these drones out of the show."
         )

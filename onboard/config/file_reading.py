@@ -72,6 +72,7 @@ RECORD = FileKind("record", None, "Give the folder of a recorded flight.")
 DEEPEST = 32  # largest nesting depth of tables and lists; missions use at most 23
 MOST_KEY_PARTS = 24  # largest number of parts of a TOML key with dots; each part makes a table
 _MOST_WHOLE = 2**63  # whole numbers must be smaller, as TOML requires
+_LONGEST_KEY = 80  # characters of a key that a message shows
 _CONTAINERS = (dict, list, tuple, set)
 
 # A JSON text is limited by the memory that its values take. A value of a list takes up to 64 bytes,
@@ -262,7 +263,7 @@ def check_values(value: Any, name: str) -> None:
         if is_too_large or not math.isfinite(number):
             raise ConfigError(
                 f"{name}: {_shown(number)} stands where a finite number of at most 64 bits is "
-                "needed. Correct the value."
+                f"needed{_place_of(number, value)}. Correct the value."
             )
 
 
@@ -281,6 +282,22 @@ def _numbers(value: Any) -> list[int | float]:
                 numbers.append(part)
         level = next_level
     return numbers
+
+
+def _place_of(number: float, value: Any) -> str:
+    """Return the key of a number in a value, in words with a space before them; empty if none."""
+    level = [("", value)]  # all parts at one depth, with their keys
+    while level:
+        next_level: list[tuple[str, Any]] = []
+        for key, part in level:
+            if part is number and key:
+                return f" at '{key[:_LONGEST_KEY]}'"
+            if isinstance(part, dict):
+                next_level += [(f"{key}.{name}".lstrip("."), part[name]) for name in part]
+            elif isinstance(part, _CONTAINERS):
+                next_level += [(f"{key}[{index}]", item) for index, item in enumerate(part)]
+        level = next_level
+    return ""
 
 
 def _check_depth(value: Any, name: str) -> None:

@@ -31,7 +31,7 @@ from onboard.config.toml_reading import ConfigError as ConfigError
 from onboard.config.toml_reading import check_schema as check_schema
 from onboard.config.toml_reading import convert as convert
 from onboard.config.toml_reading import read_toml as read_toml
-from onboard.config.toml_reading import table, tables
+from onboard.config.toml_reading import table, tables, unknown_key
 from onboard.config.validation import check_fleet
 from onboard.config.vehicle_tables import vehicle_from_tables
 from onboard.tuples import Xyz
@@ -93,9 +93,7 @@ def fleet_from_mapping(
         )
     for key in data:
         if key not in _KNOWN_KEYS:
-            raise ConfigError(
-                f"{path}: unknown key '{key}'. Known keys here: {', '.join(_KNOWN_KEYS)}."
-            )
+            raise unknown_key(path, key, key, _KNOWN_KEYS)
     for key in ("fleet", "vehicles"):
         if key not in data:
             raise ConfigError(f"{path}: the table '{key}' is missing. Add [{key}].")

@@ -9,10 +9,10 @@ import math
 import os
 import re
 import tomllib
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from importlib.resources import files
 from types import NoneType
-from typing import Any, get_args, get_type_hints
+from typing import Any, Literal, get_args, get_origin, get_type_hints
 
 import msgspec
 
@@ -96,20 +96,37 @@ def _sentence(text: str, kind: Any, path: str, key: str) -> str:
     message, _, position = text.partition(" - at `")
     tail = position.rstrip("`").lstrip("$")
 
+    inner = _kind_at(kind, tail)
     unknown = re.search(r"unknown field `(?P<field>.+?)`", message)
     if unknown is None:
-        return f"{path}: '{key}{tail}': {message}. Correct the value."
+        allowed = ""
+        words = _words_of(inner)
+        if message.startswith("Invalid enum value") and words:
+            allowed = f" It may be {', '.join(words)}."
+        return f"{path}: '{key}{tail}': {message}.{allowed} Correct the value."
 
     field = unknown["field"]
-    names = _known_keys(kind, tail)
-    known = meant_words(field, names)
+    names = getattr(inner, "__struct_fields__", ())
+    return str(unknown_key(path, f"{key}{tail}.{field}", field, names))
+
+
+def unknown_key(path: str, key: str, word: str, names: Sequence[str]) -> ConfigError:
+    """Return the refusal of an unknown key.
+
+    Args:
+        path: path of the file.
+        key: the key with the tables around it.
+        word: the key alone.
+        names: the known keys of its table; empty if several kinds of tables may stand there.
+    """
+    known = meant_words(word, names)
     if names:
         known += f" Known keys here: {', '.join(names)}."
-    return f"{path}: unknown key '{key}{tail}.{field}'.{known} Remove or correct it."
+    return ConfigError(f"{path}: unknown key '{key}'.{known} Remove or correct it.")
 
 
-def _known_keys(kind: Any, tail: str) -> tuple[str, ...]:
-    """Return the keys of the struct at a position in a value; none where several kinds may stand.
+def _kind_at(kind: Any, tail: str) -> Any:
+    """Return the type at a position in a value; None or a union where several kinds may stand.
 
     Args:
         kind: type of the value.
@@ -117,7 +134,15 @@ def _known_keys(kind: Any, tail: str) -> tuple[str, ...]:
     """
     for step in re.findall(r"\.\w+|\[.*?\]", tail):
         kind = _kind_inside(kind, step)
-    return getattr(_without_none(kind), "__struct_fields__", ())
+    return _without_none(kind)
+
+
+def _words_of(kind: Any) -> list[str]:
+    """Return the words that a value may be; empty if its type is no choice of words."""
+    for choice in (kind, *get_args(kind)):
+        if get_origin(choice) is Literal:
+            return [str(word) for word in get_args(choice)]
+    return []
 
 
 def _kind_inside(kind: Any, step: str) -> Any:

@@ -7,7 +7,7 @@ from typing import Any
 
 from onboard.config.fleet_config import PX4_VERSIONS, Vehicle
 from onboard.config.sitl import SitlProfile
-from onboard.config.toml_reading import ConfigError, convert
+from onboard.config.toml_reading import ConfigError, convert, unknown_key
 
 # keys that are allowed only in a vehicle's own table, not in its type's table or the defaults
 _VEHICLE_ONLY = {
@@ -95,10 +95,7 @@ def _check_keys(table: dict[str, Any], prefix: str, allowed: set[str], path: str
     """Refuse a table with a key that is not allowed in it."""
     for entry in table:
         if entry not in allowed:
-            raise ConfigError(
-                f"{path}: unknown key '{prefix}.{entry}'. "
-                f"Known keys here: {', '.join(sorted(allowed))}."
-            )
+            raise unknown_key(path, f"{prefix}.{entry}", entry, sorted(allowed))
 
 
 def _check_px4_version(version: object, where: str) -> None:

@@ -321,6 +321,18 @@ def test_times_of_a_refusal_are_those_of_the_show(tmp_path: Path) -> None:
     assert Converted(1.0, {}, {}, {}).own_time_words() == ""  # the same clock needs no words
 
 
+def test_csvs_with_z_down_are_refused_in_words(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    for number in range(2):
+        x = 3 * number
+        lines = f"t,x,y,z\n0,{x},0,0\n5,{x},0,-3\n10,{x + 1},0,-3\n15,{x + 1},0,0\n"
+        (tmp_path / f"drone{number}.csv").write_text(lines)
+
+    assert main(["import", str(tmp_path), "--out", str(tmp_path / "out")]) == 2
+    assert "z points down" in capsys.readouterr().err
+
+
 def test_a_single_csv_is_no_show(tmp_path: Path) -> None:
     one = tmp_path / "one.csv"
     one.write_text("t,x,y,z\n0,0,0,1\n", encoding="utf-8")

@@ -6,6 +6,7 @@ from typing import Any
 
 import pytest
 
+from onboard.config.file_reading import check_values
 from onboard.config.fleet import (
     ConfigError,
     FleetConfig,
@@ -42,6 +43,9 @@ WRONG = [
     ("obstacles", [{"name": "pillar", "radius_m": 1.0}], "Known keys here: name, circle, polygon"),
     ("law.kapa", 1.0, "unknown key 'law.kapa'"),
     ("types.ardrone.wings", 2, "unknown key 'types.ardrone.wings'"),
+    ("types.ardrone.mas_kg", 2, "Did you mean 'mass_kg'?"),
+    ("laws", {}, "Did you mean 'law'?"),
+    ("fleet.origin", "moon", "It may be mocap."),
     ("types.ardrone.sitl.wings", 2, "unknown key 'vehicles.mav0.sitl.wings'"),
     ("surprise", 2, "unknown key 'surprise'"),
     ("vehicles.mav1.mass_kg", "heavy", "vehicles.mav1.mass_kg"),
@@ -189,6 +193,12 @@ def test_the_hash_changes_with_any_value_and_not_with_comments() -> None:
 @pytest.fixture
 def paper() -> FleetConfig:
     return load_fleet(PAPER)
+
+
+def test_a_number_that_is_none_is_refused_with_its_place() -> None:
+    values = tomllib.loads("a = 1\n[[step]]\n[[step]]\nheights_m = [1.0, nan]")
+    with pytest.raises(ConfigError, match=r"my.toml: nan stands .* at 'step\[1\]\.heights_m\[1\]'"):
+        check_values(values, "my.toml")
 
 
 @pytest.mark.parametrize("key", ["step", "fleet"])
