@@ -184,8 +184,9 @@ def _positions(client: VehicleClient, report: FactReport, hover: Hover) -> None:
     report.add("setpoint.position", client.newest("LOCAL_POSITION_NED").x - start.x)
     report.add("setpoint.position-mode", client.mode)
     client.stream(target(_IGNORE_ALL_BUT_VELOCITY, 1.0))
-    client.wait(2.0)
-    report.add("setpoint.velocity", float(client.newest("LOCAL_POSITION_NED").vy))
+    client.wait(4.0)
+    positions = client.received.of("LOCAL_POSITION_NED", client.now_s - 1.0)
+    report.add("setpoint.velocity", mean(packet.message.vy for packet in positions))
     _recover(client, hover)
 
 
