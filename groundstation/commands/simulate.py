@@ -240,7 +240,7 @@ def _names(scenario: Sequence[str]) -> list[str]:
                 f"simulated time with: covey fly {name} --lockstep"
             )
         if name in scene_file.names():
-            raise ConfigError(f"{name} is a scene: fly it with covey simulate {name}.json")
+            raise ConfigError(f"{name} is the name of a scene. Write {name}.json to fly it.")
     return scenarios.expand(scenario)
 
 

@@ -345,10 +345,8 @@ def parsed_change(change: str) -> tuple[str, str, float | int | bool | str]:
     if not equals:
         raise ConfigError(f"{change}: write it as key=value. Keys: {', '.join(known)}.")
     if name not in keys():
-        meant = meant_words(name, known)
-        if not meant:
-            meant = f" Keys: {', '.join(known)}."
-        raise ConfigError(f"{change}: there is no such key.{meant}")
+        remedy = f"{meant_words(name, known)} covey simulate --help lists all keys."
+        raise ConfigError(f"{change}: there is no such key.{remedy}")
 
     group, _, key = name.rpartition(".")
     value = _value(change, text)

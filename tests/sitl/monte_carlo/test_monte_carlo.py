@@ -313,7 +313,7 @@ def test_goal_beside_a_frozen_vehicle_is_blocked_and_any_other_is_reached():
     ("words", "said"),
     [
         (["nowhere"], "'nowhere' is not a scenario"),
-        (["circle"], "circle is a scene: fly it with covey simulate circle.json"),
+        (["circle"], "circle is the name of a scene. Write circle.json to fly it."),
         (
             ["form3", "--law", "nothing"],
             "'law.name' is 'nothing', but there are only covey, paper, off",
