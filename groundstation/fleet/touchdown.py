@@ -63,7 +63,7 @@ class Touchdown(Struct, frozen=True):
 
     def has_fallen(self, vehicle: Vehicle) -> bool:
         """Return whether a vehicle came down without its thrust, faster than any landing."""
-        return not self.had_thrust and self.speed_m_s > self.limit_m_s(vehicle)
+        return is_fall(self.speed_m_s, self.limit_m_s(vehicle), had_thrust=self.had_thrust)
 
     def sentence(self, vehicle: Vehicle) -> str:
         """Return the contact in words."""
@@ -81,6 +81,17 @@ class Touchdown(Struct, frozen=True):
 def is_flown_blind(telemetry: Telemetry) -> bool:
     """Return whether a vehicle reports that it flies without knowing its position."""
     return not telemetry.is_position_valid or not _BLIND.isdisjoint(telemetry.conditions)
+
+
+def is_fall(speed_m_s: float, limit_m_s: float, *, had_thrust: bool) -> bool:
+    """Return whether a contact is that of a fall: without thrust, and faster than any landing.
+
+    Args:
+        speed_m_s: downwards.
+        limit_m_s: largest speed of a landing.
+        had_thrust: whether all motors gave thrust.
+    """
+    return not had_thrust and speed_m_s > limit_m_s
 
 
 def touchdown_of(

@@ -13,6 +13,7 @@ import msgspec
 
 from groundstation.fleet.places import out_of_service
 from groundstation.fleet.state import FleetState, Separation, unknown_until
+from groundstation.fleet.touchdown import is_fall
 from groundstation.fleet.unknown_time import UnknownTime
 from groundstation.recording.flight_report import PERIOD_NOMINAL_MS, FlightReport, LoopTiming
 from groundstation.verdict.expectations import Expect, ExpectationResult, check, metres
@@ -211,11 +212,11 @@ def _landed(fleet: FleetConfig, state: FleetState) -> dict[str, bool]:
 
 
 def falls(touchdowns: Sequence[LandingSpeed]) -> list[LandingSpeed]:
-    """Return the contacts of vehicles that fell: without thrust, and faster than any landing."""
+    """Return the contacts of vehicles that fell."""
     return [
         contact
         for contact in touchdowns
-        if not contact.had_thrust and contact.speed_m_s > contact.limit_m_s
+        if is_fall(contact.speed_m_s, contact.limit_m_s, had_thrust=contact.had_thrust)
     ]
 
 
