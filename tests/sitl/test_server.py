@@ -12,6 +12,7 @@ from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
 import pytest
+from msgspec.structs import replace
 from pymavlink.dialects.v20 import common
 
 from groundstation.cli import main
@@ -19,7 +20,9 @@ from onboard.bus.codec import Malformed
 from onboard.bus.schema import Message, MocapPose, Truth
 from onboard.bus.session import BusSession
 from onboard.bus.topics import Topic
+from onboard.config.fleet import load_fleet
 from sitl.mavlink.endpoints import GROUND_STATION, ground_ports
+from sitl.server import emulator_of
 
 FLEET = """
 schema = 1
@@ -247,3 +250,13 @@ def test_poses_and_truth_are_on_the_bus_with_stamps_of_the_monotonic_clock(setup
     assert 0.0 < (now_ns - truth.stamp_ns) * 1e-9 < 0.5
     spacing_s = (truths[-1][1].stamp_ns - truths[0][1].stamp_ns) * 1e-9 / (len(truths) - 1)
     assert spacing_s == pytest.approx(0.02, rel=0.1)
+
+
+@pytest.mark.parametrize(("hover_time_s", "least_pct"), [(None, 50.0), (120.0, 0.0)])
+def test_a_battery_empties_to_the_end_if_its_type_says_how_long_it_lasts(
+    hover_time_s: float | None, least_pct: float
+) -> None:
+    fleet = load_fleet("paper")
+    vehicle = replace(fleet.vehicles["mav0"], hover_time_s=hover_time_s)
+    (px4,) = emulator_of(fleet, [vehicle], seed=0).autopilots
+    assert px4.params["SIM_BAT_MIN_PCT"] == least_pct
