@@ -24,6 +24,7 @@ from groundstation.missions.beginning import begin_refusal, without_empty_places
 from groundstation.missions.countdown import clock_problem, clock_words
 from groundstation.missions.mission_words import USAGE
 from groundstation.missions.runner import MissionRun
+from groundstation.missions.unknown_verbs import refuse_unknown_verbs
 from groundstation.orders.intents import Takeoff
 from groundstation.orders.kill_latch import KillLatch
 from groundstation.verdict.verdict import Verdict
@@ -146,6 +147,7 @@ class MissionOrders:
                 return f"{file}: only Python missions have arguments."
             mission = replace(mission, arguments=arguments)
             if mission.is_python:
+                refuse_unknown_verbs(mission)
                 load_function(mission)
             # The checks are about the vehicles that take part now. The mission itself keeps all
             # vehicles: when it flies, it leaves out those that are out of service then.

@@ -205,6 +205,20 @@ def test_a_python_mission_is_imported(tmp_path: Path, capsys: pytest.CaptureFixt
     assert "No module named 'nobody_has_this'" in capsys.readouterr().err
 
 
+def test_a_python_mission_with_a_verb_that_does_not_exist_is_refused(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "m.py"
+    path.write_text(f'FLEET = "{SIH}"\nasync def mission(fleet):\n    await fleet.takof()\n')
+    for command in (
+        ["check", str(path)],
+        ["fly", str(path), "--lockstep", "--record", str(tmp_path / "out")],
+    ):
+        assert cli.main(command) == 2
+        assert "line 3: 'fleet' has no 'takof'. Did you mean 'takeoff'?" in capsys.readouterr().err
+    assert not (tmp_path / "out").exists()
+
+
 def test_a_narrow_terminal_breaks_lines_and_loses_no_words(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -1,0 +1,41 @@
+"""Python missions that call verbs which the fleet does not have."""
+
+import pytest
+
+from groundstation.mission_files.loading import load_mission
+from groundstation.missions.unknown_verbs import refuse_unknown_verbs
+from onboard.config.fleet import ConfigError
+
+
+def mission_of(tmp_path, body, head="async def mission(fleet):"):
+    path = tmp_path / "show.py"
+    lines = "\n".join(f"    {line}" for line in body)
+    path.write_text(f"FLEET = 'paper.toml'\n\n\n{head}\n{lines}\n", encoding="utf-8")
+    return load_mission(str(path), None)
+
+
+def test_a_verb_that_does_not_exist_is_told_with_its_line_and_the_one_that_was_meant(tmp_path):
+    mission = mission_of(tmp_path, ["await fleet.arm()", "await fleet.takof(height_m=1.0)"])
+    with pytest.raises(ConfigError) as refusal:
+        refuse_unknown_verbs(mission)
+    assert "show.py: line 6: 'fleet' has no 'takof'. Did you mean 'takeoff'?" in str(refusal.value)
+
+
+def test_the_fleet_may_have_another_name(tmp_path):
+    mission = mission_of(tmp_path, ["await drones.dance()"], "async def mission(drones):")
+    with pytest.raises(ConfigError, match="'drones' has no 'dance'"):
+        refuse_unknown_verbs(mission)
+
+
+@pytest.mark.parametrize(
+    "body",
+    [
+        ["await fleet.arm()", "await fleet['mav0'].reached(1.0)", "await fleet.land_all()"],
+        ["fleet.dance = print", "fleet.dance()"],
+        ["fleet = fleet.group(['mav0'])", "fleet.dance()"],
+        ["for fleet in [print]:", "    fleet.dance()"],
+        ["dance = lambda fleet: fleet.dance()", "dance(print)"],
+    ],
+)
+def test_what_exists_and_what_is_not_surely_the_fleet_is_not_refused(tmp_path, body):
+    refuse_unknown_verbs(mission_of(tmp_path, body))
