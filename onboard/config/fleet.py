@@ -33,7 +33,7 @@ from onboard.config.toml_reading import convert as convert
 from onboard.config.toml_reading import read_toml as read_toml
 from onboard.config.toml_reading import table, tables, unknown_key
 from onboard.config.validation import check_fleet
-from onboard.config.vehicle_tables import vehicle_from_tables
+from onboard.config.vehicle_tables import vehicle_from_tables, with_written_keys
 from onboard.tuples import Xyz
 
 _KNOWN_KEYS = (
@@ -85,6 +85,13 @@ def fleet_from_mapping(
     Raises:
         ConfigError: see :func:`load_fleet`.
     """
+    try:
+        return _resolved(data, path=path, text=text, finds_law=finds_law)
+    except ConfigError as error:
+        raise ConfigError(with_written_keys(str(error), data)) from error
+
+
+def _resolved(data: Mapping[str, Any], *, path: str, text: str, finds_law: bool) -> FleetConfig:
     check_schema(data, path)
     if "step" in data or isinstance(data.get("fleet"), str):
         raise ConfigError(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from onboard.config.fleet_config import PX4_VERSIONS, Vehicle
@@ -22,6 +23,7 @@ _VEHICLE_ONLY = {
 _REQUIRED = ("system_id", "start_enu_m", "agent", "autopilot")
 _DERIVED = {"name", "index"}  # fields of a vehicle that are not keys of the file
 _MERGED = ("px4_params", "sitl")  # tables that are merged key by key
+_VEHICLE_KEY = re.compile(r"'vehicles\.(?P<vehicle>[A-Za-z0-9_-]+)\.(?P<key>\w+(\.\w+)?)")
 
 
 def vehicle_from_tables(
@@ -89,6 +91,38 @@ def vehicle_from_tables(
     # converted separately first, because the message then lists the known keys of this table
     convert(merged.get("sitl", {}), SitlProfile, path, f"{key}.sitl")
     return convert({**merged, "name": name, "index": index}, Vehicle, path, key)  # type: ignore[no-any-return]
+
+
+def with_written_keys(message: str, data: Mapping[str, Any]) -> str:
+    """Return a message in which each key of a vehicle has the name of the table that sets it.
+
+    A vehicle has keys from its own table, from its type's and from the defaults. The checks only
+    know the vehicle.
+
+    Args:
+        message: a message about a fleet file, with keys such as ``'vehicles.mav0.mass_kg'``.
+        data: tables of the file.
+    """
+
+    def as_written(found: re.Match[str]) -> str:
+        own = f"vehicles.{found['vehicle']}"
+        keys = found["key"].split(".")
+        type_name = _at(data, [*own.split("."), "type"]) or _at(data, ["defaults", "type"])
+        for place in (own, f"types.{type_name}", "defaults"):
+            if _at(data, [*place.split("."), *keys]) is not None:
+                return f"'{place}.{found['key']}"
+        return found[0]
+
+    return _VEHICLE_KEY.sub(as_written, message)
+
+
+def _at(table: Any, keys: Sequence[str]) -> Any:
+    """Return the value of a key in tables in a table; None if there is none."""
+    for key in keys:
+        if not isinstance(table, Mapping):
+            return None
+        table = table.get(key)
+    return table
 
 
 def _check_keys(table: dict[str, Any], prefix: str, allowed: set[str], path: str) -> None:

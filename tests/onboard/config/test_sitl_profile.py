@@ -50,7 +50,7 @@ def test_every_value_has_bounds_and_what_lies_outside_is_refused_in_words() -> N
         for bad in (low - 1.0, high + 1.0):
             value: Any = [1e-3, bad, 1e-3] if key == "inertia_kg_m2" else bad
             with pytest.raises(
-                ConfigError, match=rf"'vehicles\.mav0\.sitl\.{key}' is .* must lie between"
+                ConfigError, match=rf"'types\.mine\.sitl\.{key}' is .* must lie between"
             ):
                 fleet(**{key: value})
 
