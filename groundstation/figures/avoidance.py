@@ -158,6 +158,8 @@ def _draw_closest(ax: Any, flight: FlightData) -> None:
         textcoords="offset points",
         weight="bold",
         fontsize=9.5,
+        # readable where the line of the safety distance is behind it
+        bbox={"facecolor": "white", "edgecolor": "none", "alpha": 0.85, "pad": 1.0},
     )
 
 
