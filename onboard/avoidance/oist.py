@@ -64,7 +64,6 @@ from onboard.avoidance.prediction import (
     no_commands,
     predict_own,
     remembered,
-    smoothed,
 )
 from onboard.avoidance.projection import (
     INACTIVE,
@@ -75,6 +74,7 @@ from onboard.avoidance.projection import (
     pulled,
     relaxed_in_order,
 )
+from onboard.avoidance.smoothing import smoothed
 from onboard.types import LawOutput, Neighbour, State
 from onboard.vectors import Vec2, dot_2, length_2
 
@@ -160,10 +160,7 @@ def predict(memory: LawMemory, state: State, params: LawParams, dt_s: float) -> 
     window_z_s = params.vertical_lag_s + age_s
     predicted = predict_own(memory.commands, now, window_s, window_z_s)
 
-    # the last prediction, moved on by one tick with the newest command
-    newest = [PastCommand(memory.commands[0].acceleration_enu_m_s2, dt_s)]
-    expected = predict_own(newest, memory.predicted, dt_s, dt_s)
-    return smoothed(predicted, expected, state, dt_s)
+    return smoothed(predicted, memory.predicted, memory.commands, state, window_s, dt_s)
 
 
 def speed_share(memory: LawMemory, params: LawParams) -> float:

@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 from onboard.avoidance.half_planes import into_disc
 from onboard.constants import GRAVITY_M_S2
-from onboard.types import Neighbour, State
+from onboard.types import Neighbour
 from onboard.vectors import ZERO_3, Vec2, Vec3, horizontal_within, is_finite
 
 SLOTS = 40  # number of past commands that are kept
@@ -30,11 +30,6 @@ LONGEST_LEAD_S = 1.0  # a neighbour's longer lead time is reduced to this
 LAG_ERROR_S = 0.04
 # positions, velocities and accelerations beyond this are clipped, so that squares stay finite
 LARGEST = 1e5
-# Time constant of the smoothing for each m/s of the velocity's standard deviation. With vision it
-# is 0.07 s. With 0.11 s and more, vehicles in crowds came nearer to each other.
-_SMOOTHING_S2_M = 0.6
-_LONGEST_SMOOTHING_S = 0.15
-_SMOOTHED_STDS = 2.0  # largest difference between smoothed and newest motion [std]
 LARGEST_STD = 1e3  # a larger standard deviation is reduced to this
 _LEAST_LEAD_S = 1e-3  # a shorter lead time of a neighbour counts as 0; avoids a division by zero
 
@@ -142,49 +137,6 @@ def predict_own(
 
     p_z = p_z + (window_s - window_z_s) * v_z
     return Motion(Vec3(p_x, p_y, p_z), Vec3(v_x, v_y, v_z))
-
-
-def smoothed(predicted: Motion, expected: Motion, state: State, dt_s: float) -> Motion:
-    """Return the horizontal prediction without the fast part of the estimate's noise.
-
-    The gains of the law would pass this noise on to the command. So the motion expected from the
-    last prediction and command is corrected towards the new prediction. The time constant is
-    proportional to the velocity's standard deviation, so that an exact estimate is not smoothed.
-    The result differs from the new prediction by at most _SMOOTHED_STDS standard deviations, so it
-    follows a jump of the estimate at once.
-
-    Args:
-        predicted: prediction from the newest estimate.
-        expected: prediction of the last tick, moved on by the last command; not finite: none yet.
-        state: newest estimate; its standard deviations are used.
-        dt_s: time since the last tick.
-    """
-    position_std_m = known_std(state.position_std_m)
-    velocity_std_m_s = known_std(state.velocity_std_m_s)
-    time_s = min(_SMOOTHING_S2_M * velocity_std_m_s, _LONGEST_SMOOTHING_S)
-    has_last = is_finite(expected.position_enu_m) and is_finite(expected.velocity_enu_m_s)
-    if not has_last or time_s <= 0.0:
-        return predicted
-
-    kept = math.exp(-dt_s / time_s)
-    p = predicted.position_enu_m
-    v = predicted.velocity_enu_m_s
-    return Motion(
-        moved_towards(p, expected.position_enu_m, kept, _SMOOTHED_STDS * position_std_m),
-        moved_towards(v, expected.velocity_enu_m_s, kept, _SMOOTHED_STDS * velocity_std_m_s),
-    )
-
-
-def moved_towards(value: Vec3, expected: Vec3, share: float, longest: float) -> Vec3:
-    """Return a vector moved horizontally by a share of its difference from an expected vector.
-
-    Args:
-        value, expected: the vectors.
-        share: from 0 to 1.
-        longest: a longer difference is shortened to this length first.
-    """
-    change = into_disc(Vec2(expected.x - value.x, expected.y - value.y), longest)
-    return Vec3(value.x + share * change.x, value.y + share * change.y, value.z)
 
 
 def receive(neighbour: Neighbour, own_lead_s: float) -> Received:

@@ -34,6 +34,7 @@ from onboard.avoidance import (
     prediction,
     projection,
     relaxation,
+    smoothing,
 )
 from onboard.avoidance import params as law_params
 from onboard.constants import GRAVITY_M_S2
@@ -73,6 +74,7 @@ _MODULES: tuple[ModuleType, ...] = (
     # avoidance
     law_params,
     prediction,
+    smoothing,
     heights,
     pairs,
     half_planes,

@@ -105,6 +105,8 @@ class ErrorClass:
     # correlation times of the errors; 0: white noise
     position_time_s: float
     velocity_time_s: float
+    # constant error of the acceleration, as of a tilted accelerometer
+    acceleration_std_m_s2: float = 0.0
     # A vehicle has arrived when its true position is nearer to its goal than the first limit, and
     # its true speed is below the second. Gusts widen both. A vehicle holds its estimated position
     # on the goal, not its true one, so both are three standard deviations wider than with a mocap.
@@ -135,16 +137,18 @@ ERRORS = {
         velocity_std_m_s=0.12,
         position_time_s=0.5,
         velocity_time_s=0.5,
+        acceleration_std_m_s2=0.1,
         arrival_m=0.30,
         slow_m_s=0.50,
         law={
-            "kappa_1_1_s": 6.0,
-            "kappa_2_1_s": 12.0,
+            "kappa_1_1_s": 8.0,
+            "kappa_2_1_s": 7.0,
             "shortfall_gain": 0.6,
             "v_perp_m_s": 0.7,
             "v_perp_crowd_m_s": 1.0,
             "crowd_count": 5,
-            "accuracy_time_s": 0.5,
+            # longer than the errors' 0.5 s, so that a pair keeps 5.3 sigma_d
+            "accuracy_time_s": 0.77,
         },
     ),
     "gps": ErrorClass(
@@ -153,6 +157,7 @@ ERRORS = {
         velocity_std_m_s=0.2,
         position_time_s=5.0,
         velocity_time_s=0.7,
+        acceleration_std_m_s2=0.1,
         arrival_m=0.75,
         slow_m_s=0.75,
     ),

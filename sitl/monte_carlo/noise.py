@@ -2,7 +2,8 @@
 batch.
 
 Streams of a flight: ``[seed, 1]`` constants, ``[seed, 2]`` noise of every tick, ``[seed, 3]`` the
-radio links. No stream depends on what the vehicles do, so two laws meet the same noise.
+radio links, ``[seed, 4]`` errors of the measured acceleration. No stream depends on what the
+vehicles do, so two laws meet the same noise.
 """
 
 from __future__ import annotations
@@ -38,6 +39,9 @@ class FlightNoise:
         # (F, N, 8) in [-1, 1), and (F, N, 6); each flight draws the uniform ones first
         self.uniform = np.stack([rng.uniform(-1.0, 1.0, (count, _UNIFORM)) for rng in constants])
         self.normal = np.stack([rng.standard_normal((count, _NORMAL)) for rng in constants])
+
+        accelerations = [np.random.default_rng([seed, 4]) for seed in seeds]
+        self.acceleration = np.stack([rng.standard_normal((count, 3)) for rng in accelerations])
 
         self._generators = [np.random.default_rng([seed, 2]) for seed in seeds]
         self._links: list[np.random.Generator] = []
@@ -83,6 +87,7 @@ class FlightNoise:
         """Keep only these rows (flights), and drop the others."""
         self.uniform = self.uniform[flights]
         self.normal = self.normal[flights]
+        self.acceleration = self.acceleration[flights]
         self._generators = [self._generators[k] for k in flights]
         self._block = self._block[flights]
         if self._links:

@@ -103,13 +103,16 @@ class MocapSensing:
 class GivenErrors:
     """Truth plus errors that change slowly, such as those of an EKF.
 
-    The errors are Ornstein-Uhlenbeck processes, stationary from the start.
+    The errors of position and velocity are Ornstein-Uhlenbeck processes, stationary from the start.
+    That of the acceleration is constant, as a bias of the accelerometer or the attitude causes it.
     """
 
     def __init__(self, errors: ErrorClass, noise: FlightNoise) -> None:
         self._errors = errors
         self._position = errors.position_std_m * noise.normal[..., 0:3]  # error (F, N, 3)
         self._velocity = errors.velocity_std_m_s * noise.normal[..., 3:6]  # error (F, N, 3)
+        # constant error (F, N, 3)
+        self._acceleration = errors.acceleration_std_m_s2 * noise.acceleration
 
     def update(
         self, truth: TrueMotions, normals: Array, thrust_frac: Array, hover_frac: Array
@@ -134,7 +137,7 @@ class GivenErrors:
         states = batch.STATE.rows(truth.yaw_rad.shape)
         states["position_enu_m"] = truth.position_enu_m + self._position
         states["velocity_enu_m_s"] = truth.velocity_enu_m_s + self._velocity
-        states["acceleration_enu_m_s2"] = truth.acceleration_enu_m_s2
+        states["acceleration_enu_m_s2"] = truth.acceleration_enu_m_s2 + self._acceleration
         states["yaw_rad"] = truth.yaw_rad
         states["position_std_m"] = errors.position_std_m
         states["velocity_std_m_s"] = errors.velocity_std_m_s
@@ -147,6 +150,7 @@ class GivenErrors:
         """Keep only these rows (flights), and drop the others."""
         self._position = self._position[flights]
         self._velocity = self._velocity[flights]
+        self._acceleration = self._acceleration[flights]
 
 
 Sensing = MocapSensing | GivenErrors
