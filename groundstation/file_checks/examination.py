@@ -9,8 +9,7 @@ from typing import NamedTuple
 from groundstation.formations.slots import formation_slots
 from groundstation.mission_files.loading import load_mission
 from groundstation.mission_files.mission_findings import mission_findings
-from groundstation.mission_files.python_file import load_function
-from groundstation.missions.unknown_verbs import refuse_unknown_verbs
+from groundstation.missions.python_check import check_python
 from groundstation.network.bus_findings import bus_findings
 from groundstation.network.corrections_findings import corrections_findings
 from onboard.config.example_files import existing_file
@@ -88,8 +87,7 @@ def _examine_mission(path: str, fleet_path: str | None, errors: ErrorClass | Non
     fleet = mission.fleet
     content = f"{len(mission.steps)} steps"
     if mission.is_python:
-        refuse_unknown_verbs(mission)
-        load_function(mission)  # so that an error in it is found now
+        check_python(mission)  # so that an error in it is found now
         content = "Python"
 
     findings = [

@@ -20,9 +20,8 @@ from groundstation.flights.simulation_settings import SimulationSettings, write_
 from groundstation.mission_files.loading import load_mission, with_fleet
 from groundstation.mission_files.mission import Mission
 from groundstation.mission_files.mission_findings import refuse_unflyable
-from groundstation.mission_files.python_file import load_function
 from groundstation.mission_files.world_time import WorldTime
-from groundstation.missions.unknown_verbs import refuse_unknown_verbs
+from groundstation.missions.python_check import check_python
 from groundstation.processes.free_ports import (
     busy_ports,
     in_another_folder,
@@ -90,8 +89,7 @@ def prepare(
     mission = replace(mission, arguments=arguments)
 
     if mission.is_python:
-        refuse_unknown_verbs(mission)
-        load_function(mission)  # so that an error in it is found before anything starts
+        check_python(mission)  # so that an error in it is found before anything starts
 
     if is_simulated:
         fleet = simulated_fleet(

@@ -18,13 +18,12 @@ from groundstation.fleet.state import FleetState
 from groundstation.mission_files.loading import load_mission, mission_from_mapping
 from groundstation.mission_files.mission_findings import refuse_unflyable
 from groundstation.mission_files.names import mission_names
-from groundstation.mission_files.python_file import load_function
 from groundstation.mission_files.world_time import WorldTime, local_now, time_words, world_time
 from groundstation.missions.beginning import begin_refusal, without_empty_places
 from groundstation.missions.countdown import clock_problem, clock_words
 from groundstation.missions.mission_words import USAGE
+from groundstation.missions.python_check import check_python
 from groundstation.missions.runner import MissionRun
-from groundstation.missions.unknown_verbs import refuse_unknown_verbs
 from groundstation.orders.intents import Takeoff
 from groundstation.orders.kill_latch import KillLatch
 from groundstation.verdict.verdict import Verdict
@@ -147,8 +146,7 @@ class MissionOrders:
                 return f"{file}: only Python missions have arguments."
             mission = replace(mission, arguments=arguments)
             if mission.is_python:
-                refuse_unknown_verbs(mission)
-                load_function(mission)
+                check_python(mission)
             # The checks are about the vehicles that take part now. The mission itself keeps all
             # vehicles: when it flies, it leaves out those that are out of service then.
             flown_now = without_empty_places(mission, client.state)

@@ -1,7 +1,6 @@
-"""Refuses a Python mission that calls a verb which the fleet does not have.
+"""Checks a Python mission before it flies.
 
-Otherwise the mistake would be found when the mission comes to that line, in flight. The file is
-read as text; nothing of it is run.
+A mistake in it would otherwise be found in flight, when the mission comes to its line.
 """
 
 from __future__ import annotations
@@ -9,31 +8,37 @@ from __future__ import annotations
 import ast
 
 from groundstation.mission_files.mission import Mission
+from groundstation.mission_files.python_file import load_function
 from groundstation.missions.api import Fleet
 from onboard.config.file_reading import MISSION_FILE, python_tree, read_text
 from onboard.config.fleet import ConfigError
 from onboard.plain_text import meant_words
 
 
-def refuse_unknown_verbs(mission: Mission) -> None:
-    """Refuse a Python mission whose function calls a verb that :class:`Fleet` does not have.
+def check_python(mission: Mission) -> None:
+    """Check a Python mission: its verbs, its arguments, and whether it can be imported.
 
-    Only calls on the function's first argument are checked, and none if the function assigns
-    something else to its name.
+    Its verbs are read from its text. Only calls on its function's first argument are checked, and
+    none if the function assigns something else to that name. Then the file is imported, so its code
+    at the top level runs.
 
     Args:
-        mission: Python mission, loaded and checked.
+        mission: Python mission, loaded and checked, with its arguments.
 
     Raises:
-        ConfigError: a verb does not exist; the message names its line.
+        ConfigError: a verb does not exist (the message names its line), or see
+            :func:`load_function`.
     """
     tree = python_tree(read_text(mission.path, MISSION_FILE), mission.path)
     for function in tree.body:
         if isinstance(function, ast.AsyncFunctionDef) and function.name == "mission":
-            _refuse_in(function, mission.path)
+            _refuse_unknown_verbs(function, mission.path)
+
+    load_function(mission)
 
 
-def _refuse_in(function: ast.AsyncFunctionDef, path: str) -> None:
+def _refuse_unknown_verbs(function: ast.AsyncFunctionDef, path: str) -> None:
+    """Refuse a call of a verb that :class:`Fleet` does not have."""
     parameters = [*function.args.posonlyargs, *function.args.args]
     if not parameters:
         return

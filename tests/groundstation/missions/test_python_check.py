@@ -3,7 +3,7 @@
 import pytest
 
 from groundstation.mission_files.loading import load_mission
-from groundstation.missions.unknown_verbs import refuse_unknown_verbs
+from groundstation.missions.python_check import check_python
 from onboard.config.fleet import ConfigError
 
 
@@ -17,14 +17,14 @@ def mission_of(tmp_path, body, head="async def mission(fleet):"):
 def test_a_verb_that_does_not_exist_is_told_with_its_line_and_the_one_that_was_meant(tmp_path):
     mission = mission_of(tmp_path, ["await fleet.arm()", "await fleet.takof(height_m=1.0)"])
     with pytest.raises(ConfigError) as refusal:
-        refuse_unknown_verbs(mission)
+        check_python(mission)
     assert "show.py: line 6: 'fleet' has no 'takof'. Did you mean 'takeoff'?" in str(refusal.value)
 
 
 def test_the_fleet_may_have_another_name(tmp_path):
     mission = mission_of(tmp_path, ["await drones.dance()"], "async def mission(drones):")
     with pytest.raises(ConfigError, match="'drones' has no 'dance'"):
-        refuse_unknown_verbs(mission)
+        check_python(mission)
 
 
 @pytest.mark.parametrize(
@@ -38,4 +38,4 @@ def test_the_fleet_may_have_another_name(tmp_path):
     ],
 )
 def test_what_exists_and_what_is_not_surely_the_fleet_is_not_refused(tmp_path, body):
-    refuse_unknown_verbs(mission_of(tmp_path, body))
+    check_python(mission_of(tmp_path, body))
