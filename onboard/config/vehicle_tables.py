@@ -105,12 +105,12 @@ def with_written_keys(message: str, data: Mapping[str, Any]) -> str:
     """
 
     def as_written(found: re.Match[str]) -> str:
-        own = f"vehicles.{found['vehicle']}"
+        own = ["vehicles", found["vehicle"]]
+        type_name = _at(data, [*own, "type"]) or _at(data, ["defaults", "type"])
         keys = found["key"].split(".")
-        type_name = _at(data, [*own.split("."), "type"]) or _at(data, ["defaults", "type"])
-        for place in (own, f"types.{type_name}", "defaults"):
-            if _at(data, [*place.split("."), *keys]) is not None:
-                return f"'{place}.{found['key']}"
+        for place in (own, ["types", str(type_name)], ["defaults"]):
+            if _at(data, [*place, *keys]) is not None:
+                return "'" + ".".join([*place, *keys])
         return found[0]
 
     return _VEHICLE_KEY.sub(as_written, message)
