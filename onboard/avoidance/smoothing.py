@@ -23,7 +23,7 @@ from onboard.vectors import ZERO_3, Vec2, Vec3, is_finite
 _SMOOTHING_S2_M = 0.6
 _LONGEST_SMOOTHING_S = 0.15
 # An estimate is rough from this standard deviation of the position on.
-ROUGH_STD_M = 0.03
+_ROUGH_STD_M = 0.03
 # Gains of the filter for a rough estimate: time constants of position and velocity, and how fast
 # the velocity follows a difference of the positions. Without the last one, an error of the velocity
 # that lasts for a second is believed for as long.
@@ -63,7 +63,7 @@ def smoothed(
 
     newest = [PastCommand(commands[0].acceleration_enu_m_s2, dt_s)]
     expected = predict_own(newest, last, dt_s, dt_s)
-    if known_std(state.position_std_m) < ROUGH_STD_M:
+    if known_std(state.position_std_m) < _ROUGH_STD_M:
         return _accurate(predicted, expected, state, dt_s)
 
     as_flown = _as_flown(expected, commands, state, window_s, dt_s)
@@ -77,9 +77,6 @@ def _accurate(predicted: Motion, expected: Motion, state: State, dt_s: float) ->
     """
     velocity_std_m_s = known_std(state.velocity_std_m_s)
     time_s = min(_SMOOTHING_S2_M * velocity_std_m_s, _LONGEST_SMOOTHING_S)
-    if time_s <= 0.0:
-        return predicted
-
     kept = math.exp(-dt_s / time_s)
     limit_m = _LARGEST_STDS * known_std(state.position_std_m)
     limit_m_s = _LARGEST_STDS * velocity_std_m_s
