@@ -105,7 +105,7 @@ class ErrorClass:
     # correlation times of the errors; 0: white noise
     position_time_s: float
     velocity_time_s: float
-    # constant error of the acceleration, as of a tilted accelerometer
+    # error of the acceleration, constant in each flight, as of a tilted accelerometer
     acceleration_std_m_s2: float = 0.0
     # A vehicle has arrived when its true position is nearer to its goal than the first limit, and
     # its true speed is below the second. Gusts widen both. A vehicle holds its estimated position
