@@ -65,9 +65,8 @@ def import_(
 
     duration_s = max(path.duration_s for path in imported.paths.values())
     drones = len(imported.paths)
-    print(
-        f"'{original.title}': {drones} drones, {duration_s:.0f} s above {imported.takeoff_m:g} m."
-    )
+    count = "1 drone" if drones == 1 else f"{drones} drones"
+    print(f"'{original.title}': {count}, {duration_s:.0f} s above {imported.takeoff_m:g} m.")
     for note in (*original.notes, *imported.notes):
         print(f"  {note}")
     for name, lines in imported.own_notes.items():

@@ -10,6 +10,8 @@ import ast
 from groundstation.mission_files.mission import Mission
 from groundstation.mission_files.python_file import load_function
 from groundstation.missions.api import Fleet
+from groundstation.missions.group import Group
+from groundstation.missions.vehicle import MissionVehicle
 from onboard.config.file_reading import MISSION_FILE, python_tree, read_text
 from onboard.config.fleet import ConfigError
 from onboard.plain_text import meant_words
@@ -18,9 +20,9 @@ from onboard.plain_text import meant_words
 def check_python(mission: Mission) -> None:
     """Check a Python mission: its verbs, its arguments, and whether it can be imported.
 
-    Its verbs are read from its text. Only calls on its function's first argument are checked, and
-    none if the function assigns something else to that name. Then the file is imported, so its code
-    at the top level runs.
+    Its verbs are read from its text. Only calls on its function's first argument, on
+    ``fleet["mav0"]`` and on ``fleet.group(...)`` are checked, and none if the function assigns
+    something else to that name. Then the file is imported, so its code at the top level runs.
 
     Args:
         mission: Python mission, loaded and checked, with its arguments.
@@ -38,7 +40,7 @@ def check_python(mission: Mission) -> None:
 
 
 def _refuse_unknown_verbs(function: ast.AsyncFunctionDef, path: str) -> None:
-    """Refuse a call of a verb that :class:`Fleet` does not have."""
+    """Refuse a call of a verb that the fleet, a vehicle of it or a group does not have."""
     parameters = [*function.args.posonlyargs, *function.args.args]
     if not parameters:
         return
@@ -51,13 +53,26 @@ def _refuse_unknown_verbs(function: ast.AsyncFunctionDef, path: str) -> None:
         if not isinstance(node, ast.Call) or not isinstance(node.func, ast.Attribute):
             continue
         verb = node.func
-        is_of_fleet = isinstance(verb.value, ast.Name) and verb.value.id == fleet_name
-        if is_of_fleet and not hasattr(Fleet, verb.attr):
-            known = [name for name in dir(Fleet) if not name.startswith("_")]
+        owner = _owner(verb.value, fleet_name)
+        if owner is not None and not hasattr(owner, verb.attr):
+            known = [name for name in dir(owner) if not name.startswith("_")]
             raise ConfigError(
-                f"{path}: line {node.lineno}: '{fleet_name}' has no '{verb.attr}'."
+                f"{path}: line {node.lineno}: {ast.unparse(verb)} does not exist."
                 f"{meant_words(verb.attr, known)} docs/python-api.md lists all."
             )
+
+
+def _owner(expression: ast.expr, fleet_name: str) -> type[Group] | None:
+    """The class of an expression; None: it is not surely the fleet, a vehicle or a group."""
+    if isinstance(expression, ast.Name) and expression.id == fleet_name:
+        return Fleet
+    if isinstance(expression, ast.Subscript) and _owner(expression.value, fleet_name) is Fleet:
+        return MissionVehicle
+    if isinstance(expression, ast.Call) and isinstance(expression.func, ast.Attribute):
+        method = expression.func
+        if method.attr == "group" and _owner(method.value, fleet_name) is Fleet:
+            return Group
+    return None
 
 
 def _is_assigned(name: str, function: ast.AsyncFunctionDef) -> bool:

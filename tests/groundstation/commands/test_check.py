@@ -215,7 +215,8 @@ def test_a_python_mission_with_a_verb_that_does_not_exist_is_refused(
         ["fly", str(path), "--lockstep", "--record", str(tmp_path / "out")],
     ):
         assert cli.main(command) == 2
-        assert "line 3: 'fleet' has no 'takof'. Did you mean 'takeoff'?" in capsys.readouterr().err
+        words = "line 3: fleet.takof does not exist. Did you mean 'takeoff'?"
+        assert words in capsys.readouterr().err
     assert not (tmp_path / "out").exists()
 
 

@@ -18,19 +18,32 @@ def test_a_verb_that_does_not_exist_is_told_with_its_line_and_the_one_that_was_m
     mission = mission_of(tmp_path, ["await fleet.arm()", "await fleet.takof(height_m=1.0)"])
     with pytest.raises(ConfigError) as refusal:
         check_python(mission)
-    assert "show.py: line 6: 'fleet' has no 'takof'. Did you mean 'takeoff'?" in str(refusal.value)
+    words = "show.py: line 6: fleet.takof does not exist. Did you mean 'takeoff'?"
+    assert words in str(refusal.value)
 
 
 def test_the_fleet_may_have_another_name(tmp_path):
     mission = mission_of(tmp_path, ["await drones.dance()"], "async def mission(drones):")
-    with pytest.raises(ConfigError, match="'drones' has no 'dance'"):
+    with pytest.raises(ConfigError, match=r"drones\.dance does not exist"):
         check_python(mission)
+
+
+@pytest.mark.parametrize(
+    "verb",
+    ["fleet['mav0'].go_too", "fleet['mav0'].land_all", "fleet.group(['mav0']).dance"],
+)
+def test_a_vehicle_and_a_group_are_checked_as_well(tmp_path, verb):
+    mission = mission_of(tmp_path, [f"await {verb}()"])
+    with pytest.raises(ConfigError) as refusal:
+        check_python(mission)
+    assert f"show.py: line 5: {verb} does not exist." in str(refusal.value)
 
 
 @pytest.mark.parametrize(
     "body",
     [
         ["await fleet.arm()", "await fleet['mav0'].reached(1.0)", "await fleet.land_all()"],
+        ["await fleet.group(['mav0', 'mav1']).land()", "print(fleet['mav0'].yaw_deg.real)"],
         ["fleet.dance = print", "fleet.dance()"],
         ["fleet = fleet.group(['mav0'])", "fleet.dance()"],
         ["for fleet in [print]:", "    fleet.dance()"],
