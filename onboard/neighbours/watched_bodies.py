@@ -17,7 +17,7 @@ from onboard.neighbours.subscription import FAR_SILENT_S
 
 # A followed vehicle whose newest message is older than this is overdue, and is tracked by the
 # mocap. It counts as silent later (table.py), once its mocap poses have arrived.
-OVERDUE_S = 0.12
+OVERDUE_S = 0.08
 _OWN_LATE_S = 0.1  # our own position is late if it is older than this
 _KEPT_NS = 5_000_000_000  # a body is watched for this time after the last reason to do so
 

@@ -16,7 +16,7 @@ from sitl.monte_carlo.campaign_settings import SimulatedErrors
 from sitl.monte_carlo.vehicles import TICK_S
 
 _REQUEST_S = 0.04  # from the request for a vehicle's mocap poses to the first of them
-_TRACKED_AFTER_S = OVERDUE_S + _REQUEST_S  # a pose replaces a message of this age or older
+_TRACKED_AFTER_S = OVERDUE_S + _REQUEST_S  # after a silence of this, a pose replaces a message
 _TRACKED_AGE_S = 0.04  # age of a motion from mocap poses when the law uses it
 _MOST_SENDERS = 32  # nearest senders that a receiver gathers; the law uses fewer
 
@@ -40,14 +40,15 @@ class Radio:
             is_intruder: (F, N) whether a vehicle is not a member of the fleet. The mocap sees it,
                 but it sends nothing and never cooperates.
             perturbation: delay, loss and silences.
-            lateness_s: expected lateness of states, which is added to the time after which a
-                vehicle counts as silent.
+            lateness_s: expected lateness of states, which is added to the times after which a
+                vehicle is overdue, and counts as silent.
             radius_m: (F, N) radii of the circles around persons, 0 for a vehicle.
         """
         first = batch.message(states, None)
         flights, count = first.shape[:2]
         self._perturbation = perturbation
         self._silent_s = SILENT_S + lateness_s
+        self._tracked_after_s = _TRACKED_AFTER_S + lateness_s
         self._is_intruder = is_intruder
         self._radius_m = radius_m
         self._has_people = bool(radius_m.any())
@@ -93,7 +94,7 @@ class Radio:
         inbox = self._inbox
         age_s = self._age_s
         if tracked is not None:
-            is_overdue = age_s > delay_s + _TRACKED_AFTER_S
+            is_overdue = age_s > delay_s + self._tracked_after_s
             is_tracked = is_overdue | self._is_intruder[:, None, :]
             if is_tracked.any():  # rare; in all other ticks this saves slow copies of the inbox
                 inbox = np.where(is_tracked, tracked[:, None], inbox)

@@ -250,7 +250,7 @@ def test_the_body_of_a_silent_neighbour_is_watched_until_its_messages_come_regul
         bodies = table.bodies_to_watch(now_ns, 0.02)
         if bodies is not None:
             changes[tick] = bodies
-    assert changes == {105: ("mav2",), 370: ()}
+    assert changes == {104: ("mav2",), 370: ()}
 
 
 @pytest.mark.parametrize("is_airborne", [True, False])
