@@ -24,6 +24,7 @@ from typing import Annotated, Any
 
 from cyclopts import Parameter
 
+from groundstation.commands.mission_faults import refuse_wrong_fault_steps
 from groundstation.commands.parameters import File, FileName
 from groundstation.file_checks.examination import examine
 from groundstation.file_checks.findings_page import page
@@ -80,6 +81,8 @@ def check(
         try:
             with redirect_stdout(sys.stderr):  # where the fleet's own law may print
                 examined = examine(path, fleet, errors, runs_law=run_law)
+            if examined.mission is not None:
+                refuse_wrong_fault_steps(examined.mission)
         except ConfigError as error:
             status = EXIT_WRONG_INPUT
             rows.append(_row_of_wrong_file(path, error))

@@ -22,6 +22,7 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
+from groundstation.commands.mission_faults import refuse_wrong_fault_steps, refuse_wrong_faults
 from groundstation.commands.parameters import (
     BusOptions,
     FileName,
@@ -39,7 +40,7 @@ from groundstation.flights.simulation_settings import (
 from groundstation.mission_files.loading import load_mission
 from groundstation.mission_files.mission import Mission
 from groundstation.mission_files.world_time import WorldTime, local_now, world_time
-from onboard.config.fleet import ConfigError, FleetConfig
+from onboard.config.fleet import ConfigError
 
 _NO_OPTIONS = FlightOptions()
 _NO_BUS_OPTIONS = BusOptions()
@@ -96,7 +97,8 @@ def fly_mission(
     simulation = _simulation(options, world, bus)
     if isinstance(mission, str):
         mission = load_mission(mission, options.fleet)
-    _refuse_wrong_faults(world.fault, mission.fleet)
+    refuse_wrong_faults(world.fault, mission.fleet)
+    refuse_wrong_fault_steps(mission)
     for line in simulation.orders:
         order_for(mission.fleet, line)  # refuses a wrong one before the flight has a folder
 
@@ -175,22 +177,6 @@ def _simulation(options: FlightOptions, world: WorldOptions, bus: BusOptions) ->
     )
     refuse_wrong_settings(simulation)
     return simulation
-
-
-def _refuse_wrong_faults(lines: tuple[str, ...], fleet: FleetConfig) -> None:
-    """Refuse impossible faults, before the flight has a folder."""
-    if not lines:
-        return
-
-    # Imported here: a flight with real agents does not need the simulation.
-    from sitl.faults.catalogue import FaultError, FaultPlan, parse
-
-    plan = FaultPlan(fleet.enabled_names)
-    for line in lines:
-        try:
-            plan.add(parse(line), 0.0)
-        except FaultError as error:
-            raise ConfigError(f"The fault '{line}': {error}") from None
 
 
 def _arguments(written: tuple[str, ...]) -> dict[str, str]:

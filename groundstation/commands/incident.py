@@ -26,6 +26,7 @@ from groundstation.incident.account import account_of
 from groundstation.incident.candidates import Candidate, candidates_of
 from groundstation.incident.findings import Trial, findings_of, sentences
 from groundstation.incident.moment import find_moment
+from groundstation.recording.record_list import written_verdict
 from groundstation.recording.replay import open_flight
 from onboard.config.fleet import ConfigError, FleetConfig
 from onboard.exit_status import EXIT_OK
@@ -59,14 +60,23 @@ def incident(
         if timeline.broken:
             print(timeline.broken)
 
+    verdict = written_verdict(flight)
+    if isinstance(verdict.get("summary"), str):
+        print(plain_line(verdict["summary"]))
     print(f"At {_seconds(moment.stamp_ns, begin_ns)} s: {plain_line(moment.sentence)}")
     for fact in account.facts:
         print(f"  {plain_line(fact)}")
+
     print(f"\nThe {before:g} s before it, and 1 s after:")
     for line in account.lines:
         print(f"{_seconds(line.stamp_ns, begin_ns)} s  {plain_line(line.sentence)}")
+    if not account.lines:
+        print("Nothing was ordered, and nobody said anything.")
 
-    if not quick:
+    has_passed = verdict.get("passed") is True and moment.kind != "distance"
+    if has_passed:
+        print("\nThe flight passed, so it is not flown again with one thing changed.")
+    elif not quick:
         _print_what_would_have_helped(flight, config)
     return EXIT_OK
 

@@ -8,6 +8,7 @@ from typing import NamedTuple
 
 from groundstation.formations.slots import formation_slots
 from groundstation.mission_files.loading import load_mission
+from groundstation.mission_files.mission import Mission
 from groundstation.mission_files.mission_findings import mission_findings
 from groundstation.missions.python_check import check_python
 from groundstation.network.bus_findings import bus_findings
@@ -31,6 +32,7 @@ class ExaminedFile(NamedTuple):
     headline: str  # what it is, in a sentence
     fleet: FleetConfig  # the fleet, or the fleet that flies the mission
     findings: tuple[Finding, ...]  # the worst first
+    mission: Mission | None = None  # None: a fleet file
 
 
 def examine(
@@ -55,7 +57,8 @@ def examine(
     is_mission = path.endswith(".py")
     if not is_mission:
         values, *_ = read_toml(path, "fleet or mission file")
-        is_mission = "step" in values
+        names_fleet = isinstance(values.get("fleet"), str)  # in a fleet file it is a table
+        is_mission = "step" in values or names_fleet
     if is_mission:
         examined = _examine_mission(path, fleet_path, errors)
     else:
@@ -96,7 +99,7 @@ def _examine_mission(path: str, fleet_path: str | None, errors: ErrorClass | Non
         *bus_findings(fleet),
     ]
     headline = f"{path}: a valid mission, {content}, for fleet '{fleet.fleet.name}' ({fleet.path})."
-    return ExaminedFile(headline, fleet, worst_first(findings))
+    return ExaminedFile(headline, fleet, worst_first(findings), mission)
 
 
 def _examine_fleet(path: str, errors: ErrorClass | None) -> ExaminedFile:

@@ -129,7 +129,8 @@ def _step_findings(mission: Mission, errors: ErrorClass | None) -> Iterator[Find
         flying = _flying_after(course_step)
         if not isinstance(step, Land | Home):
             positions = {**course_step.positions, **course_step.goals}
-            flying_at = {name: positions[name] for name in flying}
+            # in the order of the fleet, so that the findings are the same each time
+            flying_at = {name: at_m for name, at_m in positions.items() if name in flying}
             yield from spot_findings(fleet, flying_at, step_name, errors=errors)
 
     if flying and mission.expect.all_landed is not False:

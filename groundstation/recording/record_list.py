@@ -75,7 +75,7 @@ def contents(folder: Path) -> dict[str, Any]:
 
 def _summary(folder: Path, timeline: Timeline) -> dict[str, Any]:
     """Return a summary of a record, as whole or damaged as it has been found so far."""
-    verdict = _verdict(timeline.path.parent)
+    verdict = written_verdict(timeline.path.parent)
     severities = Counter(event.severity for _, event in timeline.events)
     return {
         "folder": str(folder),
@@ -129,7 +129,8 @@ def info_lines(flight: dict[str, Any]) -> list[str]:
     return lines
 
 
-def _verdict(folder: Path) -> dict[str, Any]:
+def written_verdict(folder: Path) -> dict[str, Any]:
+    """Return the content of a flight folder's ``verdict.json``; empty if it has none to read."""
     with contextlib.suppress(ConfigError):
         if (folder / "verdict.json").is_file():
             value = json_values(read_bytes(folder / "verdict.json", RESULTS_FILE), "verdict.json")

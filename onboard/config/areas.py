@@ -16,6 +16,8 @@ from onboard.tuples import Xyz
 Point = tuple[float, float]  # east, north [m]
 
 BELOW_FLOOR_M = 0.5  # a height measured on the ground may be this far below the floor of a fence
+# A take-off spot may be only this far below it: the measured height errs by the rest.
+START_BELOW_FLOOR_M = 0.1
 _ON_EDGE_M = 1e-9  # a position nearer to an edge, or to a centre, has no direction from it
 
 

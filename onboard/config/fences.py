@@ -260,7 +260,7 @@ def _start_problems(area: Area, vehicle: str, start_enu_m: Xyz, margin_m: float)
     if not math.isfinite(x + y + z):
         return
 
-    if area.keeps_in and not area.low_m - areas.BELOW_FLOOR_M <= z <= area.high_m:
+    if area.keeps_in and not area.low_m - areas.START_BELOW_FLOOR_M <= z <= area.high_m:
         yield (
             f"'{key}' lies at the height {z:g} m, and fence '{area.name}' reaches from "
             f"{area.low_m:g} to {area.high_m:g} m. Vehicles start in the fences that they stay in: "

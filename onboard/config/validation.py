@@ -16,6 +16,7 @@ from onboard.config import corrections, fences, folders, formation_shape, obstac
 from onboard.config import mocap as mocap_config
 from onboard.config import radio as radio_config
 from onboard.config import sitl as sitl_profile
+from onboard.config.areas import START_BELOW_FLOOR_M
 from onboard.config.endpoints import LAST_PORT
 from onboard.config.fleet_config import (
     FleetConfig,
@@ -320,6 +321,16 @@ def _vehicle_problems(config: FleetConfig, vehicle: Vehicle) -> Iterator[str]:
         yield (
             f"'vehicles.{name}.start_enu_m' {list(vehicle.start_enu_m)} lies outside "
             "fleet.geofence_m. Move the start or widen the fence."
+        )
+        return
+
+    floor_m, _ = config.fleet.geofence_m.z
+    _, _, start_m = vehicle.start_enu_m
+    if start_m < floor_m - START_BELOW_FLOOR_M:
+        yield (
+            f"'vehicles.{name}.start_enu_m' {list(vehicle.start_enu_m)} lies "
+            f"{floor_m - start_m:g} m below the floor of fleet.geofence_m, so the vehicle would "
+            "cross the fence on the ground. Lower the floor to the ground."
         )
 
 

@@ -184,7 +184,7 @@ def check(fault: Fault, vehicles: Sequence[str]) -> Fault:
     for key, parameter in known.items():
         value = fault.parameters.get(key, parameter.default)
         if value is None:
-            raise FaultError(f"{fault.name} needs the parameter '{key}'. Add {key}=...")
+            raise FaultError(f"{fault.name} needs the parameter '{key}'. Give it a value.")
         values[key] = _checked(fault, parameter, value, vehicles)
     return Fault(
         name=fault.name,

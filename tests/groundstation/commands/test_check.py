@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import json
+import os
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -139,6 +142,62 @@ position_enu_m = [-0.9, -1.5, 1.0]
     assert "step[1] (move)" in str(next(row for row in found if row["status"] == "refused")["name"])
 
 
+@pytest.mark.parametrize(
+    ("fault", "words"),
+    [
+        ('name = "motor_wek"', "'step[1]': there is no fault 'motor_wek'"),
+        ('name = "motor_dead"', "'step[1]': motor_dead needs the parameter 'motor'"),
+        ('name = "motor_dead"\nparameters = { motor = 9 }', "'step[1]': motor_dead: motor is 9"),
+    ],
+)
+def test_a_fault_that_the_emulator_would_refuse_is_refused_before_the_flight(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], fault: str, words: str
+) -> None:
+    path = tmp_path / "m.toml"
+    path.write_text(
+        f"""schema = 1
+fleet = "{SIH}"
+[[step]]
+do = "takeoff"
+[[step]]
+do = "fault"
+vehicles = "mav0"
+{fault}
+[[step]]
+do = "land"
+"""
+    )
+    for command in (["check", str(path)], ["fly", str(path), "--record", str(tmp_path / "out")]):
+        assert cli.main(command) == 2
+        assert words in capsys.readouterr().err
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_file_with_a_fleet_and_no_steps_is_a_mission_without_steps(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "m.toml"
+    path.write_text(f'schema = 1\nfleet = "{SIH}"\n')
+    assert cli.main(["check", str(path)]) == 2
+    assert "Add at least one [[step]]" in capsys.readouterr().err
+
+
+@pytest.mark.realtime
+def test_findings_are_the_same_whatever_the_order_of_sets_is(tmp_path: Path) -> None:
+    told = set()
+    for seed in ("1", "2", "3"):
+        ended = subprocess.run(
+            [sys.executable, "-m", "groundstation", "check", str(MISSION)],
+            env={**os.environ, "PYTHONHASHSEED": seed},
+            cwd=tmp_path,
+            capture_output=True,
+            text=True,
+            check=True,
+        )
+        told.add(ended.stdout)
+    assert len(told) == 1
+
+
 def test_who_has_landed_is_in_nobodys_way(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -153,7 +212,7 @@ do = "wait"
 duration_s = 1.0
 [[step]]
 do = "fault"
-name = "battery"
+name = "arming_refused"
 vehicles = ["mav1"]
 [[step]]
 do = "land"

@@ -74,7 +74,26 @@ def test_the_cause_is_named_with_the_distance_that_would_have_been_kept(
 ) -> None:
     assert main(["incident", str(too_near)]) == 0
     told = capsys.readouterr().out
+    assert told.startswith("FAILED: ")
     assert "1. The flight would have passed with Covey's law in place of 'off'" in told
+
+
+@pytest.mark.long
+def test_a_flight_that_passed_is_not_flown_again(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    mission = tmp_path / "past_mav1.toml"
+    mission.write_text(_MISSION)
+    folder = tmp_path / "flight"
+    assert main(["fly", str(mission), "--lockstep", "--record", str(folder)]) == 0
+    capsys.readouterr()
+
+    assert main(["incident", str(folder)]) == 0
+    told = capsys.readouterr().out
+    assert told.startswith("PASSED: ")
+    assert "The promise of 0.80 m was kept" in told
+    assert "The flight passed, so it is not flown again" in told
+    assert "did not pass" not in told
 
 
 @pytest.mark.long

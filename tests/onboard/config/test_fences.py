@@ -68,6 +68,7 @@ WRONG = [
     (field(height_m=[3, 1]), "low < high"),
     (field(height_m=[0, NAN]), "low < high"),
     (field(height_m=[2.0, 3.0]), "Vehicles start in the fences"),
+    (field(height_m=[0.5, 3.0]), "Vehicles start in the fences"),
     (polygon([0, -3], [3, -3], [3, 3], [0, 3]), "vehicles.mav0.start_enu_m' lies outside"),
     (field(keep="out"), "lies inside the fence 'field'"),
     (field(buffer_m=1.6), "buffer_m and law.fence_margin_m need 1.65 m"),

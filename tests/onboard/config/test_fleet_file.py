@@ -65,6 +65,7 @@ WRONG = [
     ("vehicles.mav1.type", "glider", "[types.glider]"),
     ("vehicles.mav1.start_enu_m", [-1.4, -1.5, 0.0], "0.10 m apart"),
     ("vehicles.mav1.start_enu_m", [9.0, 0.0, 0.0], "outside fleet.geofence_m"),
+    ("vehicles.mav1.start_enu_m", [0.5, 0.0, -0.2], "0.2 m below the floor of fleet.geofence_m"),
     ("vehicles.mav1.start_enu_m", [9.0, 0.0], "start_enu_m"),
     ("formations.triangle.mav1", [-0.1, 0.7, 0.0], "can park"),
     ("formations.triangle.mav9", [5.0, 0.0, 0.0], "names no vehicle"),
