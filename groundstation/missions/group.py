@@ -257,6 +257,8 @@ class Group:
     ) -> Results:
         """Move one vehicle to a goal, or several vehicles in their present formation.
 
+        Before a formation is ordered, it is the first one of the fleet file.
+
         Args:
             position_enu_m: goal of one vehicle, or position of the formation [m], ENU.
             vehicles: vehicles to order.

@@ -267,7 +267,9 @@ class GoalIntent(Intent, frozen=True, kw_only=True):
 
 
 class Move(GoalIntent, frozen=True, kw_only=True):
-    """Send one vehicle to a goal, or several to the position of their present formation."""
+    """Send one vehicle to a goal, or several to the position of their present formation; before one
+    is ordered, of the first formation in the fleet file.
+    """
 
     verb = "move"
     usage = "move WHO X Y Z [yaw DEG] [in SECONDS], for instance: move all 2 0 1.2"

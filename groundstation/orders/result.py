@@ -182,5 +182,5 @@ def _unfinished(result: VehicleResult, limit: str) -> VehicleResult:
         vehicle=result.vehicle,
         order_id=result.order_id,
         phase="unfinished",
-        sentence=f"{result.vehicle}: {limit} ({result.phase}).",
+        sentence=f"{limit} (the order was {result.phase}).",
     )
