@@ -64,6 +64,10 @@ def fly(
         sitl: start the emulator and the agents too, on the fleet file's ports
         at: begin at this wall-clock time, 21:30:00, if all computers have the same time
     """
+    if sitl and options.lockstep:
+        raise ConfigError(
+            "--sitl flies in real time, --lockstep in simulated time. Leave one of them out."
+        )
     return fly_mission(mission, options, world, bus, is_simulated=sitl, has_free_ports=False, at=at)
 
 

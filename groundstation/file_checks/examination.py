@@ -14,7 +14,7 @@ from groundstation.missions.python_check import check_python
 from groundstation.network.bus_findings import bus_findings
 from groundstation.network.corrections_findings import corrections_findings
 from onboard.config.example_files import existing_file
-from onboard.config.fleet import FleetConfig, load_fleet, read_toml
+from onboard.config.fleet import ConfigError, FleetConfig, load_fleet, read_toml
 from onboard.estimation.accuracies import ACCURACIES
 from onboard.feasibility.finding import Finding, worst_first
 from onboard.feasibility.fleet_checks import (
@@ -54,6 +54,11 @@ def examine(
         ConfigError: the file is wrong, or the imported law is.
     """
     path = existing_file(path, "fleet or mission file")
+    if path.endswith(".json"):
+        raise ConfigError(
+            f"{path} is no fleet or mission file. If it is a scene, fly it: covey simulate {path}."
+        )
+
     is_mission = path.endswith(".py")
     if not is_mission:
         values, *_ = read_toml(path, "fleet or mission file")

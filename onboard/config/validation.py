@@ -297,11 +297,12 @@ def _vehicle_problems(config: FleetConfig, vehicle: Vehicle) -> Iterator[str]:
     if not _AUTOPILOT_ENDPOINT.fullmatch(vehicle.autopilot):
         yield (
             f"'vehicles.{name}.autopilot' is {vehicle.autopilot!r}; write it as "
-            "udpin://127.0.0.1:14540."
+            "udpin://127.0.0.1:14540, with a port of its own."
         )
     if vehicle.direct is not None and not _DIRECT_ENDPOINT.fullmatch(vehicle.direct):
         yield (
-            f"'vehicles.{name}.direct' is {vehicle.direct!r}; write it as udpout://127.0.0.1:18570."
+            f"'vehicles.{name}.direct' is {vehicle.direct!r}; write it as "
+            "udpout://127.0.0.1:18570, with a port of its own."
         )
     for key in ("agent", "autopilot", "direct"):
         endpoint = getattr(vehicle, key)

@@ -103,7 +103,7 @@ class SeparationView(Lines, can_focus=True):
         if pair is None or not math.isfinite(pair.distance_m):
             text = "-"
             if label != "now":
-                text = "- nobody has flown yet"
+                text = "- no two have flown yet"
             return [start, Segment(text, theme.style(FAINT))]
 
         is_flying = isinstance(pair, Separation) or pair.is_flying
