@@ -179,6 +179,7 @@ def test_all_reach_goals_in_one_place_one_after_another(
         assert flown.outcome.min_separation_m > 0.8
 
 
+@pytest.mark.long
 def test_without_the_rule_nobody_reaches_a_goal_that_is_also_the_other_ones(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:

@@ -292,9 +292,18 @@ def lane_scene(
     return path
 
 
-@pytest.mark.parametrize("turn_deg", [0.0, 70.0])
+_TWO = [[-4.0, 0.0], [4.0, 0.0]]
+_FOUR = [[-4.0, 0.0], [-5.2, 0.0], [4.0, 0.0], [5.2, 0.0]]
+
+
 @pytest.mark.parametrize(
-    "starts", [[[-4.0, 0.0], [4.0, 0.0]], [[-4.0, 0.0], [-5.2, 0.0], [4.0, 0.0], [5.2, 0.0]]]
+    ("starts", "turn_deg"),
+    [
+        (_TWO, 70.0),
+        (_FOUR, 0.0),
+        pytest.param(_TWO, 0.0, marks=pytest.mark.long),
+        pytest.param(_FOUR, 70.0, marks=pytest.mark.long),
+    ],
 )
 def test_all_get_through_a_passage_for_one(
     tmp_path: Path, starts: list[list[float]], turn_deg: float
@@ -313,6 +322,7 @@ def test_all_get_through_a_passage_for_one_with_late_messages(tmp_path: Path) ->
         assert flown.outcome.min_separation_m > 0.8
 
 
+@pytest.mark.long
 def test_the_maze_needs_the_routes(monkeypatch: pytest.MonkeyPatch) -> None:
     assert all(flown.outcome.is_success for flown in flown_scene("maze.json", seeds=2))
 

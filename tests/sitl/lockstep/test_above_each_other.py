@@ -58,6 +58,7 @@ def test_vehicles_above_each_other_change_their_heights_and_are_apart_in_one_way
     assert abs(verdict.closest.distance_m - least_m) < 0.02
 
 
+@pytest.mark.long
 def test_every_second_vehicle_passes_above_the_others_where_the_fleet_allows_it(lockstep, tmp_path):
     fleet = load_fleet(ROOT / "configs" / "fleets" / "above.toml")
     fleet = replace(fleet, law=replace(fleet.law, passing_heights=2))
