@@ -10,7 +10,7 @@ from collections.abc import Iterator
 
 from groundstation.mission_files.expected_course import CourseStep
 from groundstation.mission_files.mission import Mission
-from groundstation.orders.intents import Home, Intent, Land
+from groundstation.orders.intents import GoalIntent, Home, Intent, Land
 from groundstation.orders.reachable_goals import unreachable
 from groundstation.paths.checks import path_findings
 from onboard.config.fleet import ConfigError, FleetConfig
@@ -123,6 +123,8 @@ def _step_findings(mission: Mission, errors: ErrorClass | None) -> Iterator[Find
             for name, alone_s in course_step.alone_s.items()
         )
 
+        if isinstance(step, GoalIntent) and step.speed_m_s is not None:
+            yield _speed_finding(fleet, step.speed_m_s, course_step, step_name)
         yield from _unreachable_findings(fleet, course_step, step_name)
         if fleet.fences:
             yield from _way_findings(fleet, course_step, step_name)
@@ -144,6 +146,23 @@ def _step_findings(mission: Mission, errors: ErrorClass | None) -> Iterator[Find
             remedy='Add a last [[step]] with do = "land", or say expect.all_landed = false.',
             refuse_above=math.inf,
         )
+
+
+def _speed_finding(
+    fleet: FleetConfig, speed_m_s: float, course_step: CourseStep, step_name: str
+) -> Finding:
+    """Return the finding about a step's speed, which may be more than a vehicle flies."""
+    slowest = min(course_step.goals, key=lambda name: fleet.vehicles[name].max_speed_m_s)
+    return at_most(
+        name=f"speed, {step_name}",
+        value=speed_m_s,
+        bound=fleet.vehicles[slowest].max_speed_m_s,
+        unit="m/s",
+        sentence=f"{_capitalised(step_name)}: it asks for {{value}}, {slowest} flies at most "
+        "{bound}, and takes longer",
+        remedy="Lower speed_m_s, or leave it out: then all fly as fast as they may.",
+        refuse_above=math.inf,
+    )
 
 
 def _unreachable_findings(

@@ -147,6 +147,8 @@ def judged(answer: Any, inputs: LawInputs) -> tuple[Any, Vec3, str]:
         thrust = _three_numbers(numbers)
     except Exception:  # noqa: BLE001 - the law may return a value of any type
         refusal = f"returned {_named(answered_thrust)} instead of a thrust of three numbers"
+        if isinstance(numbers, tuple | list) and len(numbers) != 3:
+            refusal += f" (it has {len(numbers)})"
         return None, baseline, refusal
 
     return memory, thrust, _exceeded_limit(thrust, inputs)

@@ -137,7 +137,8 @@ def _fleet_section_problems(config: FleetConfig) -> Iterator[str]:
         if value is not None:
             low = _bound(fleet, lowest)
             high = _bound(fleet, highest)
-            yield from bound_problems(f"fleet.{key}", value, low, high)
+            for sentence in bound_problems(f"fleet.{key}", value, low, high):
+                yield sentence + _other_key(lowest, highest)
 
     yield from _vertical_problems(fleet, config.law)
 
@@ -157,6 +158,14 @@ def _corrections_problems(config: FleetConfig) -> Iterator[str]:
             "Remove the table, or give a vehicle mocap_required = false and "
             'px4_position = "gps".'
         )
+
+
+def _other_key(*bounds: float | str) -> str:
+    """Return a sentence that names the key which is the bound of another; empty if none is."""
+    for bound in bounds:
+        if isinstance(bound, str):
+            return f" One bound is 'fleet.{bound}'."
+    return ""
 
 
 def _bound(fleet: FleetSection, bound: float | str) -> float:

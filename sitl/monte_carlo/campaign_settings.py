@@ -330,7 +330,10 @@ def _type_names(types: str | None, tables: Mapping[str, Any]) -> tuple[str, ...]
     for name in names:
         if name not in tables:
             known = ", ".join(tables) or "none"
-            raise ConfigError(f"--type: there is no vehicle type '{name}'. Known here: {known}.")
+            raise ConfigError(
+                f"There is no vehicle type '{name}' (--type, or 'type' of a scene). "
+                f"Known here: {known}."
+            )
     return names
 
 

@@ -257,7 +257,11 @@ def _placing_problems(placing: Circle | Square | Listed) -> Iterator[str]:
         yield from _number_problems(placing, "goals_each", "placing.")
         yield from _number_problems(placing, "spacing_m", "placing.")
         least_m = placing.spacing_m * math.sqrt(_AREA_OF_SPACING * placing.drawn_at_once)
-        yield from bound_problems("placing.side_m", placing.side_m, least_m, _LARGEST_M)
+        for sentence in bound_problems("placing.side_m", placing.side_m, least_m, _LARGEST_M):
+            yield (
+                f"{sentence} {placing.drawn_at_once} places that are spacing_m = "
+                f"{placing.spacing_m:g} m apart need that."
+            )
     elif len(placing.goal_enu_m) != placing.vehicles:
         yield (
             f"'placing' lists {placing.vehicles} starts and {len(placing.goal_enu_m)} goals. Give "

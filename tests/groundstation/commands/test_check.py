@@ -173,6 +173,30 @@ do = "land"
     assert not (tmp_path / "out").exists()
 
 
+def test_a_speed_above_a_vehicles_limit_is_a_warning(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "m.toml"
+    path.write_text(
+        f"""schema = 1
+fleet = "{SIH}"
+[[step]]
+do = "takeoff"
+[[step]]
+do = "move"
+position_enu_m = [0.0, 0.0, 1.0]
+speed_m_s = 9.0
+[[step]]
+do = "land"
+"""
+    )
+    status, found = rows(capsys, str(path))
+    speed = next(row for row in found if str(row["name"]).startswith("speed, step[1]"))
+    assert status == 0
+    assert speed["status"] == "warning"
+    assert "it asks for 9 m/s" in str(speed["sentence"])
+
+
 def test_a_file_with_a_fleet_and_no_steps_is_a_mission_without_steps(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -72,6 +72,8 @@ WRONG = [
     ("fleet.geofence_m", {"x": [1, -1], "y": [-1, 1], "z": [0, 1]}, "low < high"),
     ("fleet.name", "a/b", "fleet.name"),
     ("fleet.body_diameter_m", 2.0, "fleet.body_diameter_m"),
+    ("fleet.safety_distance_m", 0.4, "One bound is 'fleet.safety_distance_m'"),
+    ("fleet.battery_land_pct", 40.0, "One bound is 'fleet.battery_land_pct'"),
     ("types.ardrone.px4_version", "1.15", 'Write one of "1.16", "1.17", "1.18", in quotes'),
     ("vehicles.mav1.px4_version", 1.17, "'vehicles.mav1.px4_version' is 1.17. Write one of"),
     ("fleet.keys", "keys; touch X #", "fleet.keys"),

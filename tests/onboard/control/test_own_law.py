@@ -62,7 +62,10 @@ HOSTILE = {
     "returned nothing instead of the pair": lambda memory, inputs: None,
     "returned a Thrust instead of the pair": lambda memory, inputs: inputs.baseline,
     "returned a str instead of a thrust": lambda memory, inputs: (None, "up!"),
-    "returned a list instead of a thrust": lambda memory, inputs: (None, [1.0, 2.0]),
+    "returned a list instead of a thrust of three numbers (it has 2)": lambda memory, inputs: (
+        None,
+        [1.0, 2.0],
+    ),
     "returned nothing instead of a thrust": lambda memory, inputs: (None, None),
 }
 
