@@ -40,6 +40,11 @@ def listed(names: Sequence[str], most: int = MOST_NAMES) -> str:
     return shown
 
 
+def numbered(count: int, noun: str) -> str:
+    """Return a count with its noun, as "1 vehicle" or "2 vehicles"."""
+    return f"{count} {noun}{'' if count == 1 else 's'}"
+
+
 def meant_words(word: str, names: Sequence[str]) -> str:
     """Return a question, with a space before it, that offers the name nearest to a wrong word.
 

@@ -24,6 +24,7 @@ from groundstation.paths.checks import closest_pairs, pair_words, sample
 from groundstation.shows.import_show import import_show, read_show
 from onboard.config.fleet import ConfigError, load_fleet
 from onboard.exit_status import EXIT_OK
+from onboard.plain_text import numbered
 
 
 def import_(
@@ -65,8 +66,10 @@ def import_(
 
     duration_s = max(path.duration_s for path in imported.paths.values())
     drones = len(imported.paths)
-    count = "1 drone" if drones == 1 else f"{drones} drones"
-    print(f"'{original.title}': {count}, {duration_s:.0f} s above {imported.takeoff_m:g} m.")
+    print(
+        f"'{original.title}': {numbered(drones, 'drone')}, {duration_s:.0f} s above "
+        f"{imported.takeoff_m:g} m."
+    )
     for note in (*original.notes, *imported.notes):
         print(f"  {note}")
     for name, lines in imported.own_notes.items():

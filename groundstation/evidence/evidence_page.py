@@ -13,6 +13,7 @@ from groundstation.evidence.evidence_comparison import Agreement
 from groundstation.evidence.evidence_summary import Evidence
 from groundstation.evidence.matrix import NOT_SHOWN, SHOWN, WRONG, FailsafeRow, MatrixRow
 from groundstation.evidence.volumes import GUST_OF_MEAN
+from onboard.plain_text import numbered
 
 PAGE_NAME = "evidence.html"
 _MOST_REASONS = 8  # reasons of a row that are shown
@@ -81,7 +82,7 @@ def _introduction(evidence: Evidence) -> str:
     wide_note = ""
     if wide:
         wide_note = (
-            f"<p class='note'>{_counted(evidence.rounds, 'round')} of all faults: of the rows with"
+            f"<p class='note'>{numbered(evidence.rounds, 'round')} of all faults: of the rows with"
             f" evidence, {wide} rest on so few flights that"
             f" {100.0 * _WIDE_BOUND:g} % of such flights or more may still be wrong. They say how"
             " many flights they rest on, and are marked in amber.</p>"
@@ -201,14 +202,10 @@ def result_words(row: MatrixRow) -> str:
     """Return what the flights of a row have shown, in words."""
     words = _WORDS[row.status]
     if row.status == SHOWN and row.not_flown:
-        words += f", in part: {_counted(len(row.not_flown), 'fault')} not flown"
+        words += f", in part: {numbered(len(row.not_flown), 'fault')} not flown"
     if _is_wide(row):
-        words += f"; {_counted(row.flights, 'flight')} only"
+        words += f"; {numbered(row.flights, 'flight')} only"
     return words
-
-
-def _counted(count: int, noun: str) -> str:
-    return f"{count} {noun}" if count == 1 else f"{count} {noun}s"
 
 
 def _reasons(reasons: Sequence[str]) -> str:
@@ -225,13 +222,13 @@ def _shown_by(row: MatrixRow) -> str:
     parts = []
     if row.faults:
         names = ", ".join(f"{name} ({count})" for name, count in row.faults.items())
-        parts.append(_folded(_counted(len(row.faults), "fault"), _text(names)))
+        parts.append(_folded(numbered(len(row.faults), "fault"), _text(names)))
     if row.not_flown:
-        title = f"{_counted(len(row.not_flown), 'fault')} not flown"
+        title = f"{numbered(len(row.not_flown), 'fault')} not flown"
         parts.append(_folded(title, _text(", ".join(row.not_flown))))
     if row.rows:
         items = "".join(_failsafe_row(failsafe_row) for failsafe_row in row.rows)
-        title = f"{_counted(len(row.rows), 'row')} of the failsafe table"
+        title = f"{numbered(len(row.rows), 'row')} of the failsafe table"
         parts.append(_folded(title, f"<ul>{items}</ul>"))
     return "".join(parts)
 

@@ -7,9 +7,9 @@ import textwrap
 from collections.abc import Collection
 
 from groundstation.file_checks.examination import ExaminedFile
-from groundstation.network.bus_findings import numbered
 from onboard.feasibility.finding import Finding
 from onboard.feasibility.fleet_checks import ErrorClass, error_class
+from onboard.plain_text import numbered
 
 _NARROWEST = 60
 _WIDEST = 120

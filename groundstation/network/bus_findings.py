@@ -11,6 +11,7 @@ from onboard.config.fleet import FleetConfig, RadioConfig
 from onboard.feasibility.airtime import airtime_finding
 from onboard.feasibility.finding import Finding
 from onboard.neighbours.subscription import most_near
+from onboard.plain_text import numbered
 from onboard.safety.limits import POSITION_LOST_S
 
 _ROUTER_GAP_S = 1.0  # time without poses when a router dies, measured with QUIC: docs/network.md
@@ -89,8 +90,3 @@ def _keys_finding(fleet: FleetConfig, reachable_count: int) -> Finding:
         sentence=sentence,
         remedy=remedy,
     )
-
-
-def numbered(count: int, noun: str) -> str:
-    """Return a count with its noun, as "1 vehicle" or "2 vehicles"."""
-    return f"{count} {noun}{'' if count == 1 else 's'}"
