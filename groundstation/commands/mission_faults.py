@@ -1,11 +1,11 @@
 """Checks the faults of a flight before it begins: those of the command line, and of the mission.
 
-It imports the emulator, which knows the faults. A flight that has none does not need it.
+The emulator knows the faults. It is imported only for a flight that has some.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 
 from groundstation.mission_files.mission import Mission
 from groundstation.mission_files.steps import FaultStep
@@ -44,15 +44,9 @@ def refuse_wrong_fault_steps(mission: Mission) -> None:
     Raises:
         ConfigError: a fault is unknown, or wrong; the message names its step.
     """
-    for key, step in _fault_steps(mission):
-        _refuse_wrong_fault_step(key, step, mission)
-
-
-def _fault_steps(mission: Mission) -> Iterable[tuple[str, FaultStep]]:
-    """Yield each step that injects a fault, with its key in the file."""
     for course_step in mission.course():
         if isinstance(course_step.step, FaultStep):
-            yield course_step.key, course_step.step
+            _refuse_wrong_fault_step(course_step.key, course_step.step, mission)
 
 
 def _refuse_wrong_fault_step(key: str, step: FaultStep, mission: Mission) -> None:

@@ -54,8 +54,8 @@ def find_moment(folder: Path, fleet: FleetConfig, timeline: Timeline) -> Moment:
         kind="none",
         stamp_ns=timeline.end_ns,
         vehicles=(),
-        sentence="No pair of vehicles was in the air by ground truth, and no vehicle has said that "
-        "anything is wrong.",
+        sentence="The record holds no true distance of two vehicles in the air, and no vehicle has "
+        "said that anything is wrong.",
     )
 
 

@@ -168,7 +168,7 @@ def _table_row(name: str, records: Sequence[FlightRecord]) -> list[str]:
         str(count),
         str(arrivals),
         str(violations),
-        f"< {100.0 * upper_bound(violations, count):.1f} %",
+        f"<= {100.0 * upper_bound(violations, count):.1f} %",
         str(collisions),
         worst,
         fifth_percentile,

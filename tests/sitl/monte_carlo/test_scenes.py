@@ -104,6 +104,7 @@ def test_points_are_drawn_clear_of_obstacles():
         ({"name": "../two"}, "'name' is '../two'"),
         ({"placing": {"type": "ring", "vehicles": 2}}, "scene.placing"),
         ({"placing": {"type": "circle", "vehicles": 251, "radius_m": 60}}, "between 1 and 250"),
+        ({"placing": {"type": "square", "vehicles": 50, "side_m": 9.0}}, "placing.side_m"),
         ({"placing": {"type": "square", "vehicles": 50, "side_m": 9.0}}, "50 places that are"),
         ({"placing": {**SCENE["placing"], "goal_enu_m": [[0, 0]]}}, "2 starts and 1 goals"),
         ({"obstacles": [{"begin_enu_m": [0, 1e9], "radius_m": 1}]}, "obstacles.begin_enu_m"),
