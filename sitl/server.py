@@ -241,6 +241,7 @@ class Broadcast:
                 touchdowns=int(motion["touchdowns"][index]),
                 touchdown_m_s=float(motion["touchdown_speed"][index]),
                 had_thrust=bool(motion["touchdown_powered"][index]),
+                is_flown_by_agent=emulator.follows_setpoints(index),
             )
             for index, name in enumerate(self._names)
         ]

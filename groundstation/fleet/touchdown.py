@@ -123,8 +123,10 @@ def touchdown_of(
         is_linked = telemetry.autopilot_age_s < _LINK_IS_FRESH_S
         # The state counts as well as the mode, because a failed agent sends no setpoints, and PX4
         # reports its mode only once a second.
-        is_flown_by_agent = telemetry.state != "failed" and is_linked
-        is_by_px4 = telemetry.mode != "OFFBOARD" or not is_flown_by_agent
+        is_working = telemetry.state != "failed" and is_linked
+        is_flown_by_agent = telemetry.mode == "OFFBOARD" and is_working
+        # The simulator knows at once when PX4 has left OFFBOARD, or follows no setpoints.
+        is_by_px4 = not (is_flown_by_agent and truth.is_flown_by_agent)
         may_be_blind = telemetry_age_s > _MAY_BE_BLIND_S
         is_blind = was_blind or may_be_blind or is_flown_blind(telemetry)
 

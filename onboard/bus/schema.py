@@ -475,3 +475,4 @@ class Truth(Message, frozen=True, array_like=True, kw_only=True):
     touchdowns: int = 0  # number of first ground contacts after flights; 0 if not counted
     touchdown_m_s: float = 0.0  # vertical speed at the newest touchdown
     had_thrust: bool = True  # its motors had their full thrust at that touchdown
+    is_flown_by_agent: bool = True  # PX4 follows new setpoints in OFFBOARD; True if not known

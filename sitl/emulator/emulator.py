@@ -35,6 +35,7 @@ from sitl.px4.estimator import (
 from sitl.px4.estimator_errors import GPS, Source, vision_level
 from sitl.px4.flight_log import FlightLogs
 from sitl.px4.mode_control import TICK_S
+from sitl.px4.modes import Mode
 from sitl.px4.parameters import Parameters
 from sitl.px4.satellite_receiver import SatelliteReceiver
 from sitl.px4.signals import Actuation, AutopilotInputs, Setpoint
@@ -44,6 +45,7 @@ from sitl.px4.versions import DEFAULT, Version
 _TICK_STEPS = round(TICK_S / STEP_S)
 _DEFAULT_DATE_S = 1.7e9  # date at the start of an emulator without a clock [Unix time]
 _TIME_TOLERANCE_S = 1e-9  # times that differ by less count as equal
+_NEW_SETPOINT_S = 0.2  # age up to which a setpoint is new; they come every 20 ms
 
 # Bits of EKF2_EV_CTRL and EKF2_GPS_CTRL.
 _USES_POSITION = 1
@@ -367,6 +369,15 @@ class Emulator:
         if self.disturbances.ignores_setpoints[index] and autopilot.setpoint is not None:
             setpoint = replace(autopilot.setpoint, time_s=setpoint.time_s)
         autopilot.accept_setpoint(setpoint)
+
+    def follows_setpoints(self, index: int) -> bool:
+        """Return whether an autopilot is in OFFBOARD and follows new setpoints."""
+        autopilot = self.autopilots[index]
+        if autopilot.mode is not Mode.OFFBOARD or autopilot.setpoint is None:
+            return False
+        if self.disturbances.is_hung[index] or self.disturbances.ignores_setpoints[index]:
+            return False
+        return self.clock_s(index) - autopilot.setpoint.time_s <= _NEW_SETPOINT_S
 
     def corrections(self, index: int, flags: int, data: bytes) -> None:
         """Deliver a GPS_RTCM_DATA to the receiver of a vehicle."""

@@ -22,7 +22,7 @@ def test_a_row_without_a_test_and_without_a_fault_that_has_shown_it_is_found(
     monkeypatch.setattr(failsafe_proofs, "proofs", tuple)
     monkeypatch.setattr(failsafe_proofs, "flown", dict)
     without = failsafe_proofs.without_proof()
-    assert Condition.ORDER_OVERDUE.value in without
+    assert Condition.DISK_FULL.value in without
     assert Condition.POSITION_STALE.value not in without
 
     unseen: dict[str, dict[str, dict[str, int]]] = {

@@ -194,7 +194,7 @@ INJECTIONS: tuple[Injection, ...] = (
     Injection(
         "PX4 ignores setpoints",
         fault("setpoints_ignored"),
-        own=_f(C.ATTITUDE_NOT_FOLLOWED, C.NOT_CLIMBING, C.FALLEN),
+        own=_f(C.ATTITUDE_NOT_FOLLOWED, C.NOT_CLIMBING, C.FALLEN, C.ORDER_OVERDUE),
         is_silenced=True,
         may_leave_fence=True,
     ),

@@ -83,6 +83,16 @@ def test_a_landing_by_px4_alone_is_judged_by_what_px4_can(changes: dict[str, obj
     assert touchdown.limit_m_s(VEHICLE) == LIMIT_BY_PX4_M_S
 
 
+def test_what_the_simulator_knows_of_px4_counts_before_a_mode_that_is_told_once_a_second() -> None:
+    state = fold(initial(FLEET), telemetry("mav0", mode="OFFBOARD"), 1)
+    state = fold(state, truth("mav0", 1, 0.0), 2)
+    contact = msgspec.structs.replace(
+        truth("mav0", 2, 0.0), touchdowns=1, touchdown_m_s=0.9, is_flown_by_agent=False
+    )
+    (touchdown,) = fold(state, contact, 3).touchdowns
+    assert touchdown.limit_m_s(VEHICLE) == LIMIT_BY_PX4_M_S
+
+
 def test_each_way_to_fly_has_its_limit() -> None:
     touchdown = Touchdown("mav0", 1, 0.9)
     assert touchdown.limit_m_s(VEHICLE) == LIMIT_BY_POSES_M_S

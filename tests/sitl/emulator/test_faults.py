@@ -276,6 +276,27 @@ def test_ignored_setpoints_keep_offboard_alive_and_change_nothing() -> None:
     assert emu.world.commands.thrust_frac[0] == pytest.approx(0.4)
 
 
+def test_it_is_known_who_flies_when_setpoints_are_ignored_or_end() -> None:
+    emu = flying()
+    run_for(emu, 0.1, streamer(emu, 0.5))
+    assert emu.follows_setpoints(0)
+    run_for(emu, 0.25)
+    assert emu.autopilots[0].mode is Mode.OFFBOARD
+    assert not emu.follows_setpoints(0)
+
+    run_for(emu, 0.1, streamer(emu, 0.5))
+    assert emu.follows_setpoints(0)
+    emu.inject(parse("v0 setpoints_ignored duration=0.5"))
+    run_for(emu, 0.1, streamer(emu, 0.5))
+    assert not emu.follows_setpoints(0)
+
+    run_for(emu, 0.5, streamer(emu, 0.5))
+    assert emu.follows_setpoints(0)
+    run_for(emu, 2.0)
+    assert emu.autopilots[0].mode is not Mode.OFFBOARD
+    assert not emu.follows_setpoints(0)
+
+
 def vision_follower(emu: Emulator, index: int, place: tuple[float, float, float]) -> None:
     """Send one vision message to a vehicle without satellites."""
     emu.autopilots[index].params.values.update({"EKF2_EV_CTRL": 15, "EKF2_GPS_CTRL": 0})
