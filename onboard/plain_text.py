@@ -7,6 +7,7 @@ be printed becomes a space.
 from __future__ import annotations
 
 import os
+import re
 import textwrap
 from collections.abc import Sequence
 from typing import Any, TextIO, cast
@@ -43,6 +44,17 @@ def listed(names: Sequence[str], most: int = MOST_NAMES) -> str:
 def numbered(count: int, noun: str) -> str:
     """Return a count with its noun, as "1 vehicle" or "2 vehicles"."""
     return f"{count} {noun}{'' if count == 1 else 's'}"
+
+
+def natural_sort_key(text: str) -> list[tuple[int, str]]:
+    """Return a sort key that sorts mav10 after mav9."""
+    key = []
+    for part in re.split(r"(\d+)", text):
+        if part.isdecimal():
+            key.append((int(part), ""))
+        else:
+            key.append((-1, part))
+    return key
 
 
 def meant_words(word: str, names: Sequence[str]) -> str:

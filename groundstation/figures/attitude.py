@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import numpy as np
@@ -9,39 +10,54 @@ import numpy as np
 from groundstation.figures.data import FlightData
 from groundstation.figures.style import SOFT, colour, new_figure
 
+_MOST_ROWS = 6  # with more vehicles, two stand in a row
+
 
 def draw(flight: FlightData) -> Any:
-    """Draw a row per vehicle, with a column each for roll and pitch."""
-    rows = len(flight.tracks)
-    figure = new_figure(11.0, 1.2 + 2.1 * rows, f"Commanded and flown attitude: {flight.title}")
-    axes = figure.subplots(rows, 2, sharex=True, sharey=True, squeeze=False)
+    """Draw roll and pitch of a vehicle side by side, of one or two vehicles in a row."""
+    count = len(flight.tracks)
+    columns = 1
+    if count > _MOST_ROWS:
+        columns = 2
+    rows = math.ceil(count / columns)
+    title = f"Commanded and flown attitude: {flight.title}"
+    figure = new_figure(4.0 + 7.0 * columns, 1.2 + 2.1 * rows, title)
+    grid = figure.add_gridspec(rows, 2 * columns)
 
     begin_s = flight.grid_s[0]
     end_s = max(flight.grid_s[-1], begin_s + 0.1)  # a short record has an axis, too
+    first: Any = None  # the first plot, whose axes all others share
     for index, track in enumerate(flight.tracks):
         tint = colour(index)
-        for column, angle in enumerate(("roll", "pitch")):
-            ax = axes[index, column]
+        row, place = divmod(index, columns)
+        is_lowest = index + columns >= count
+        for angle_index, angle in enumerate(("roll", "pitch")):
+            column = 2 * place + angle_index
+            ax = figure.add_subplot(grid[row, column], sharex=first, sharey=first)
+            if first is None:
+                first = ax
+
             ax.plot(
                 track.time_s,
-                track.commanded_deg[:, column],
+                track.commanded_deg[:, angle_index],
                 color=SOFT,
                 linewidth=1.0,
                 label="commanded (setpoint)",
             )
-            ax.plot(track.time_s, track.flown_deg[:, column], color=tint, label="flown")
+            ax.plot(track.time_s, track.flown_deg[:, angle_index], color=tint, label="flown")
             ax.axhline(0.0, color="#c5ccd2", linewidth=0.8, zorder=0)
 
             ax.set_title(f"{track.name} {angle}", loc="left", color=tint)
-            ax.set_xlim(begin_s, end_s)
+            ax.tick_params(labelbottom=is_lowest, labelleft=column == 0)
             if column == 0:
                 ax.set_ylabel("angle [deg]")
-            if index == rows - 1:
+            if is_lowest:
                 ax.set_xlabel("time since take-off [s]")
 
     limit_deg = _limit_deg(flight)
-    axes[0, 0].set_ylim(-limit_deg, limit_deg)
-    axes[0, 0].legend(loc="upper right", ncols=2, fontsize=9)
+    first.set_xlim(begin_s, end_s)
+    first.set_ylim(-limit_deg, limit_deg)
+    first.legend(loc="upper right", ncols=2, fontsize=9)
     return figure
 
 

@@ -2,50 +2,75 @@
 
 from __future__ import annotations
 
-from typing import Any
+import math
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from groundstation.figures.data import FlightData, PairSeparation, Track
-from groundstation.figures.style import LIMIT, SOFT, colour, new_figure
+from groundstation.figures.style import (
+    LIMIT,
+    PANELS_IN_A_ROW,
+    SOFT,
+    colour,
+    line_style,
+    new_figure,
+)
 from onboard.arrays import Array
 
 MAX_PAIRS = 10  # with more pairs, one line for each vehicle shows its nearest neighbour
-_FAR_M = 10.0  # largest room around a line that its name makes use of
+_DISTANCES_HEIGHT = 1.5  # of the plot of the distances, as a share of a plot of thrust
+_NAMES_IN_A_LINE = 12  # of the legend of the distances
 _NAME_PT = 9.0  # size of a line's name
+_NAME_SHIFT = 0.045  # from a line to the middle of its name, as a share of the highest line
+_PLACES = 200  # along a line, of which its name gets the best
 _LETTER = 0.8  # width of a letter over its size, with some room
 _POINTS_PER_INCH = 72.0
 
 
+class _NamePlace(NamedTuple):
+    """Where the name of a line stands."""
+
+    grid_index: int
+    middle_m: float
+    room_m: float  # to the nearest other line or name
+
+
 def draw(flight: FlightData) -> Any:
     """Draw thrust on top, with the law's change shaded, and distances below over the full width."""
-    columns = len(flight.tracks)
+    count = len(flight.tracks)
+    columns = min(count, PANELS_IN_A_ROW)
+    blocks = math.ceil(count / columns)
     title = f"Thrust before and after OIST, and distances: {flight.title}"
-    figure = new_figure(max(6.0, 3.7 * columns), 9.2, title)
-    grid = figure.add_gridspec(3, columns, height_ratios=(1.0, 1.0, 1.5))
+    figure = new_figure(max(6.0, 3.7 * columns), 4.2 + 5.0 * blocks, title)
+    grid = figure.add_gridspec(
+        2 * blocks + 1, columns, height_ratios=[1.0] * (2 * blocks) + [_DISTANCES_HEIGHT]
+    )
 
     first: Any = None  # the first plot, whose axes all others share
     for index, track in enumerate(flight.tracks):
+        block, column = divmod(index, columns)
         for row, axis in enumerate("xy"):
-            ax = figure.add_subplot(grid[row, index], sharex=first, sharey=first)
+            ax = figure.add_subplot(grid[2 * block + row, column], sharex=first, sharey=first)
             if first is None:
                 first = ax
             _draw_thrust(ax, track, row, colour(index))
 
+            ax.tick_params(labelbottom=row == 1, labelleft=column == 0)
             if row == 0:
                 ax.set_title(track.name, loc="left", color=colour(index))
                 # beside the title, so that it hides no curve
                 ax.legend(loc="lower right", bbox_to_anchor=(1.0, 0.98), fontsize=8.5, ncols=2)
             else:
                 ax.set_xlabel("time since take-off [s]")
-            if index == 0:
+            if column == 0:
                 ax.set_ylabel(f"thrust {axis} [m/s²]")
 
     begin_s = flight.grid_s[0]
     end_s = max(flight.grid_s[-1], begin_s + 0.1)  # a short record has an axis, too
     first.set_xlim(begin_s, end_s)
     _limit_thrust(first, flight)
-    _draw_distances(figure.add_subplot(grid[2, :], sharex=first), flight)
+    _draw_distances(figure.add_subplot(grid[2 * blocks, :], sharex=first), flight)
     return figure
 
 
@@ -106,7 +131,7 @@ def _draw_pairs(ax: Any, flight: FlightData) -> None:
             linestyle=(0, (3, 3)),
         )
     if flight.pairs:
-        _name_lines(ax, flight.grid_s, flight.pairs)
+        _name_lines(ax, flight.grid_s, flight.pairs, flight.safety_distance_m)
 
 
 def _draw_nearest(ax: Any, flight: FlightData) -> None:
@@ -117,14 +142,21 @@ def _draw_nearest(ax: Any, flight: FlightData) -> None:
             pair.distance_m for pair in flight.pairs if name in (pair.first, pair.second)
         ]
         nearest_m = np.fmin.reduce(distances_m)
-        ax.plot(flight.grid_s, nearest_m, color=colour(index), linewidth=1.2, label=name)
-    # above the plot, so that it hides no curve
+        ax.plot(
+            flight.grid_s,
+            nearest_m,
+            color=colour(index),
+            linestyle=line_style(index),
+            linewidth=1.4,
+            label=name,
+        )
+    # below the plot, so that it hides no curve
     ax.legend(
-        loc="lower right",
-        bbox_to_anchor=(1.0, 0.99),
-        ncols=len(flight.tracks),
-        fontsize=8,
-        title="distance to the nearest",
+        loc="upper center",
+        bbox_to_anchor=(0.5, -0.16),
+        ncols=min(len(flight.tracks), _NAMES_IN_A_LINE),
+        fontsize=8.5,
+        title="distance to the nearest neighbour of",
     )
 
 
@@ -163,34 +195,53 @@ def _draw_closest(ax: Any, flight: FlightData) -> None:
     )
 
 
-def _name_lines(ax: Any, grid_s: Array, pairs: tuple[PairSeparation, ...]) -> None:
-    """Write the name of each pair where its line is furthest from the other lines.
-
-    A name stands above all of its line that is below it, so that the line does not cross it.
+def _name_lines(ax: Any, grid_s: Array, pairs: tuple[PairSeparation, ...], limit_m: float) -> None:
+    """Write the name of each pair above or below its line, where other lines and names are furthest
+    off.
     """
-    width_pt = _POINTS_PER_INCH * ax.figure.get_figwidth()
     lines_m = np.stack([pair.distance_m for pair in pairs])
+    if not np.isfinite(lines_m).any():
+        return
+
+    width_pt = _POINTS_PER_INCH * ax.figure.get_figwidth()
+    shift_m = _NAME_SHIFT * float(np.nanmax(lines_m))
     margin = len(grid_s) // 20  # no name at the very start or end
+    places = np.linspace(margin, len(grid_s) - 1 - margin, _PLACES).astype(int)
+    names: list[_NamePlace] = []  # that stand there
 
     for index, pair in enumerate(pairs):
-        gaps_m = np.abs(np.delete(lines_m, index, axis=0) - pair.distance_m)
-        room_m = np.fmin.reduce(np.vstack([gaps_m, np.full(len(grid_s), _FAR_M)]))
-        room_m[~np.isfinite(pair.distance_m)] = -1.0  # there is no line
-        inner_m = room_m[margin : len(room_m) - margin]
-        if inner_m.size == 0 or inner_m.max() < 0.0:
-            continue
+        text = f"{pair.first} – {pair.second}"
+        half = round(0.5 * _LETTER * _NAME_PT * len(text) / width_pt * len(grid_s))
+        limit_line_m = np.full(len(grid_s), limit_m)
+        others_m = np.vstack([np.delete(lines_m, index, axis=0), limit_line_m])
 
-        grid_index = margin + int(np.argmax(inner_m))
-        name = f"{pair.first} – {pair.second}"
-        share = _LETTER * _NAME_PT * len(name) / width_pt
-        half = round(0.5 * share * len(grid_s))
-        below_m = pair.distance_m[max(0, grid_index - half) : grid_index + half + 1]
+        best: _NamePlace | None = None
+        for place in places:
+            window = slice(max(0, place - half), place + half + 1)
+            own_m = pair.distance_m[window]
+            if not np.isfinite(own_m).all():
+                continue  # there is no line
+
+            to_own_m = np.abs(others_m[:, place] - pair.distance_m[place])
+            for middle_m in (own_m.max() + shift_m, own_m.min() - shift_m):
+                gaps_m = np.abs(others_m[:, window] - middle_m)
+                beside_m = [
+                    abs(name.middle_m - middle_m)
+                    for name in names
+                    if abs(name.grid_index - place) < 2 * half
+                ]
+                room_m = float(np.fmin.reduce([*gaps_m.ravel(), *to_own_m, *beside_m]))
+                if best is None or room_m > best.room_m:
+                    best = _NamePlace(int(place), float(middle_m), room_m)
+
+        if best is None:
+            continue
+        names.append(best)
         ax.annotate(
-            name,
-            (grid_s[grid_index], np.nanmax(below_m)),
-            (0, 6),
-            textcoords="offset points",
+            text,
+            (grid_s[best.grid_index], best.middle_m),
             fontsize=_NAME_PT,
             ha="center",
+            va="center",
             color="#333c44",
         )

@@ -23,6 +23,7 @@ from onboard.arrays import Array
 from onboard.config.flight_space import Outline
 from onboard.config.pair_separation import separations_m
 from onboard.config.people import Person, body_of
+from onboard.plain_text import natural_sort_key
 
 TOPICS = ("truth", "tick", "telemetry")
 POSES = "mocap"  # this topic is also read if the fleet has persons
@@ -147,7 +148,9 @@ def from_samples(
         The flight; None if no vehicle has two ticks.
     """
     by_topic = _sorted_samples(samples)
-    ticks = {name: own for name, own in sorted(by_topic["tick"].items()) if len(own) > 1}
+    ticks_by_name = by_topic["tick"]
+    names = sorted(ticks_by_name, key=natural_sort_key)
+    ticks = {name: ticks_by_name[name] for name in names if len(ticks_by_name[name]) > 1}
     if not ticks:
         return None
     truths = {name: by_topic["truth"].get(name, []) for name in ticks}

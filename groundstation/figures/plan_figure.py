@@ -10,7 +10,7 @@ from matplotlib.colors import to_rgba
 from matplotlib.patches import Circle, Polygon
 
 from groundstation.figures.data import FlightData, Track
-from groundstation.figures.style import LIMIT, SOFT, colour, new_figure
+from groundstation.figures.style import LIMIT, SOFT, colour, line_style, new_figure
 from onboard.arrays import Array
 
 _SAME_M = 0.05  # slots that are nearer to each other than this are one
@@ -47,7 +47,7 @@ def draw(flight: FlightData) -> Any:
     labels: list[_SlotLabel] = []
     for index, track in enumerate(flight.tracks):
         tint = colour(index)
-        _draw_path(ax, flight, track, tint)
+        _draw_path(ax, flight, track, index)
         marks_m.append(_draw_time_marks(ax, track, mark_times_s, tint))
         _draw_start(ax, track, tint)
         for slot_m, orders in _slots(track.slots_enu_m[:, :2]):
@@ -70,16 +70,26 @@ def _step_s(length_s: float) -> float:
     return _STEPS_S[-1]
 
 
-def _draw_path(ax: Any, flight: FlightData, track: Track, tint: str) -> None:
+def _draw_path(ax: Any, flight: FlightData, track: Track, index: int) -> None:
     setpoint_m = track.setpoint_position_enu_m[track.time_s >= 0.0]
     ax.plot(setpoint_m[:, 0], setpoint_m[:, 1], color=SOFT, linewidth=0.9, linestyle=_DASHED)
 
     flown_m = track.path_enu_m[track.path_time_s >= flight.grid_s[0]]
-    ax.plot(flown_m[:, 0], flown_m[:, 1], color=tint, linewidth=2.0, label=track.name)
+    ax.plot(
+        flown_m[:, 0],
+        flown_m[:, 1],
+        color=colour(index),
+        linestyle=line_style(index),
+        linewidth=2.0,
+        label=track.name,
+    )
 
 
 def _draw_time_marks(ax: Any, track: Track, times_s: Array, tint: str) -> Array:
-    """Draw marks at these times, labelled where no other is near; return the marks (n, 2) [m]."""
+    """Draw marks at these times, labelled where no other is near; return the marks (n, 2) [m].
+
+    The label at time 0, where the vehicle stands, is its name.
+    """
     marks_m = track.path_at(times_s)
     ax.plot(marks_m[:, 0], marks_m[:, 1], "o", color="white", markeredgecolor=tint, markersize=5.5)
 
@@ -87,16 +97,24 @@ def _draw_time_marks(ax: Any, track: Track, times_s: Array, tint: str) -> Array:
     for time_s, mark_m in zip(times_s, marks_m, strict=True):
         position_m = mark_m[:2]
         is_free = all(math.dist(position_m, other_m) > _LABEL_ROOM_M for other_m in written_m)
-        if is_free:
-            ax.annotate(
-                f"{time_s:g}",
-                position_m,
-                (4, 4),
-                textcoords="offset points",
-                fontsize=8,
-                color=tint,
-            )
-            written_m.append(position_m)
+        if not is_free:
+            continue
+
+        text = f"{time_s:g}"
+        weight = "normal"
+        if time_s == 0.0:
+            text = track.name
+            weight = "bold"
+        ax.annotate(
+            text,
+            position_m,
+            (4, 4),
+            textcoords="offset points",
+            fontsize=8,
+            weight=weight,
+            color=tint,
+        )
+        written_m.append(position_m)
 
     return marks_m[np.isfinite(marks_m).all(-1)][:, :2]
 

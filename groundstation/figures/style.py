@@ -5,6 +5,7 @@ People with the common kinds of colour blindness can tell the colours apart.
 
 from __future__ import annotations
 
+import textwrap
 from contextlib import AbstractContextManager
 from pathlib import Path
 from typing import Any
@@ -15,12 +16,20 @@ from matplotlib.figure import Figure
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#7A5230", "#000000")
 SOFT = "#8a939c"
 LIMIT = "#B00020"
+PANELS_IN_A_ROW = 4  # vehicles beside each other; more of them stand in rows below
+_LINE_STYLES: tuple[Any, ...] = ("-", (0, (6, 1.2)), (0, (2, 1)), (0, (1, 1)))
+_TITLE_LETTERS_PER_INCH = 8.5  # of its bold font
 _SETTINGS = Path(__file__).with_name("covey.mplstyle")
 
 
 def colour(index: int) -> str:
     """Return the colour of the vehicle with this index in the record."""
     return COLOURS[index % len(COLOURS)]
+
+
+def line_style(index: int) -> Any:
+    """Return the line style of the vehicle with this index: a new one where colours begin again."""
+    return _LINE_STYLES[index // len(COLOURS) % len(_LINE_STYLES)]
 
 
 def styled() -> AbstractContextManager[None]:
@@ -31,7 +40,8 @@ def styled() -> AbstractContextManager[None]:
 def new_figure(width_in: float, height_in: float, title: str) -> Any:
     """Return an empty figure with its title, drawn without any window system."""
     figure = Figure(figsize=(width_in, height_in), layout="constrained")
-    figure.suptitle(title, fontsize=13, fontweight="bold", x=0.01, ha="left")
+    lines = textwrap.fill(title, width=int(_TITLE_LETTERS_PER_INCH * width_in))
+    figure.suptitle(lines, fontsize=13, fontweight="bold", x=0.01, ha="left")
     return figure
 
 

@@ -41,6 +41,7 @@ from groundstation.recording.writer import MADE_BY
 from onboard.bus.schema import Event, Message
 from onboard.config.file_reading import RECORD, opened
 from onboard.config.fleet import ConfigError
+from onboard.plain_text import natural_sort_key
 
 MAX_EVENTS = 20_000
 # Messages of a chunk were written within seconds; stamps further apart than this come from two
@@ -429,7 +430,7 @@ class Timeline:
         """Names of the vehicles with telemetry, ticks or ground truth in the record."""
         topics = ("telemetry", "tick", "truth")
         names = {channel.name for channel in self._channels.values() if channel.topic in topics}
-        return tuple(sorted(names))
+        return tuple(sorted(names, key=natural_sort_key))
 
     @property
     def chunk_count(self) -> int:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 import tempfile
 from collections.abc import Mapping
 from pathlib import Path as FilePath
@@ -14,6 +13,7 @@ from groundstation.shows.show import MOST_DRONES, Drone, Show, check_light_count
 from groundstation.shows.zip_members import unpack
 from onboard.config.fleet import ConfigError
 from onboard.control.path import Path, point_at
+from onboard.plain_text import natural_sort_key
 
 _COLOURS = ("red", "green", "blue")
 _MIB = 2**20
@@ -52,7 +52,7 @@ def read_folder(folder: FilePath) -> Show:
         ConfigError: there are no CSVs or too many, or one of them is not a path.
     """
     csvs = [file for file in folder.iterdir() if file.suffix.lower() == ".csv"]
-    files = sorted(csvs, key=lambda file: _natural_sort_key(file.stem))
+    files = sorted(csvs, key=lambda file: natural_sort_key(file.stem))
     if not 1 <= len(files) <= MOST_DRONES:
         raise ConfigError(
             f"{folder}: it has {len(files)} CSVs; a show has 1 to {MOST_DRONES}, one for each "
@@ -110,17 +110,6 @@ def _geographic_show(folder: FilePath, places: Mapping[FilePath, Places | None])
         origin=origin,
         notes=(note,),
     )
-
-
-def _natural_sort_key(text: str) -> list[tuple[int, str]]:
-    """Return a sort key that sorts drone10 after drone9."""
-    key = []
-    for part in re.split(r"(\d+)", text):
-        if part.isdigit():
-            key.append((int(part), ""))
-        else:
-            key.append((-1, part))
-    return key
 
 
 def _drone(file: FilePath, path: Path) -> Drone:

@@ -16,7 +16,15 @@ from typing import NamedTuple, TextIO, cast
 import pytest
 
 from groundstation import cli
-from onboard.plain_text import PlainStream, drawing, fitted, listed, plain_line, plain_lines
+from onboard.plain_text import (
+    PlainStream,
+    drawing,
+    fitted,
+    listed,
+    natural_sort_key,
+    plain_line,
+    plain_lines,
+)
 from onboard.process import realtime
 
 PAPER = Path(__file__).parents[2] / "configs" / "fleets" / "paper.toml"
@@ -119,3 +127,8 @@ def test_a_refusal_of_a_command_is_wrapped_on_a_terminal(
     assert len(lines) > 2
     assert max(map(len, lines)) <= 40
     assert " ".join(lines).startswith("covey: nowhere.toml: there is no such fleet file.")
+
+
+def test_names_are_sorted_by_their_numbers() -> None:
+    names = ["mav10", "mav9", "b2", "mav1", "b\u00b2", "12"]
+    assert sorted(names, key=natural_sort_key) == ["12", "b2", "b\u00b2", "mav1", "mav9", "mav10"]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import json
 import math
 from pathlib import Path
@@ -11,7 +12,7 @@ import pytest
 from mcap.writer import Writer
 
 from groundstation.cli import main
-from groundstation.figures import record_figures
+from groundstation.figures import attitude, avoidance, plan_figure, record_figures, tracking
 from groundstation.figures.avoidance import _name_lines
 from groundstation.figures.data import TOPICS, FlightData, PairSeparation, from_samples
 from groundstation.figures.style import new_figure, styled
@@ -243,7 +244,7 @@ def test_damage_in_the_middle_of_a_record_is_said(
     assert "A piece of the record is damaged" in capsys.readouterr().err
 
 
-def test_no_line_crosses_the_name_of_its_pair() -> None:
+def test_no_line_and_no_other_name_crosses_the_name_of_a_pair() -> None:
     grid_s = np.arange(-1.0, 22.0, 0.02)
     falling_m = np.interp(grid_s, [3.0, 6.6, 8.0, 10.0], [1.5, 0.81, 0.81, 1.6])
     rising_m = np.interp(grid_s, [6.0, 8.0, 10.0], [1.5, 1.8, 1.6])
@@ -260,10 +261,42 @@ def test_no_line_crosses_the_name_of_its_pair() -> None:
         lines = [ax.plot(grid_s, pair.distance_m)[0] for pair in pairs]
         ax.set_xlim(grid_s[0], grid_s[-1])
         ax.set_ylim(0.0, 3.3)
-        _name_lines(ax, grid_s, pairs)
+        _name_lines(ax, grid_s, pairs, 0.8)
         figure.canvas.draw()
 
-    assert len(ax.texts) == 3
-    for name, line in zip(ax.texts, lines, strict=True):
-        box = name.get_window_extent()
-        assert not box.count_contains(line.get_transform().transform(line.get_xydata()))
+    boxes = [name.get_window_extent() for name in ax.texts]
+    assert len(boxes) == 3
+    for index, box in enumerate(boxes):
+        for line in lines:
+            assert not box.count_contains(line.get_transform().transform(line.get_xydata()))
+        assert not box.count_overlaps(boxes[:index])
+
+
+def test_a_large_fleet_is_in_the_order_of_its_numbers_and_on_a_page(tmp_path: Path) -> None:
+    write_flight(tmp_path)
+    samples = list(read(tmp_path, TOPICS))
+    twelve = [
+        dataclasses.replace(sample, channel=f"{sample.topic}/mav{number}")
+        for number in range(12)
+        for sample in samples
+        if sample.name == f"mav{number % 3}"
+    ]
+    flight = from_samples(twelve, title="twelve", safety_distance_m=0.8)
+    assert flight is not None
+    assert [track.name for track in flight.tracks] == [f"mav{number}" for number in range(12)]
+
+    with styled():
+        for module in (attitude, avoidance, plan_figure, tracking):
+            figure = module.draw(flight)
+            width_in, height_in = figure.get_size_inches()
+            assert width_in < 20.0, module.__name__
+            assert height_in < 24.0, module.__name__
+            titles = [ax.get_title(loc="left").split(" ")[0] for ax in figure.axes]
+            if module is not plan_figure:
+                assert {f"mav{number}" for number in range(12)} <= set(titles)
+
+    paths = [
+        line for line in plan_figure.draw(flight).axes[0].lines if line.get_label()[:3] == "mav"
+    ]
+    looks = {(line.get_color(), str(line.get_linestyle())) for line in paths}
+    assert len(looks) == len(paths) == 12
