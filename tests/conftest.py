@@ -45,20 +45,27 @@ _ONE_IN_REAL_TIME = (  # one emulated vehicle or one server each
 # Long and in simulated time: they run in the same call, in the worker that those of real time leave
 # idle, so that `make test` stays short.
 _BESIDE_REAL_TIME = (
+    "bench/peers/test_paper_flight.py",
     "groundstation/commands/test_plot.py",
     "groundstation/fleet/test_operator_control.py",
     "groundstation/incident/test_moment_and_account.py",
+    "onboard/control/test_passing.py",
     "onboard/rollout/test_closed_loop.py",
+    "sitl/lockstep/test_bad_grounds.py",
+    "sitl/lockstep/test_dead_links.py",
     "sitl/lockstep/test_fault_suite.py",
     "sitl/lockstep/test_flight.py",
     "sitl/lockstep/test_ground_cut.py",
     "sitl/lockstep/test_lockstep_odometry.py",
+    "sitl/lockstep/test_people.py",
     "sitl/lockstep/test_pilots.py",
     "sitl/lockstep/test_poses_lost.py",
     "sitl/lockstep/test_reflight.py",
     "sitl/lockstep/test_taken_fleets.py",
     "sitl/lockstep/test_touchdown.py",
+    "sitl/lockstep/test_wind.py",
     "sitl/monte_carlo/test_monte_carlo.py",
+    "sitl/monte_carlo/test_scenes.py",
     "sitl/conformance/test_facts.py",
 )
 # files that take longest, which begin first, so that no worker has one of them left when all others
