@@ -78,6 +78,7 @@ from onboard.localization.own_state import OwnEstimate, OwnState
 from onboard.message_counts import MessageCounts
 from onboard.neighbours.people import People
 from onboard.neighbours.table import NeighbourTable
+from onboard.neighbours.touchdowns import stop_at_touchdown
 from onboard.neighbours.wind import wind_felt_by
 from onboard.preflight.preflight_reporter import PreflightReporter
 from onboard.safety.failsafe_table import Situation
@@ -270,6 +271,7 @@ class AgentCore:
 
         # How do we fly that?
         neighbours = self.neighbours.snapshot(now_ns)
+        stop_at_touchdown(neighbours.rows, view.position_enu_m, self.neighbours.floor_m)
         if self.people.names:
             neighbours = self.people.added_to(neighbours, now_ns)
         flight = self.flight

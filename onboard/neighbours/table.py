@@ -97,7 +97,7 @@ class NeighbourTable:
         self.silent_s = SILENT_S + self.watched_bodies.late_s  # limit for followed neighbours
         self._stale_s = STALE_S + self.watched_bodies.late_s
         self._height_share = fleet.fleet.height_share
-        self._floor_m = floor_m(fleet)
+        self.floor_m = floor_m(fleet)  # height of the ground
 
         is_successor = _is_successor(fleet, own_name, self.names)
         self.arrays: NeighbourArrays = empty(is_successor, self.silent_s)
@@ -293,7 +293,7 @@ class NeighbourTable:
         """Return whether a body at a height may stand on the ground, or on its starting surface."""
         _, _, start_m = self.fleet.vehicles[self.names[index]].start_enu_m
         is_at_start = abs(height_m - start_m) <= _ON_FLOOR_M
-        return is_at_start or height_m <= self._floor_m + _ON_FLOOR_M
+        return is_at_start or height_m <= self.floor_m + _ON_FLOOR_M
 
     def hear_other_pose(self, pose: MocapPose, received_ns: int) -> None:
         """Take a mocap pose of any body, to compare its vehicle's messages with it."""

@@ -275,3 +275,10 @@ def test_nobody_runs_into_one_that_comes_down_without_poses_ahead_in_wind(seed: 
     flown = fly_broken(mission, lost, seed=seed, wind=wind_of(wind_m_s), height_m=1.0)
     assert not flown.wrong
     assert flown.smallest_m[0] > 0.80
+
+
+def test_one_behind_does_not_count_on_a_vehicle_that_slides_and_touches_the_ground() -> None:
+    lost = Breaking(injection_of("mocap lost for good"), "mav5", 13.5)
+    flown = fly_broken(mission_of(6), lost, seed=500, wind=wind_of((0.0, 0.0)), height_m=1.0)
+    assert not flown.wrong
+    assert flown.smallest_m[0] > 0.84
