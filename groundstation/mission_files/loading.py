@@ -47,6 +47,7 @@ from onboard.config.fleet import (
 )
 from onboard.config.formation_shape import FormationShape, problems, split
 from onboard.config.toml_reading import table
+from onboard.plain_text import meant_words
 
 _KEYS = ("schema", "fleet", "formations", "step", "expect", "on_failure")
 _DEEPEST = 8  # largest depth of lists of steps inside steps
@@ -237,7 +238,8 @@ def _step(data: Any, key: str, path: str) -> MissionStep:
         raise ConfigError(f"{path}: '{key}.do' is missing. It says what to do: {verbs}.")
     kind = STEPS.get(data["do"])
     if kind is None:
-        raise ConfigError(f"{path}: '{key}.do' is {data['do']!r}. A step can do: {verbs}.")
+        meant = meant_words(data["do"], tuple(STEPS))
+        raise ConfigError(f"{path}: '{key}.do' is {data['do']!r}.{meant} A step can do: {verbs}.")
 
     values = dict(data)
     blocks = {}
@@ -268,20 +270,16 @@ def _check_planned_fields(values: dict[str, Any], kind: type[Intent], key: str, 
 
 def _check_step(step: MissionStep, key: str, path: str) -> None:
     """Refuse values outside their bounds, and a wait with nothing to wait for."""
-    for name, (low, high) in STEP_BOUNDS.items():
-        value = getattr(step, name, None)
-        if value is not None and not low <= value <= high:
-            raise ConfigError(
-                f"{path}: '{key}.{name}' is {value}; it must lie between {low:g} and {high:g}."
-            )
-
+    _check_bounds(step, key, path)
     if isinstance(step, ExpectStep):
         _check_expect(step, path, key)
     _check_time(step, key, path)
 
     condition = None
+    condition_key = f"{key}.when"
     if isinstance(step, WaitStep):
         condition = step.until
+        condition_key = f"{key}.until"
         if condition is None and not step.duration_s and not step.at:
             raise ConfigError(
                 f"{path}: '{key}' waits for nothing. Give it a duration_s above 0, "
@@ -289,10 +287,24 @@ def _check_step(step: MissionStep, key: str, path: str) -> None:
             )
     elif isinstance(step, ReactStep):
         condition = step.when
-    if condition is not None and condition == Until(vehicles=condition.vehicles):
+    if condition is None:
+        return
+
+    if condition == Until(vehicles=condition.vehicles):
         raise ConfigError(
             f"{path}: '{key}' has an empty condition. Give it one: {{ battery_below_pct = 30 }}."
         )
+    _check_bounds(condition, condition_key, path)
+
+
+def _check_bounds(values: MissionStep | Until, key: str, path: str) -> None:
+    """Refuse numbers of a step or a condition outside their bounds."""
+    for name, (low, high) in STEP_BOUNDS.items():
+        value = getattr(values, name, None)
+        if value is not None and not low <= value <= high:
+            raise ConfigError(
+                f"{path}: '{key}.{name}' is {value}; it must lie between {low:g} and {high:g}."
+            )
 
 
 def _check_time(step: MissionStep, key: str, path: str) -> None:

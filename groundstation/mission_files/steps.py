@@ -165,6 +165,11 @@ STEP_BOUNDS = {
     "times": (1, 100),
     "by": (0, 1000),
     "every_s": (0.0, 600.0),
+    # of conditions
+    "within_m": (0.01, 100.0),
+    "separation_above_m": (0.01, 1000.0),
+    "separation_below_m": (0.01, 1000.0),
+    "battery_below_pct": (0.1, 100.0),
 }
 
 

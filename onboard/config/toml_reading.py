@@ -23,6 +23,19 @@ from onboard.plain_text import meant_words
 
 SCHEMA = 1  # version of the file format
 
+# types as msgspec and Python name them, in words
+_TYPE_WORDS = {
+    "array": "a list",
+    "bool": "true or false",
+    "dict": "a table",
+    "float": "a number",
+    "int": "a whole number",
+    "list": "a list",
+    "null": "",  # a key that may be absent
+    "object": "a table",
+    "str": "a text",
+}
+
 
 def read_toml(path: str | os.PathLike[str], kind: str) -> tuple[dict[str, Any], str, str]:
     """Read a TOML file.
@@ -103,11 +116,30 @@ def _sentence(text: str, kind: Any, path: str, key: str) -> str:
         words = _words_of(inner)
         if message.startswith("Invalid enum value") and words:
             allowed = f" It may be {', '.join(words)}."
-        return f"{path}: '{key}{tail}': {message}.{allowed} Correct the value."
+        return f"{path}: '{key}{tail}': {_plain(message)}.{allowed} Correct the value."
 
     field = unknown["field"]
     names = getattr(inner, "__struct_fields__", ())
     return str(unknown_key(path, f"{key}{tail}.{field}", field, names))
+
+
+def _plain(message: str) -> str:
+    """Return msgspec's message in the words of the file's format, not of Python's types."""
+    missing = re.fullmatch(r"Object missing required field `(?P<field>\w+)`", message)
+    if missing is not None:
+        return f"its key '{missing['field']}' is missing"
+    if not message.startswith("Expected "):
+        return message
+
+    # such as "Expected `float | null`, got `str`" and "Expected `array` of length 3, got 2"
+    plain = re.sub(r"`(?P<types>[a-z| ]+)`", _type_words, message)
+    return plain.replace("Expected ", "it must be ").replace(", got ", ", not ")
+
+
+def _type_words(types: re.Match[str]) -> str:
+    """Return the names of types as words."""
+    words = [_TYPE_WORDS.get(name, name) for name in types["types"].split(" | ")]
+    return " or ".join(word for word in words if word)
 
 
 def unknown_key(path: str, key: str, word: str, names: Sequence[str]) -> ConfigError:
@@ -170,7 +202,8 @@ def table(value: Any, path: str, key: str) -> dict[str, Any]:
         ConfigError: The value is not a table.
     """
     if not isinstance(value, dict):
-        raise ConfigError(f"{path}: '{key}' must be a table, not {type(value).__name__}.")
+        name = type(value).__name__
+        raise ConfigError(f"{path}: '{key}' must be a table, not {_TYPE_WORDS.get(name, name)}.")
     return value
 
 

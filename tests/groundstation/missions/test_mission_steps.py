@@ -46,7 +46,7 @@ def reacting(when: dict[str, Any]) -> dict[str, Any]:
 @pytest.mark.parametrize(
     ("step", "words"),
     [
-        ({"do": "repeat", "times": 3}, "`steps`"),
+        ({"do": "repeat", "times": 3}, "its key 'steps' is missing"),
         ({"do": "repeat", "times": 3, "steps": []}, "step[1].steps"),
         ({"do": "repeat", "times": 0, "steps": [TO_RING]}, "step[1].times"),
         ({"do": "repeat", "times": 2, "steps": [{"do": "spin"}]}, "step[1].steps[0].do"),
@@ -63,6 +63,21 @@ def reacting(when: dict[str, Any]) -> dict[str, Any]:
         ({"do": "wait"}, "step[1]"),
         ({"do": "wait", "until": {}}, "empty condition"),
         ({"do": "wait", "until": {"battery": 3}}, "step[1].until.battery"),
+        (
+            {"do": "wait", "until": {"battery_below_pct": 200.0}},
+            "'step[1].until.battery_below_pct' is 200.0; it must lie between 0.1 and 100",
+        ),
+        (
+            {
+                "do": "react",
+                "when": {"separation_below_m": -1.0},
+                "steps": [TO_RING],
+                "then": [TO_RING],
+            },
+            "step[1].when.separation_below_m",
+        ),
+        ({"do": "take_off"}, "Did you mean 'takeoff'?"),
+        ({"do": "wait", "duration_s": "3"}, "it must be a number, not a text."),
         ({"do": "wait", "until": {"landed": "mav9"}}, "mav9"),
         ({"do": "wait", "until": {"reached": {"0-1": [0, 0, 1]}}}, "'0-1' names 2 vehicles"),
         (
