@@ -165,7 +165,8 @@ def _takeoff_height_m(show: Show) -> float:
                 " show with z up."
             )
         raise ConfigError(
-            f"{', '.join(low)}: the path stays on the ground. Take these drones out of the show."
+            f"{', '.join(low)}: the path does not rise to {least_m:.2f} m. Take these drones out of"
+            " the show, or export it higher."
         )
     return takeoff_m
 
