@@ -14,13 +14,13 @@ from groundstation.missions.group import Group
 from groundstation.missions.vehicle import MissionVehicle
 from onboard.config.file_reading import MISSION_FILE, python_tree, read_text
 from onboard.config.fleet import ConfigError
-from onboard.plain_text import meant_words
+from onboard.plain_text import listed, meant_words
 
 
 def check_python(mission: Mission) -> None:
-    """Check a Python mission: its verbs, its arguments, and whether it can be imported.
+    """Check a Python mission: its verbs, vehicles and arguments, and whether it can be imported.
 
-    Its verbs are read from its text. Only calls on its function's first argument, on
+    Verbs and vehicles are read from its text. Only calls on its function's first argument, on
     ``fleet["mav0"]`` and on ``fleet.group(...)`` are checked, and none if the function assigns
     something else to that name. Then the file is imported, so its code at the top level runs.
 
@@ -28,19 +28,21 @@ def check_python(mission: Mission) -> None:
         mission: Python mission, loaded and checked, with its arguments.
 
     Raises:
-        ConfigError: a verb does not exist (the message names its line), or see
+        ConfigError: a verb or a vehicle does not exist (the message names its line), or see
             :func:`load_function`.
     """
     tree = python_tree(read_text(mission.path, MISSION_FILE), mission.path)
     for function in tree.body:
         if isinstance(function, ast.AsyncFunctionDef) and function.name == "mission":
-            _refuse_unknown_verbs(function, mission.path)
+            _refuse_unknown_names(function, mission)
 
     load_function(mission)
 
 
-def _refuse_unknown_verbs(function: ast.AsyncFunctionDef, path: str) -> None:
-    """Refuse a call of a verb that the fleet, a vehicle of it or a group does not have."""
+def _refuse_unknown_names(function: ast.AsyncFunctionDef, mission: Mission) -> None:
+    """Refuse verbs that the fleet, a vehicle of it or a group does not have, and vehicles that the
+    fleet does not have.
+    """
     parameters = [*function.args.posonlyargs, *function.args.args]
     if not parameters:
         return
@@ -50,16 +52,33 @@ def _refuse_unknown_verbs(function: ast.AsyncFunctionDef, path: str) -> None:
         return
 
     for node in ast.walk(function):
-        if not isinstance(node, ast.Call) or not isinstance(node.func, ast.Attribute):
-            continue
-        verb = node.func
-        owner = _owner(verb.value, fleet_name)
-        if owner is not None and not hasattr(owner, verb.attr):
-            known = [name for name in dir(owner) if not name.startswith("_")]
-            raise ConfigError(
-                f"{path}: line {node.lineno}: {ast.unparse(verb)} does not exist."
-                f"{meant_words(verb.attr, known)} docs/python-api.md lists all."
-            )
+        if isinstance(node, ast.Subscript) and _owner(node.value, fleet_name) is Fleet:
+            _refuse_unknown_vehicle(node, mission)
+        if isinstance(node, ast.Call) and isinstance(node.func, ast.Attribute):
+            _refuse_unknown_verb(node.func, _owner(node.func.value, fleet_name), mission.path)
+
+
+def _refuse_unknown_vehicle(item: ast.Subscript, mission: Mission) -> None:
+    """Refuse ``fleet["mav9"]`` if the fleet has no such vehicle."""
+    if not isinstance(item.slice, ast.Constant):
+        return
+
+    known = mission.fleet.vehicles
+    if item.slice.value not in known:
+        raise ConfigError(
+            f"{mission.path}: line {item.lineno}: {ast.unparse(item)} does not exist."
+            f" Vehicles of this fleet: {listed(list(known))}."
+        )
+
+
+def _refuse_unknown_verb(verb: ast.Attribute, owner: type[Group] | None, path: str) -> None:
+    """Refuse a verb that its owner does not have."""
+    if owner is not None and not hasattr(owner, verb.attr):
+        known = [name for name in dir(owner) if not name.startswith("_")]
+        raise ConfigError(
+            f"{path}: line {verb.lineno}: {ast.unparse(verb)} does not exist."
+            f"{meant_words(verb.attr, known)} docs/python-api.md lists all."
+        )
 
 
 def _owner(expression: ast.expr, fleet_name: str) -> type[Group] | None:

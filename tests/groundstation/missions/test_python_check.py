@@ -1,4 +1,4 @@
-"""Python missions that call verbs which the fleet does not have."""
+"""Python missions that call verbs, or vehicles, which the fleet does not have."""
 
 import pytest
 
@@ -39,11 +39,22 @@ def test_a_vehicle_and_a_group_are_checked_as_well(tmp_path, verb):
     assert f"show.py: line 5: {verb} does not exist." in str(refusal.value)
 
 
+def test_a_vehicle_that_the_fleet_does_not_have_is_told_with_its_line(tmp_path):
+    mission = mission_of(tmp_path, ["await fleet.arm()", "await fleet['mav9'].land()"])
+    with pytest.raises(ConfigError) as refusal:
+        check_python(mission)
+    words = (
+        "show.py: line 6: fleet['mav9'] does not exist. Vehicles of this fleet: mav0, mav1, mav2."
+    )
+    assert words in str(refusal.value)
+
+
 @pytest.mark.parametrize(
     "body",
     [
         ["await fleet.arm()", "await fleet['mav0'].reached(1.0)", "await fleet.land_all()"],
         ["await fleet.group(['mav0', 'mav1']).land()", "print(fleet['mav0'].yaw_deg.real)"],
+        ["for name in fleet.names:", "    await fleet[name].land()"],
         ["fleet.dance = print", "fleet.dance()"],
         ["fleet = fleet.group(['mav0'])", "fleet.dance()"],
         ["for fleet in [print]:", "    fleet.dance()"],
