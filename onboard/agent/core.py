@@ -271,7 +271,7 @@ class AgentCore:
 
         # How do we fly that?
         neighbours = self.neighbours.snapshot(now_ns)
-        stop_at_touchdown(neighbours.rows, view.position_enu_m, self.neighbours.floor_m)
+        stop_at_touchdown(neighbours.rows, view.position_enu_m, self.neighbours)
         if self.people.names:
             neighbours = self.people.added_to(neighbours, now_ns)
         flight = self.flight

@@ -8,48 +8,74 @@ motion without the part that leads away from our own vehicle.
 
 from __future__ import annotations
 
-import numpy as np
+import math
 
 from onboard.arrays import Array
-from onboard.neighbours.state_arrays import VECTOR_COLUMNS
+from onboard.bus.schema import Telemetry
+from onboard.neighbours.state_arrays import SCALAR_COLUMN, VECTOR_COLUMNS
+from onboard.neighbours.table import NeighbourTable
+from onboard.safety.limits import NEIGHBOUR_BLIND_S
 from onboard.tuples import Xyz
 
 _SINKING_M_S = 0.3  # slower than this, a vehicle does not count as coming down
 _BEFORE_S = 0.6  # long enough for a vehicle behind it to brake
 _HEIGHT_ERROR_M = 0.15  # without poses the neighbour's height is PX4's
 
-_MOTIONS = (
-    "velocity_enu_m_s",
-    "acceleration_enu_m_s2",
-    "predicted_velocity_enu_m_s",
-    "commanded_acceleration_enu_m_s2",
+# columns of vectors, of which the first two are horizontal
+_MOTIONS = tuple(
+    VECTOR_COLUMNS[name].start
+    for name in (
+        "velocity_enu_m_s",
+        "acceleration_enu_m_s2",
+        "predicted_velocity_enu_m_s",
+        "commanded_acceleration_enu_m_s2",
+    )
 )
-_MOTION_COLUMNS = [
-    slice(VECTOR_COLUMNS[name].start, VECTOR_COLUMNS[name].start + 2) for name in _MOTIONS
-]
-_UP_POSITION = VECTOR_COLUMNS["position_enu_m"].start + 2
-_UP_VELOCITY = VECTOR_COLUMNS["velocity_enu_m_s"].start + 2
+_HEIGHT = VECTOR_COLUMNS["position_enu_m"].start + 2
+_CLIMB = VECTOR_COLUMNS["velocity_enu_m_s"].start + 2
+_COOPERATES = SCALAR_COLUMN["is_cooperative"]
+_TABLE_INDEX = SCALAR_COLUMN["table_index"]
 
 
-def stop_at_touchdown(rows: Array, own_enu_m: Xyz, floor_m: float) -> None:
-    """Remove what leads away from us from the horizontal motion of neighbours that touch down soon.
+def stop_at_touchdown(rows: Array, own_enu_m: Xyz, table: NeighbourTable) -> None:
+    """Take what leads away from us off the horizontal motion of neighbours that touch down soon.
 
     Args:
         rows: (N, fields of a Neighbour) numbers of the neighbours; changed in place.
         own_enu_m: our position [m].
-        floor_m: height of the ground [m].
+        table: the neighbours, with their telemetry.
     """
-    sink_m_s = -rows[:, _UP_VELOCITY]
-    height_m = rows[:, _UP_POSITION] - floor_m
+    sink_m_s = -rows[:, _CLIMB]
+    height_m = rows[:, _HEIGHT] - table.floor_m
     is_near_ground = height_m < _BEFORE_S * sink_m_s + _HEIGHT_ERROR_M
     touches_soon = is_near_ground & (sink_m_s > _SINKING_M_S)
     if not touches_soon.any():
         return
 
-    away = rows[touches_soon, :2] - np.array(own_enu_m[:2])
-    distance_m = np.hypot(away[:, 0], away[:, 1])
-    away /= np.maximum(distance_m, 1e-6)[:, None]
-    for columns in _MOTION_COLUMNS:
-        motion = rows[touches_soon, columns]
-        leads_away = np.maximum(0.0, (motion * away).sum(axis=1))
-        rows[touches_soon, columns] = motion - leads_away[:, None] * away
+    telemetries = table.telemetries()
+    for index in touches_soon.nonzero()[0]:
+        row = rows[index]
+        name = table.names[int(row[_TABLE_INDEX])]
+        is_cooperative = row[_COOPERATES] != 0.0
+        if not (is_cooperative and _flies_on(telemetries.get(name))):
+            _take_off_motion_away(row, own_enu_m)
+
+
+def _flies_on(telemetry: Telemetry | None) -> bool:
+    """Return whether a vehicle flies an order by its poses, so that it does not touch down."""
+    if telemetry is None:
+        return False
+    is_down_soon = telemetry.state in ("landing", "failed")
+    return not is_down_soon and telemetry.state_age_s <= NEIGHBOUR_BLIND_S
+
+
+def _take_off_motion_away(row: Array, own_enu_m: Xyz) -> None:
+    east_m = row[0] - own_enu_m[0]
+    north_m = row[1] - own_enu_m[1]
+    distance_m = max(math.hypot(east_m, north_m), 1e-6)  # no division by zero
+    east = east_m / distance_m
+    north = north_m / distance_m
+    for column in _MOTIONS:
+        away = max(0.0, east * row[column] + north * row[column + 1])
+        row[column] -= away * east
+        row[column + 1] -= away * north
