@@ -608,6 +608,20 @@ ACCEPTED = (
         ),
     ),
     Accepted(
+        "the vertical window, and only the horizontal velocity is read",
+        "avoidance/smoothing.py",
+        (
+            (
+                "longer = predict_own(commands, _AT_REST, window_s + dt_s, 0.0).velocity_enu_m_s",
+                "0.0 becomes larger",
+            ),
+            (
+                "shorter = predict_own(commands, _AT_REST, window_s, 0.0).velocity_enu_m_s",
+                "0.0 becomes larger",
+            ),
+        ),
+    ),
+    Accepted(
         _ROUNDING,
         "avoidance/projection.py",
         (
