@@ -18,7 +18,7 @@ SOFT = "#8a939c"
 LIMIT = "#B00020"
 PANELS_IN_A_ROW = 4  # vehicles beside each other; more of them stand in rows below
 _LINE_STYLES: tuple[Any, ...] = ("-", (0, (6, 1.2)), (0, (2, 1)), (0, (1, 1)))
-_TITLE_LETTERS_PER_INCH = 8.5  # of its bold font
+_TITLE_LETTERS_PER_INCH = 10.0  # of its bold font
 _SETTINGS = Path(__file__).with_name("covey.mplstyle")
 
 
