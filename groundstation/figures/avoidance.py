@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -205,43 +206,69 @@ def _name_lines(ax: Any, grid_s: Array, pairs: tuple[PairSeparation, ...], limit
 
     width_pt = _POINTS_PER_INCH * ax.figure.get_figwidth()
     shift_m = _NAME_SHIFT * float(np.nanmax(lines_m))
-    margin = len(grid_s) // 20  # no name at the very start or end
-    places = np.linspace(margin, len(grid_s) - 1 - margin, _PLACES).astype(int)
+    limit_line_m = np.full(len(grid_s), limit_m)
     names: list[_NamePlace] = []  # that stand there
 
     for index, pair in enumerate(pairs):
         text = f"{pair.first} – {pair.second}"
-        half = round(0.5 * _LETTER * _NAME_PT * len(text) / width_pt * len(grid_s))
-        limit_line_m = np.full(len(grid_s), limit_m)
+        width_share = _LETTER * _NAME_PT * len(text) / width_pt
         others_m = np.vstack([np.delete(lines_m, index, axis=0), limit_line_m])
-
-        best: _NamePlace | None = None
-        for place in places:
-            window = slice(max(0, place - half), place + half + 1)
-            own_m = pair.distance_m[window]
-            if not np.isfinite(own_m).all():
-                continue  # there is no line
-
-            to_own_m = np.abs(others_m[:, place] - pair.distance_m[place])
-            for middle_m in (own_m.max() + shift_m, own_m.min() - shift_m):
-                gaps_m = np.abs(others_m[:, window] - middle_m)
-                beside_m = [
-                    abs(name.middle_m - middle_m)
-                    for name in names
-                    if abs(name.grid_index - place) < 2 * half
-                ]
-                room_m = float(np.fmin.reduce([*gaps_m.ravel(), *to_own_m, *beside_m]))
-                if best is None or room_m > best.room_m:
-                    best = _NamePlace(int(place), float(middle_m), room_m)
-
-        if best is None:
+        place = _name_place(
+            pair.distance_m,
+            others_m,
+            names,
+            half_width=round(0.5 * width_share * len(grid_s)),
+            shift_m=shift_m,
+        )
+        if place is None:
             continue
-        names.append(best)
+
+        names.append(place)
         ax.annotate(
             text,
-            (grid_s[best.grid_index], best.middle_m),
+            (grid_s[place.grid_index], place.middle_m),
             fontsize=_NAME_PT,
             ha="center",
             va="center",
             color="#333c44",
         )
+
+
+def _name_place(
+    line_m: Array,
+    others_m: Array,
+    names: Sequence[_NamePlace],
+    *,
+    half_width: int,
+    shift_m: float,
+) -> _NamePlace | None:
+    """Return the place beside a line with the most room for its name; None: there is no line.
+
+    Args:
+        line_m: distances (n,) of the pair.
+        others_m: the other lines (k, n).
+        names: names that already stand there.
+        half_width: half of the name's width, in points of the grid.
+        shift_m: height from the line to the middle of the name.
+    """
+    count = len(line_m)
+    margin = count // 20  # no name at the very start or end
+
+    best: _NamePlace | None = None
+    for grid_index in np.linspace(margin, count - 1 - margin, _PLACES).astype(int).tolist():
+        window = slice(max(0, grid_index - half_width), grid_index + half_width + 1)
+        own_m = line_m[window]
+        if not np.isfinite(own_m).all():
+            continue
+
+        # where lines run together, a name could be that of any
+        to_own_m = np.abs(others_m[:, grid_index] - line_m[grid_index])
+        for middle_m in (float(own_m.max()) + shift_m, float(own_m.min()) - shift_m):
+            gaps_m = np.abs(others_m[:, window] - middle_m)
+            room_m = float(min(np.fmin.reduce(gaps_m, axis=None), np.fmin.reduce(to_own_m)))
+            for name in names:
+                if abs(name.grid_index - grid_index) < 2 * half_width:
+                    room_m = min(room_m, abs(name.middle_m - middle_m))
+            if best is None or room_m > best.room_m:
+                best = _NamePlace(grid_index, middle_m, room_m)
+    return best

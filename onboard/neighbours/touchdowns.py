@@ -38,7 +38,7 @@ _TABLE_INDEX = SCALAR_COLUMN["table_index"]
 
 
 def stop_at_touchdown(rows: Array, own_enu_m: Xyz, table: NeighbourTable) -> None:
-    """Take what leads away from us off the horizontal motion of neighbours that touch down soon.
+    """Remove what leads away from us from the horizontal motion of neighbours that touch down soon.
 
     Args:
         rows: (N, fields of a Neighbour) numbers of the neighbours; changed in place.
@@ -58,7 +58,7 @@ def stop_at_touchdown(rows: Array, own_enu_m: Xyz, table: NeighbourTable) -> Non
         name = table.names[int(row[_TABLE_INDEX])]
         is_cooperative = row[_COOPERATES] != 0.0
         if not (is_cooperative and _flies_on(telemetries.get(name))):
-            _take_off_motion_away(row, own_enu_m)
+            _remove_motion_away(row, own_enu_m)
 
 
 def _flies_on(telemetry: Telemetry | None) -> bool:
@@ -69,7 +69,8 @@ def _flies_on(telemetry: Telemetry | None) -> bool:
     return not is_down_soon and telemetry.state_age_s <= NEIGHBOUR_BLIND_S
 
 
-def _take_off_motion_away(row: Array, own_enu_m: Xyz) -> None:
+def _remove_motion_away(row: Array, own_enu_m: Xyz) -> None:
+    """Remove the part of a neighbour's horizontal motion that leads away from us."""
     east_m = row[0] - own_enu_m[0]
     north_m = row[1] - own_enu_m[1]
     distance_m = max(math.hypot(east_m, north_m), 1e-6)  # no division by zero

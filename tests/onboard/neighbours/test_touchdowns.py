@@ -49,7 +49,7 @@ def seen(
 
 
 @pytest.mark.parametrize("told", [BLIND, {"state": "landing"}, {"state": "failed"}])
-def test_only_what_leads_away_from_us_is_taken_off(told: dict[str, Any]) -> None:
+def test_only_what_leads_away_from_us_is_removed(told: dict[str, Any]) -> None:
     neighbour = seen((2.0, 2.0, 0.4), (0.7, 0.3, -0.8), **told)
     assert neighbour.velocity_enu_m_s == pytest.approx((0.0, 0.3, -0.8))
     assert neighbour.predicted_velocity_enu_m_s == pytest.approx((0.0, 0.3, -0.8))
