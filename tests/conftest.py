@@ -51,7 +51,6 @@ _BESIDE_REAL_TIME = (
     "groundstation/incident/test_moment_and_account.py",
     "onboard/control/test_passing.py",
     "onboard/rollout/test_closed_loop.py",
-    "sitl/lockstep/test_bad_grounds.py",
     "sitl/lockstep/test_dead_links.py",
     "sitl/lockstep/test_fault_suite.py",
     "sitl/lockstep/test_flight.py",

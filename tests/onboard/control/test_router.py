@@ -299,8 +299,8 @@ _FOUR = [[-4.0, 0.0], [-5.2, 0.0], [4.0, 0.0], [5.2, 0.0]]
 @pytest.mark.parametrize(
     ("starts", "turn_deg"),
     [
-        (_TWO, 70.0),
         (_FOUR, 0.0),
+        pytest.param(_TWO, 70.0, marks=pytest.mark.long),
         pytest.param(_TWO, 0.0, marks=pytest.mark.long),
         pytest.param(_FOUR, 70.0, marks=pytest.mark.long),
     ],

@@ -26,11 +26,11 @@ _MOMENTS_S = (4.0, 7.0, 9.0, 11.0, 13.0, 15.0, 17.0, 20.0)
 # from the take-off to the landing
 _EVERY_HALF_SECOND_S = tuple(4.0 + 0.5 * number for number in range(33))
 
-DAILY = [
+SOME = [
     GroundCase("cut for good", 3, 4.0),  # while the vehicles arm
-    pytest.param(GroundCase("hung for 3 s", 3, 13.0, seed=4), marks=pytest.mark.long),
-    pytest.param(GroundCase("starved", 3, 11.0, seed=3), marks=pytest.mark.long),
-    pytest.param(GroundCase("killed", 3, 12.0), marks=pytest.mark.long),
+    GroundCase("hung for 3 s", 3, 13.0, seed=4),
+    GroundCase("starved", 3, 11.0, seed=3),
+    GroundCase("killed", 3, 12.0),
 ]
 ALL = [
     GroundCase(fault, count, at_s, seed=number)
@@ -45,7 +45,8 @@ EVERY_HALF_SECOND = [
 ]
 
 
-@pytest.mark.parametrize("case", DAILY, ids=str)
+@pytest.mark.long
+@pytest.mark.parametrize("case", SOME, ids=str)
 def test_whatever_happens_to_the_ground_nobody_comes_near(case: GroundCase) -> None:
     assert fly(case).wrong == []
 

@@ -202,6 +202,7 @@ def test_a_person_who_lands_all_without_a_link_reaches_px4_after_a_second(
     assert flight.time_s > begin_s + 1.0
 
 
+@pytest.mark.long
 def test_followers_follow_again_when_the_link_is_back(lockstep, paper: FleetConfig) -> None:
     flight = lockstep(paper, seed=1)
     flight.takeoff(1.0)
@@ -213,7 +214,14 @@ def test_followers_follow_again_when_the_link_is_back(lockstep, paper: FleetConf
     assert len(sentences(flight, "own_link_back")) == 1
 
 
-@pytest.mark.parametrize("after_s", [0.0, 0.4, 2.0])
+@pytest.mark.parametrize(
+    "after_s",
+    [
+        0.4,
+        pytest.param(0.0, marks=pytest.mark.long),
+        pytest.param(2.0, marks=pytest.mark.long),
+    ],
+)
 def test_paths_are_flown_when_the_link_is_back(
     lockstep, paper: FleetConfig, after_s: float
 ) -> None:
@@ -231,6 +239,7 @@ def test_paths_are_flown_when_the_link_is_back(
     assert [result.phase for result in results.values()] == ["done", "done", "done"]
 
 
+@pytest.mark.long
 def test_a_wait_does_not_count_the_time_without_a_link(lockstep, paper: FleetConfig) -> None:
     flight = lockstep(paper, seed=1)
     flight.takeoff(1.0)

@@ -106,6 +106,7 @@ def test_vehicles_keep_the_safety_distance_to_the_circle_of_who_walks_through_th
         assert not agent.core.failsafes.conditions, name
 
 
+@pytest.mark.long
 def test_nobody_flies_over_a_person_where_vehicles_fly_above_each_other(lockstep, paper):
     section = msgspec.structs.replace(paper.fleet, vertical_separation_m=1.0)
     tall = msgspec.structs.replace(paper, fleet=section)

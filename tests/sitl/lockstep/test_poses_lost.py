@@ -277,6 +277,7 @@ def test_nobody_runs_into_one_that_comes_down_without_poses_ahead_in_wind(seed: 
     assert flown.smallest_m[0] > 0.80
 
 
+@pytest.mark.long
 def test_one_behind_does_not_count_on_a_vehicle_that_slides_and_touches_the_ground() -> None:
     lost = Breaking(injection_of("mocap lost for good"), "mav5", 13.5)
     flown = fly_broken(mission_of(6), lost, seed=500, wind=wind_of((0.0, 0.0)), height_m=1.0)

@@ -173,6 +173,7 @@ def test_a_fault_whose_time_was_not_reached_is_named(
     assert "motor=2 at=99' never happened" in capsys.readouterr().out
 
 
+@pytest.mark.long
 def test_a_python_mission_keeps_its_name_when_it_is_flown_again(
     capsys: pytest.CaptureFixture[str], tmp_path: Path
 ) -> None:

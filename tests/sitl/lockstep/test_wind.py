@@ -104,14 +104,10 @@ def test_one_that_takes_off_is_blown_aside_as_far_as_check_says(
     assert max(aside_m) == pytest.approx(blown_aside_m(alone, wind_m_s), abs=0.15)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("fleet", "wind_m_s", "by", "seed"),
-    [
-        ("paper", 6.5, 1, 16),
-        pytest.param("paper", 6.5, 1, 1, marks=pytest.mark.long),
-        pytest.param("paper", 7.7, 0, 1, marks=pytest.mark.long),
-        pytest.param("paper", 7.7, 0, 7, marks=pytest.mark.long),
-    ],
+    [("paper", 6.5, 1, 16), ("paper", 6.5, 1, 1), ("paper", 7.7, 0, 1), ("paper", 7.7, 0, 7)],
 )
 def test_a_row_along_the_wind_takes_off_and_keeps_the_distance(
     fleet: str, wind_m_s: float, by: int, seed: int
