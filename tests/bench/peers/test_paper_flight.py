@@ -53,6 +53,7 @@ def ring_flights(changes: tuple[str, ...], errors: str, count: int) -> list[batc
     return batch_flight.fly([scenarios.plan("form3", seed) for seed in range(count)], setup)
 
 
+@pytest.mark.long
 def test_the_papers_ring_keeps_080_m_but_for_its_sampling_when_vehicles_obey_at_once():
     flown = ring_flights(OBEDIENT, "none", 6)
     # 50 Hz, and a neighbour heard a tick late

@@ -313,6 +313,7 @@ def test_all_get_through_a_passage_for_one(
         assert flown.outcome.min_separation_m > 0.8
 
 
+@pytest.mark.long
 def test_all_get_through_a_passage_for_one_with_late_messages(tmp_path: Path) -> None:
     """With messages of 200 ms, two vehicles that stand face to face swing with up to 0.4 m/s."""
     starts = [[-4.0, 0.0], [-5.2, 0.0], [4.0, 0.0], [5.2, 0.0]]

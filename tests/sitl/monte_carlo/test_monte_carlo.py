@@ -294,6 +294,7 @@ def test_frozen_vehicle_stops_for_good_and_its_arrival_is_not_asked_for():
     assert np.linalg.norm(late[-1] - flown.plan.goal_enu_m[place]) > 0.3
 
 
+@pytest.mark.long
 def test_goal_beside_a_frozen_vehicle_is_blocked_and_any_other_is_reached():
     near, free = fly("lost4@frozen", [4, 5])
 
