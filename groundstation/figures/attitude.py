@@ -24,8 +24,6 @@ def draw(flight: FlightData) -> Any:
     figure = new_figure(4.0 + 7.0 * columns, 1.2 + 2.1 * rows, title)
     grid = figure.add_gridspec(rows, 2 * columns)
 
-    begin_s = flight.grid_s[0]
-    end_s = max(flight.grid_s[-1], begin_s + 0.1)  # a short record has an axis, too
     first: Any = None  # the first plot, whose axes all others share
     for index, track in enumerate(flight.tracks):
         tint = colour(index)
@@ -55,7 +53,7 @@ def draw(flight: FlightData) -> Any:
                 ax.set_xlabel("time since take-off [s]")
 
     limit_deg = _limit_deg(flight)
-    first.set_xlim(begin_s, end_s)
+    first.set_xlim(flight.axis_s)
     first.set_ylim(-limit_deg, limit_deg)
     first.legend(loc="upper right", ncols=2, fontsize=9)
     return figure

@@ -2,21 +2,13 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from groundstation.figures.data import FlightData, PairSeparation, Track
-from groundstation.figures.style import (
-    LIMIT,
-    PANELS_IN_A_ROW,
-    SOFT,
-    colour,
-    line_style,
-    new_figure,
-)
+from groundstation.figures.style import LIMIT, SOFT, colour, line_style, new_figure, panel_grid
 from onboard.arrays import Array
 
 MAX_PAIRS = 10  # with more pairs, one line for each vehicle shows its nearest neighbour
@@ -39,9 +31,7 @@ class _NamePlace(NamedTuple):
 
 def draw(flight: FlightData) -> Any:
     """Draw thrust on top, with the law's change shaded, and distances below over the full width."""
-    count = len(flight.tracks)
-    columns = min(count, PANELS_IN_A_ROW)
-    blocks = math.ceil(count / columns)
+    columns, blocks = panel_grid(len(flight.tracks))
     title = f"Thrust before and after OIST, and distances: {flight.title}"
     figure = new_figure(max(6.0, 3.7 * columns), 4.2 + 5.0 * blocks, title)
     grid = figure.add_gridspec(
@@ -67,9 +57,7 @@ def draw(flight: FlightData) -> Any:
             if column == 0:
                 ax.set_ylabel(f"thrust {axis} [m/s²]")
 
-    begin_s = flight.grid_s[0]
-    end_s = max(flight.grid_s[-1], begin_s + 0.1)  # a short record has an axis, too
-    first.set_xlim(begin_s, end_s)
+    first.set_xlim(flight.axis_s)
     _limit_thrust(first, flight)
     _draw_distances(figure.add_subplot(grid[2 * blocks, :], sharex=first), flight)
     return figure

@@ -104,6 +104,12 @@ class FlightData:
     walks: tuple[Walk, ...] = ()  # of the persons who were seen
 
     @property
+    def axis_s(self) -> tuple[float, float]:
+        """Begin and end of a time axis; a short record has an axis, too."""
+        begin_s = float(self.grid_s[0])
+        return begin_s, max(float(self.grid_s[-1]), begin_s + 0.1)
+
+    @property
     def source(self) -> str:
         """Source of the paths, in words."""
         if all(track.is_truth for track in self.tracks):

@@ -5,6 +5,7 @@ People with the common kinds of colour blindness can tell the colours apart.
 
 from __future__ import annotations
 
+import math
 import textwrap
 from contextlib import AbstractContextManager
 from pathlib import Path
@@ -16,7 +17,7 @@ from matplotlib.figure import Figure
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#7A5230", "#000000")
 SOFT = "#8a939c"
 LIMIT = "#B00020"
-PANELS_IN_A_ROW = 4  # vehicles beside each other; more of them stand in rows below
+_PANELS_IN_A_ROW = 4  # vehicles beside each other; more of them stand in rows below
 _LINE_STYLES: tuple[Any, ...] = ("-", (0, (6, 1.2)), (0, (2, 1)), (0, (1, 1)))
 _TITLE_LETTERS_PER_INCH = 10.0  # of its bold font
 _SETTINGS = Path(__file__).with_name("covey.mplstyle")
@@ -30,6 +31,12 @@ def colour(index: int) -> str:
 def line_style(index: int) -> Any:
     """Return the line style of the vehicle with this index: a new one where colours begin again."""
     return _LINE_STYLES[index // len(COLOURS) % len(_LINE_STYLES)]
+
+
+def panel_grid(count: int) -> tuple[int, int]:
+    """Return the number of columns, and of rows, of the panels of this many vehicles."""
+    columns = min(count, _PANELS_IN_A_ROW)
+    return columns, math.ceil(count / columns)
 
 
 def styled() -> AbstractContextManager[None]:

@@ -2,24 +2,19 @@
 
 from __future__ import annotations
 
-import math
 from typing import Any
 
 from groundstation.figures.data import FlightData
-from groundstation.figures.style import PANELS_IN_A_ROW, SOFT, colour, new_figure
+from groundstation.figures.style import SOFT, colour, new_figure, panel_grid
 
 
 def draw(flight: FlightData) -> Any:
     """Draw a row for each axis; the vehicles of a large fleet stand in several blocks of rows."""
-    count = len(flight.tracks)
-    columns = min(count, PANELS_IN_A_ROW)
-    blocks = math.ceil(count / columns)
+    columns, blocks = panel_grid(len(flight.tracks))
     title = f"Position and trajectory setpoint: {flight.title}"
     figure = new_figure(max(5.0, 3.7 * columns), 1.0 + 6.4 * blocks, title)
     grid = figure.add_gridspec(3 * blocks, columns)
 
-    begin_s = flight.grid_s[0]
-    end_s = max(flight.grid_s[-1], begin_s + 0.1)  # a short record has an axis, too
     first_of_row: dict[int, Any] = {}  # the plots whose axes the others share, for x, y and z
     for index, track in enumerate(flight.tracks):
         block, column = divmod(index, columns)
@@ -43,6 +38,6 @@ def draw(flight: FlightData) -> Any:
                 ax.set_xlabel("time since take-off [s]")
 
     first = first_of_row[0]
-    first.set_xlim(begin_s, end_s)
+    first.set_xlim(flight.axis_s)
     first.legend(loc="best", fontsize=8.5)
     return figure
