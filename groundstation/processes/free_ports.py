@@ -12,7 +12,7 @@ import tomli_w
 
 from onboard.config.corrections import beside
 from onboard.config.endpoints import LAST_PORT, host_of, is_loopback
-from onboard.config.fleet import ConfigError, FleetConfig
+from onboard.config.fleet import ConfigError, FleetConfig, LawConfig
 
 # These ports lie below the kernel's range for outgoing connections, so that no connection gets one
 # of them by chance.
@@ -93,7 +93,8 @@ def in_another_folder(data: dict[str, Any], fleet: FleetConfig) -> dict[str, Any
     """Return the data of a fleet file for a copy in another folder.
 
     Files that the fleet file names are not copied: a user's own law, the keys, a recording of
-    corrections, the password for a caster. The copy names them by their full paths.
+    corrections, the password for a caster. The copy names them by their full paths. With a built-in
+    law it names no folder, so that it can be used on another computer too.
 
     Args:
         data: content of the fleet file, which is not changed.
@@ -101,9 +102,7 @@ def in_another_folder(data: dict[str, Any], fleet: FleetConfig) -> dict[str, Any
     """
     copied = dict(data)
     if "law" in data:
-        fleet_folder = os.path.dirname(os.path.abspath(fleet.path))
-        law_folder = os.path.join(fleet_folder, data["law"].get("folder", "."))
-        copied["law"] = {**data["law"], "folder": law_folder}
+        copied["law"] = _law_elsewhere(data["law"], fleet.path)
 
     if "corrections" in data:
         copied["corrections"] = _corrections_elsewhere(data["corrections"], fleet.path)
@@ -111,6 +110,16 @@ def in_another_folder(data: dict[str, Any], fleet: FleetConfig) -> dict[str, Any
     has_signing = any(vehicle.mavlink_signing for vehicle in fleet.vehicles.values())
     if fleet.has_keys or has_signing:
         copied["fleet"] = {**data["fleet"], "keys": fleet.keys_folder}
+    return copied
+
+
+def _law_elsewhere(table: dict[str, Any], fleet_path: str) -> dict[str, Any]:
+    """Return the table of the law with the full path of its folder, if the law is a user's own."""
+    copied = dict(table)
+    folder = copied.pop("folder", ".")
+    name = copied.get("name", LawConfig().name)
+    if LawConfig(name=name).is_own:
+        copied["folder"] = os.path.normpath(beside(fleet_path, folder))
     return copied
 
 

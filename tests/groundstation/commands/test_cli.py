@@ -6,6 +6,7 @@ import json
 import shutil
 import subprocess
 import sys
+import tomllib
 from itertools import pairwise
 from pathlib import Path
 
@@ -334,6 +335,8 @@ def test_the_folder_gets_the_files_that_are_really_used_and_a_flown_one_is_not_o
     assert settings.mission.fleet.law.name == "off"
     assert "covey tui --fleet" in (folder / "fleet.toml").read_text()
     assert (folder / "mission.toml").read_text() == Path(MISSION).read_text()
+    # on another computer there is no such folder
+    assert "folder" not in tomllib.loads((folder / "fleet.toml").read_text())["law"]
     assert cli.main(["check", str(folder / "fleet.toml")]) == 0
     (folder / "flight.mcap").write_bytes(b"")
     with pytest.raises(ConfigError, match="holds a flight already"):
