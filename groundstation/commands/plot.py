@@ -31,7 +31,7 @@ def plot(folder: Annotated[Path, Parameter(name="DIR")], /, *, out: Folder | Non
     from groundstation.figures.record_figures import draw_record
 
     try:
-        paths, damage = draw_record(folder, out)
+        paths, notes = draw_record(folder, out)
     except OSError as error:
         raise ConfigError(
             f"the figures cannot be written: {error}. Give another place with --out."
@@ -39,6 +39,6 @@ def plot(folder: Annotated[Path, Parameter(name="DIR")], /, *, out: Folder | Non
 
     for path in paths:
         print(path)
-    if damage:
-        print(f"covey: {folder}: {damage}", file=sys.stderr)
+    for note in notes:
+        print(f"covey: {folder}: {note}", file=sys.stderr)
     return EXIT_OK

@@ -13,6 +13,7 @@ from groundstation.recording.reader import DAMAGED_PIECE, read, record_path
 from groundstation.recording.timeline import Timeline
 from onboard.config.fleet import ConfigError, load_fleet, read_toml
 from onboard.config.flight_space import outlines_of
+from onboard.plain_text import plain_line
 
 _DEFAULT_SAFETY_DISTANCE_M = 0.80  # that of the paper
 _FIGURES = {
@@ -23,14 +24,17 @@ _FIGURES = {
 }
 
 
-def draw_record(folder: Path, out: Path | None = None) -> tuple[list[Path], str]:
-    """Write all figures as PNG and SVG; return their paths, and a sentence about a damaged record.
+def draw_record(folder: Path, out: Path | None = None) -> tuple[list[Path], list[str]]:
+    """Write all figures of a record as PNG and SVG.
 
-    The figures show what can be read of such a record; the sentence is empty for a whole one.
+    Of a damaged record the figures show what can be read.
 
     Args:
         folder: flight folder, or its MCAP file.
         out: folder of the figures; None for ``figures`` in the flight folder.
+
+    Returns:
+        Paths of the figures, and sentences about what is damaged or missing in the folder.
 
     Raises:
         ConfigError: there is no record, or it contains no flight.
@@ -42,7 +46,8 @@ def draw_record(folder: Path, out: Path | None = None) -> tuple[list[Path], str]
         flight_folder = folder.parent
 
     title = flight_folder.resolve().name
-    limits = _limits(flight_folder)
+    notes: list[str] = []
+    limits = _limits(flight_folder, notes)
     topics = list(TOPICS)
     if limits.get("people"):
         topics.append(POSES)
@@ -63,6 +68,8 @@ def draw_record(folder: Path, out: Path | None = None) -> tuple[list[Path], str]
 
     if damaged_pieces and not damage:  # the index of a record does not show it
         damage = DAMAGED_PIECE
+    if damage:
+        notes.append(damage)
     target = flight_folder / "figures"
     if out is not None:
         target = out
@@ -71,7 +78,7 @@ def draw_record(folder: Path, out: Path | None = None) -> tuple[list[Path], str]
     with styled():
         for name, module in _FIGURES.items():
             paths += save(module.draw(flight), target, name)
-    return paths, damage
+    return paths, notes
 
 
 def _begin_and_damage(path: Path) -> tuple[int | None, str]:
@@ -87,15 +94,20 @@ def _begin_and_damage(path: Path) -> tuple[int | None, str]:
         return timeline.begin_ns, timeline.broken
 
 
-def _limits(flight_folder: Path) -> dict[str, Any]:
-    """Return distances, fences and persons of the fleet file in the folder, or the paper's."""
+def _limits(flight_folder: Path, notes: list[str]) -> dict[str, Any]:
+    """Return distances, fences and persons of the fleet file in the folder.
+
+    Without a fleet file that can be read, the paper's distance is returned, and a note says why.
+    """
+    reason = "there is no fleet file beside the record"
     for path in sorted(flight_folder.glob("*.toml")):
         try:
             values, *_ = read_toml(path, "fleet or mission file")
             if "vehicles" not in values:
                 continue  # a mission file
-            config = load_fleet(path)
-        except ConfigError:
+            config = load_fleet(path, needs_folders=False)
+        except ConfigError as error:
+            reason = plain_line(str(error))[:300].rstrip(".")
             continue
         return {
             "safety_distance_m": config.fleet.safety_distance_m,
@@ -103,4 +115,9 @@ def _limits(flight_folder: Path) -> dict[str, Any]:
             "outlines": outlines_of(config),
             "people": config.people,
         }
+
+    notes.append(
+        f"the figures show the paper's safety distance of {_DEFAULT_SAFETY_DISTANCE_M:.2f} m, and"
+        f" neither fences nor persons: {reason}."
+    )
     return {"safety_distance_m": _DEFAULT_SAFETY_DISTANCE_M}

@@ -35,7 +35,7 @@ def identify_flight(folder: Path, fleet_path: str | None, name: str | None) -> I
         ConfigError: there is no record, no fleet file, or no such vehicle.
     """
     path = record_path(folder)
-    fleet = load_fleet(fleet_path or path.parent / "fleet.toml")
+    fleet = load_fleet(fleet_path or path.parent / "fleet.toml", needs_folders=False)
     names = _names(fleet, name)
     logs = logs_of(path, fleet, names)
 

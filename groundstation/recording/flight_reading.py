@@ -657,14 +657,14 @@ def _states(rows: _VehicleRows, span: _Span) -> StateRows:
 def _fleet(folder: Path, path: str | None, notes: list[str]) -> FleetConfig | None:
     """Return the fleet file; if it is missing or wrong, return None and add a note."""
     if path is not None:
-        return load_fleet(path, finds_law=False)
+        return load_fleet(path, needs_folders=False)
     beside = folder / "fleet.toml"
     if not beside.is_file():
         notes.append("There is no fleet.toml beside the record: no promised distance is drawn.")
         return None
     try:
         # A record may come from anybody, so code that its fleet file names (a law) is not run.
-        return load_fleet(str(beside), finds_law=False)
+        return load_fleet(str(beside), needs_folders=False)
     except ConfigError as error:
         notes.append(f"The fleet file cannot be used: {plain_line(str(error))[:300]}")
         return None

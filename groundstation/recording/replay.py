@@ -357,7 +357,7 @@ def open_flight(folder: Path, fleet_path: str | None = None) -> tuple[FleetConfi
         )
 
     # A record may come from anybody, so code that its fleet file names (a law) is not run.
-    fleet = load_fleet(fleet_path or str(beside), finds_law=False)
+    fleet = load_fleet(fleet_path or str(beside), needs_folders=False)
     return fleet, timeline
 
 

@@ -70,7 +70,7 @@ def checked_text(path: Path, more: str) -> str:
     """
     text = read_text(path, FLEET_FILE).rstrip() + "\n\n" + more
     # does not look for the law, because a user's own law may be missing on this computer
-    fleet_from_mapping(toml_values(text, str(path)), path=str(path), finds_law=False)
+    fleet_from_mapping(toml_values(text, str(path)), path=str(path), needs_folders=False)
     return text
 
 

@@ -53,13 +53,14 @@ _KNOWN_KEYS = (
 )
 
 
-def load_fleet(path: str | os.PathLike[str], *, finds_law: bool = True) -> FleetConfig:
+def load_fleet(path: str | os.PathLike[str], *, needs_folders: bool = True) -> FleetConfig:
     """Read and validate a fleet file.
 
     Args:
         path: path of the file, or the name of an example: ``paper``.
-        finds_law: whether the user's own law in the file must exist; False if nothing will fly. The
-            law is not imported, see :meth:`FleetConfig.import_law`.
+        needs_folders: whether the user's own law and the folder of keys that the file names must be
+            on this computer; False if nothing will fly, for instance for the file of a recorded
+            flight. The law is not imported, see :meth:`FleetConfig.import_law`.
     Returns:
         The values of the file.
     Raises:
@@ -67,11 +68,11 @@ def load_fleet(path: str | os.PathLike[str], *, finds_law: bool = True) -> Fleet
             value out of bounds or a duplicated id.
     """
     data, text, name = read_toml(path, "fleet file")
-    return fleet_from_mapping(data, path=name, text=text, finds_law=finds_law)
+    return fleet_from_mapping(data, path=name, text=text, needs_folders=needs_folders)
 
 
 def fleet_from_mapping(
-    data: Mapping[str, Any], *, path: str = "<fleet>", text: str = "", finds_law: bool = True
+    data: Mapping[str, Any], *, path: str = "<fleet>", text: str = "", needs_folders: bool = True
 ) -> FleetConfig:
     """Resolve and validate the content of a fleet file.
 
@@ -79,19 +80,19 @@ def fleet_from_mapping(
         data: tables of the file.
         path: path of the file, for messages.
         text: text of the file, kept with the values.
-        finds_law: see :func:`load_fleet`.
+        needs_folders: see :func:`load_fleet`.
     Returns:
         The values of the file.
     Raises:
         ConfigError: see :func:`load_fleet`.
     """
     try:
-        return _resolved(data, path=path, text=text, finds_law=finds_law)
+        return _resolved(data, path=path, text=text, needs_folders=needs_folders)
     except ConfigError as error:
         raise ConfigError(with_written_keys(str(error), data)) from error
 
 
-def _resolved(data: Mapping[str, Any], *, path: str, text: str, finds_law: bool) -> FleetConfig:
+def _resolved(data: Mapping[str, Any], *, path: str, text: str, needs_folders: bool) -> FleetConfig:
     check_schema(data, path)
     if "step" in data or isinstance(data.get("fleet"), str):
         raise ConfigError(
@@ -149,8 +150,8 @@ def _resolved(data: Mapping[str, Any], *, path: str, text: str, finds_law: bool)
         radio=radio,
         corrections=corrections,
     )
-    check_fleet(config)
+    check_fleet(config, needs_folders=needs_folders)
 
-    if finds_law:
+    if needs_folders:
         return config.with_own_law()
     return config

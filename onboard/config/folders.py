@@ -7,6 +7,7 @@ be above it, and its path must contain only characters without a special meaning
 Covey itself writes copies of fleet files into other folders, for instance for a simulated flight or
 an imported show. A copy names the folder of its original by an absolute path. Such a path is
 accepted only if the folder exists on this computer and already contains keys, or may contain a law.
+Nobody flies with the file of a recorded flight that is only read, so its folders may be elsewhere.
 """
 
 from __future__ import annotations
@@ -19,18 +20,28 @@ from collections.abc import Iterator
 _PATTERN = re.compile(r"[A-Za-z0-9_./-]+")
 
 
-def keys_problems(folder: str) -> Iterator[str]:
-    """Yield a sentence if ``fleet.keys`` cannot be the folder of the keys."""
+def keys_problems(folder: str, *, must_exist: bool) -> Iterator[str]:
+    """Yield a sentence if ``fleet.keys`` cannot be the folder of the keys.
+
+    Args:
+        folder: value of the key.
+        must_exist: whether an absolute path must be that of a folder with keys.
+    """
     has_certificates = os.path.isfile(os.path.join(folder, "ca.pem"))
     has_mavlink_keys = bool(glob.glob(os.path.join(glob.escape(folder), "*.mavlink.key")))
-    holds_keys = has_certificates or has_mavlink_keys
-    yield from _problems("fleet.keys", folder, may_be_absolute=holds_keys, example="keys")
+    may_be_absolute = has_certificates or has_mavlink_keys or not must_exist
+    yield from _problems("fleet.keys", folder, may_be_absolute=may_be_absolute, example="keys")
 
 
-def law_problems(folder: str) -> Iterator[str]:
-    """Yield a sentence if ``law.folder`` cannot be the folder of a law."""
-    is_folder = os.path.isdir(folder)
-    yield from _problems("law.folder", folder, may_be_absolute=is_folder, example="laws")
+def law_problems(folder: str, *, must_exist: bool) -> Iterator[str]:
+    """Yield a sentence if ``law.folder`` cannot be the folder of a law.
+
+    Args:
+        folder: value of the key.
+        must_exist: whether an absolute path must be that of a folder.
+    """
+    may_be_absolute = os.path.isdir(folder) or not must_exist
+    yield from _problems("law.folder", folder, may_be_absolute=may_be_absolute, example="laws")
 
 
 def _problems(key: str, folder: str, *, may_be_absolute: bool, example: str) -> Iterator[str]:

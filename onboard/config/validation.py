@@ -78,21 +78,24 @@ _NODE_WORDS = ("ground", "watcher", "recorder", "sitl")
 _WITHOUT_SIGNING = ("1.16", "1.17")  # versions of PX4 that do not sign MAVLink
 
 
-def check_fleet(config: FleetConfig) -> None:
+def check_fleet(config: FleetConfig, *, needs_folders: bool) -> None:
     """Check everything in a fleet file that the types of the values do not ensure.
 
     Args:
         config: a whole fleet file.
+        needs_folders: see :func:`onboard.config.fleet.load_fleet`.
     Raises:
         ConfigError: the first mistake.
     """
-    first = next(_problems(config), None)
+    first = next(_problems(config, needs_folders=needs_folders), None)
     if first is not None:
         raise ConfigError(f"{config.path}: {first}")
 
 
-def _problems(config: FleetConfig) -> Iterator[str]:
+def _problems(config: FleetConfig, *, needs_folders: bool) -> Iterator[str]:
     """Yield a sentence for each mistake, in the order of the checks."""
+    yield from folders.keys_problems(config.fleet.keys, must_exist=needs_folders)
+    yield from folders.law_problems(config.law.folder, must_exist=needs_folders)
     yield from _fleet_section_problems(config)
     yield from _law_problems(config)
     for vehicle in config.vehicles.values():
@@ -128,7 +131,6 @@ def _fleet_section_problems(config: FleetConfig) -> Iterator[str]:
             f"'fleet.name' is {fleet.name!r}; it is part of the bus keys. "
             "Use 1 to 40 of A-Z a-z 0-9 _ -."
         )
-    yield from folders.keys_problems(fleet.keys)
     if not config.vehicles:
         yield "'vehicles' is empty. Add at least one [vehicles.NAME]."
 
@@ -271,7 +273,6 @@ def law_bounds(key: str) -> tuple[float, float]:
 
 def _law_problems(config: FleetConfig) -> Iterator[str]:
     law = config.law
-    yield from folders.law_problems(law.folder)
     for key in LawConfig.__struct_fields__:
         value = getattr(law, key)
         if isinstance(value, (int, float)) and not isinstance(value, bool):

@@ -5,10 +5,13 @@ from __future__ import annotations
 import dataclasses
 import json
 import math
+import tomllib
 from pathlib import Path
 
 import numpy as np
 import pytest
+import tomli_w
+from matplotlib.figure import Figure
 from mcap.writer import Writer
 
 from groundstation.cli import main
@@ -242,6 +245,53 @@ def test_damage_in_the_middle_of_a_record_is_said(
     path.write_bytes(data)
     assert main(["plot", str(tmp_path)]) == 0
     assert "A piece of the record is damaged" in capsys.readouterr().err
+
+
+def test_the_fleet_s_distance_is_drawn_though_law_and_keys_are_on_another_computer(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    drawn: list[FlightData] = []
+
+    def noted(flight: FlightData) -> Figure:
+        drawn.append(flight)
+        return new_figure(1.0, 1.0, "")
+
+    monkeypatch.setattr(avoidance, "draw", noted)
+    monkeypatch.setattr(record_figures, "_FIGURES", {"fig6_avoidance": avoidance})
+    write_flight(tmp_path)
+    fleet = tomllib.loads(Path("configs/fleets/paper.toml").read_text())
+    fleet["fleet"]["safety_distance_m"] = 0.81
+    fleet["fleet"]["keys"] = "/another/computer/keys"
+    fleet["law"] = {"name": "mine:law", "folder": "/another/computer"}
+    (tmp_path / "fleet.toml").write_text(tomli_w.dumps(fleet))
+
+    assert main(["plot", str(tmp_path)]) == 0
+    assert drawn[-1].safety_distance_m == 0.81
+    assert capsys.readouterr().err == ""
+
+
+@pytest.mark.parametrize(
+    ("text", "reason"),
+    [
+        (None, "there is no fleet file beside the record."),
+        ("[fleet]\nsafety_distance_m = 'far'\n[vehicles.mav0]\n", "fleet.toml"),
+    ],
+)
+def test_figures_without_a_fleet_file_say_whose_distance_they_show(
+    text: str | None,
+    reason: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    monkeypatch.setattr(record_figures, "_FIGURES", {})
+    write_flight(tmp_path)
+    if text is not None:
+        (tmp_path / "fleet.toml").write_text(text)
+    assert main(["plot", str(tmp_path)]) == 0
+    said = capsys.readouterr().err
+    assert "the figures show the paper's safety distance of 0.80 m" in said
+    assert reason in said
 
 
 def test_no_line_and_no_other_name_crosses_the_name_of_a_pair() -> None:
