@@ -249,7 +249,7 @@ class FleetConfig(msgspec.Struct, frozen=True):
         own_law: OwnLaw | None = None
         if self.law.is_own:
             folder = os.path.join(os.path.dirname(os.path.abspath(self.path)), self.law.folder)
-            own_law = find_own_law(self.law.name, (folder, os.getcwd()), self.path)
+            own_law = find_own_law(self.law.name, (folder, os.getcwd()), f"{self.path}: 'law.name'")
         return msgspec.structs.replace(self, own_law=own_law)
 
     def import_law(self) -> None:

@@ -104,17 +104,17 @@ class LawImport(msgspec.Struct, frozen=True):
             ) from None
 
 
-def find_own_law(name: str, folders: Sequence[str], path: str) -> OwnLaw:
+def find_own_law(name: str, folders: Sequence[str], named_by: str) -> OwnLaw:
     """Find a law and hash its source, without running its code.
 
     Args:
         name: ``module:function``, or an entry point of the group ``covey.laws``.
         folders: folders in which the module is searched before the installed modules.
-        path: path of the fleet file, for messages.
+        named_by: file and key, or option, whose value the name is, for messages.
     Raises:
         ConfigError: There is no law of that name, or its module does not exist.
     """
-    where = f"{path}: 'law.name' is {name!r}"
+    where = f"{named_by} is {name!r}"
     folders = [os.path.abspath(folder) for folder in folders]
     module_name, _, function_name = _target(name, where).partition(":")
 
@@ -147,7 +147,7 @@ def _not_found(
     searched = " or ".join(dict.fromkeys(folders))
     return ConfigError(
         f"{where}: the module {module_name} cannot be imported ({error}), neither from "
-        f"{searched} nor as an installed one. Put {module_name}.py there, correct law.name, or "
+        f"{searched} nor as an installed one. Put {module_name}.py there, correct the name, or "
         "install its package."
     )
 

@@ -23,6 +23,7 @@ from onboard.config.fleet import (
     load_fleet,
     read_toml,
 )
+from onboard.config.law_import import find_own_law
 from onboard.plain_text import meant_words
 
 _EXAMPLES = ("sih", "paper")  # example fleets whose types can be named without --fleet
@@ -261,12 +262,14 @@ def setup_for(
         )
 
     file_law = dict(data.get("law", {}))
-    if law is None:
-        law = str(file_law.get("name", "covey"))
     if fleet_path is not None:
         # the folder of a user's own law is relative to the fleet file that names it
         fleet_folder = os.path.dirname(os.path.abspath(fleet_path))
         file_law["folder"] = os.path.join(fleet_folder, file_law.get("folder", "."))
+    if law is None:
+        law = str(file_law.get("name", "covey"))
+    elif LawConfig(name=law).is_own:
+        find_own_law(law, (file_law.get("folder", "."), os.getcwd()), "--law")
 
     if not (math.isfinite(scale) and 0.1 <= scale <= 100.0):
         raise ConfigError(f"--scale is {scale}; it must lie between 0.1 and 100.")

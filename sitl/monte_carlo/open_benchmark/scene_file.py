@@ -18,6 +18,8 @@ import msgspec
 
 from onboard.config.config_error import ConfigError
 from onboard.config.file_reading import SCENE_FILE, json_values, read_bytes
+from onboard.config.law import LawConfig
+from onboard.config.law_import import find_own_law
 from onboard.config.toml_reading import bound_problems, convert, table
 from sitl.monte_carlo.campaign_settings import parsed_change
 
@@ -234,6 +236,11 @@ def _problems(scene: Scene) -> Iterator[str]:
             yield from bound_problems(key, coordinate_m, -_LARGEST_M, _LARGEST_M)
 
     yield from _index_problems(scene)
+    if scene.others is not None and LawConfig(name=scene.others.law).is_own:
+        try:
+            find_own_law(scene.others.law, (os.getcwd(),), "'others.law'")
+        except ConfigError as error:
+            yield str(error)
 
     for change in scene.changes:
         try:

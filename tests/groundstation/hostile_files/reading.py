@@ -205,7 +205,7 @@ def _scene(path: Path) -> None:
 def _law(path: Path) -> None:
     from onboard.config.law_import import find_own_law
 
-    find_own_law("pipe:law", [str(path.parent)], "fleet.toml")
+    find_own_law("pipe:law", [str(path.parent)], "fleet.toml: 'law.name'")
 
 
 def _web(path: Path) -> None:

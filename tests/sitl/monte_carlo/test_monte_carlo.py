@@ -317,9 +317,9 @@ def test_goal_beside_a_frozen_vehicle_is_blocked_and_any_other_is_reached():
         (["circle"], "circle is the name of a scene. Write circle.json to fly it."),
         (
             ["form3", "--law", "nothing"],
-            "'law.name' is 'nothing', but there are only covey, paper, off",
+            "covey: --law is 'nothing', but there are only covey, paper, off",
         ),
-        (["form3", "--law", ""], "'law.name' is '', but there are only covey, paper, off"),
+        (["form3", "--law", ""], "covey: --law is '', but there are only covey, paper, off"),
         (["form3", "--errors", "lidar"], "--errors is 'lidar'"),
         (["form3", "--type", "jet"], "no vehicle type 'jet'"),
         (["form3", "--seeds", "5:5"], "holds no seed"),

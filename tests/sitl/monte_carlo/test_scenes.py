@@ -113,6 +113,7 @@ def test_points_are_drawn_clear_of_obstacles():
         ({"intruder": {"speed": 1}}, "Known keys here: "),
         ({"blind": [2]}, "'blind' is 2"),
         ({"others": {"law": "off", "vehicles": [-1]}}, "'others.vehicles' is -1"),
+        ({"others": {"law": "orcca", "vehicles": [0]}}, "'others.law' is 'orcca', but there"),
         ({"within_s": 0}, "'within_s' is 0"),
         ({"jitter_m": 2}, "'jitter_m' is 2"),
         ({"set": {"wnd_m_s": 2.0}}, "'set' has wnd_m_s=2.0: there is no such key. Did you mean"),
