@@ -31,7 +31,7 @@ from onboard.exit_status import EXIT_INTERRUPTED, EXIT_NO_ANSWER, EXIT_OK, EXIT_
 from onboard.plain_text import PlainStream, drawing, fitted, meant_words
 
 if TYPE_CHECKING:
-    from cyclopts import App
+    from cyclopts import App, MissingArgumentError
 
 
 class Command(NamedTuple):
@@ -312,7 +312,7 @@ def _run(words: list[str]) -> int:
     if not first.startswith("-") and find_command(first) is None:
         return _refuse_unknown(first)
 
-    from cyclopts import CycloptsError, UnusedCliTokensError
+    from cyclopts import CycloptsError, MissingArgumentError, UnusedCliTokensError
 
     app = front_page(words)
     try:
@@ -323,12 +323,24 @@ def _run(words: list[str]) -> int:
         if isinstance(error, UnusedCliTokensError):
             unused = " ".join(error.unused_tokens or ())
             sentence = f"too many words: {unused}."
+        elif isinstance(error, MissingArgumentError):
+            sentence = _missing_sentence(error)
         return _refuse(f"{sentence} '{called} --help' says more.")
 
     if status is None:  # a page of help, or a command without its part
         is_asked = any(word.startswith("-") for word in words)
         return EXIT_OK if is_asked else EXIT_WRONG_INPUT
     return int(status)
+
+
+def _missing_sentence(error: MissingArgumentError) -> str:
+    """Return a sentence about a word that is missing, or about an option without its value."""
+    name = "a word"
+    if error.argument is not None:
+        name = error.argument.name
+    if name.startswith("-"):
+        return f"the value of {name} is missing."
+    return f"{name} is missing."
 
 
 def _is_help(words: list[str]) -> bool:

@@ -36,6 +36,7 @@ from groundstation.starter.starter_files import (
 )
 from onboard.config.fleet import ConfigError
 from onboard.exit_status import EXIT_OK
+from onboard.plain_text import numbered
 
 
 def _position(_: object, tokens: Sequence[Token]) -> str:
@@ -130,8 +131,8 @@ def init(
     folder.mkdir(parents=True, exist_ok=True)
     fleet_path.write_text(fleet_text, encoding="utf-8")
     mission_path.write_text(starter_files.mission_text, encoding="utf-8")
-    count = len(starter_files.fleet.vehicles)
-    print(f"Written: {fleet_path} for {count} vehicles, and {mission_path}.")
+    count = numbered(len(starter_files.fleet.vehicles), "vehicle")
+    print(f"Written: {fleet_path} for {count}, and {mission_path}.")
 
     if law_path is not None and law_test_path is not None:
         law_text, law_test_text = own_law_texts()
