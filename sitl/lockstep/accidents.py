@@ -47,7 +47,8 @@ _LANDED_WITHIN_S = 90.0  # time to land after the mission, or after the ground s
 TURN_DEG = 7.0
 WIND_TIMES_LIMIT = 2.0  # strongest wind, in multiples of the fleet's wind limit
 WIND_RAMP_S = 20.0  # time in which the wind rises
-_GUST_M_S = 0.05  # standard deviation of the gusts that blow in every flight
+_GUST_M_S = 0.05  # standard deviation of the gusts, if the accident was not one of wind
+_STRONG_GUST_M_S = 0.5
 _WIND_CONDITIONS = (  # conditions of the failsafe table that a strong wind causes
     Condition.WIND_ABOVE,
     Condition.WIND_NEAR,
@@ -73,6 +74,7 @@ class Accident(NamedTuple):
     # returns a context in which a defence that is not a fleet-file value is off
     without_defence: Callable[[], contextlib.AbstractContextManager[None]] = contextlib.nullcontext
     room_turn_deg: float = 0.0  # clockwise turn of the true fence against the fleet's frame
+    gust_std_m_s: float = _GUST_M_S  # standard deviation of the gusts of the whole flight
     # name of the mission step in which the ground station is cut off; empty: never
     ground_ends_in: str = ""
 
@@ -149,7 +151,7 @@ def fly(
         around_flight = accident.without_defence()
     mission = replace(mission, fleet=fleet)
 
-    gusts = Environment(WindSettings(gust_std_m_s=_GUST_M_S))
+    gusts = Environment(WindSettings(gust_std_m_s=accident.gust_std_m_s))
     with around_flight, Lockstep(fleet, seed=seed, folder=folder, environment=gusts) as flight:
         flown = FlownAccident(accident.name, is_defended, seed)
         flown.promised_m = fleet.fleet.safety_distance_m
@@ -363,6 +365,7 @@ ACCIDENTS = {
             undefended=_unchanged,
             without_defence=_flying_in_any_wind,
             plan_failure=_let_wind_rise,
+            gust_std_m_s=_STRONG_GUST_M_S,
         ),
         Accident(
             name="aaib-29203",
