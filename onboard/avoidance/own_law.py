@@ -10,15 +10,17 @@ import math
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 
+from onboard.avoidance import oist
 from onboard.avoidance.half_planes import into_disc
 from onboard.avoidance.interface import NOBODY, Baseline, own_at
 from onboard.avoidance.oist import LawMemory
-from onboard.avoidance.pairs import nearest_pairs
+from onboard.avoidance.pairs import Own, nearest_pairs
 from onboard.avoidance.params import Capsule, LawParams, Walls
-from onboard.avoidance.prediction import Motion, remembered
+from onboard.avoidance.prediction import Motion, PastCommand, remembered
+from onboard.avoidance.projection import INACTIVE, SATURATED
 from onboard.constants import GRAVITY_M_S2
-from onboard.types import LawOutput, LawStatus, Neighbour, State, Thrust
-from onboard.vectors import Vec2, Vec3
+from onboard.types import LawOutput, Neighbour, State, Thrust
+from onboard.vectors import Vec2, Vec3, length, subtract
 
 LEAST_THRUST_G = 0.5  # least vertical thrust, as a share of the weight: with less, a vehicle falls
 _TILT_SLACK_RAD = math.radians(1.0)  # a tilt beyond the limit by less than this is not refused
@@ -36,6 +38,15 @@ class LawNeighbour(NamedTuple):
     d_m: float  # distance of the centres to keep, with all margins
     is_cooperative: bool  # False: it does not avoid others
     table_index: int  # the same number as in the neighbour's entry of ``LawInputs.received``
+
+
+class CoveyTick(NamedTuple):
+    """One tick of Covey's law, which is computed beside the user's law."""
+
+    own: Own  # the vehicle at t + L
+    neighbours: list[LawNeighbour]  # the nearest within range, nearest first
+    memory: LawMemory  # after the tick
+    output: LawOutput
 
 
 class LawInputs(NamedTuple):
@@ -71,7 +82,9 @@ class LawInputs(NamedTuple):
         return Thrust(Vec3(flown.x - s.x, flown.y - s.y, self.baseline.thrust_enu_m_s2.z))
 
 
-def law_inputs(
+def covey_tick(
+    memory: LawMemory,
+    relaxed_share: float,
     baseline: Baseline,
     predicted: Motion,
     state: State,
@@ -79,10 +92,12 @@ def law_inputs(
     obstacles: Sequence[Capsule],
     params: LawParams,
     dt_s: float,
-) -> LawInputs:
-    """Return the inputs of one tick.
+) -> CoveyTick:
+    """Return one tick of Covey's law, and the neighbours that the user's law gets.
 
     Args:
+        memory: memory of Covey's law after the last tick.
+        relaxed_share: its true share of relaxed ticks, which replaces that of the memory.
         baseline: thrust, compensation and intent.
         predicted: own motion at t + L.
         state: own estimate.
@@ -91,9 +106,17 @@ def law_inputs(
         params: numbers of the vehicle's law.
         dt_s: time since the last tick.
     """
+    after, output = oist.step(
+        with_share(memory, relaxed_share),
+        baseline,
+        predicted,
+        state,
+        neighbours,
+        obstacles,
+        params,
+        dt_s,
+    )
     own = own_at(baseline, predicted, state, params)
-    u = own.thrust_m_s2
-    s = own.compensation_m_s2
 
     near = []
     for pair in nearest_pairs(own, neighbours, params).pairs:
@@ -105,11 +128,37 @@ def law_inputs(
             table_index=pair.table_index,
         )
         near.append(neighbour)
+    return CoveyTick(own=own, neighbours=near, memory=after, output=output)
 
+
+def law_inputs(
+    own: Own,
+    near: Sequence[LawNeighbour],
+    baseline: Baseline,
+    predicted: Motion,
+    state: State,
+    neighbours: Sequence[Neighbour],
+    obstacles: Sequence[Capsule],
+    params: LawParams,
+    dt_s: float,
+) -> LawInputs:
+    """Return the inputs of one tick.
+
+    Args:
+        own, near: the vehicle and its nearest neighbours, of :func:`covey_tick`.
+        baseline: thrust, compensation and intent.
+        predicted: own motion at t + L.
+        state: own estimate.
+        neighbours: all neighbours as received.
+        obstacles: static obstacles, and edges of the fence's areas.
+        params: numbers of the vehicle's law.
+        dt_s: time since the last tick.
+    """
+    s = own.compensation_m_s2
     return LawInputs(
         state=state,
         predicted=predicted,
-        baseline=Thrust(Vec3(u.x - s.x, u.y - s.y, own.thrust_z_m_s2)),
+        baseline=Thrust(_unchanged(own)),
         compensation_enu_m_s2=Vec3(s.x, s.y, baseline.compensation_enu_m_s2.z),
         intent_enu_m_s=baseline.intent_enu_m_s,
         neighbours=tuple(near),
@@ -120,6 +169,13 @@ def law_inputs(
         vehicle=params,
         dt_s=dt_s,
     )
+
+
+def _unchanged(own: Own) -> Vec3:
+    """Return the thrust that the vehicle would fly if it were alone, within its limits."""
+    u = own.thrust_m_s2
+    s = own.compensation_m_s2
+    return Vec3(u.x - s.x, u.y - s.y, own.thrust_z_m_s2)
 
 
 def judged(answer: Any, inputs: LawInputs) -> tuple[Any, Vec3, str]:
@@ -200,32 +256,54 @@ def _exceeded_limit(thrust: Vec3, inputs: LawInputs) -> str:
 
 
 def flown_instead(
-    thrust: Vec3, covey: LawOutput, memory: LawMemory, before: LawMemory, inputs: LawInputs
+    thrust: Vec3, own: Own, covey: LawOutput, after: LawMemory, before: LawMemory, dt_s: float
 ) -> tuple[LawMemory, LawOutput]:
     """Return Covey's memory and output with the thrust of the user's law.
 
     Args:
         thrust: thrust of the user's law, which is flown.
+        own: the vehicle at t + L.
         covey: output of Covey's law at the same tick.
-        memory: memory of Covey's law after that tick.
+        after: memory of Covey's law after that tick.
         before: memory of Covey's law before that tick.
-        inputs: inputs of the tick.
+        dt_s: time since the last tick.
     """
     command = Vec3(thrust.x, thrust.y, thrust.z - GRAVITY_M_S2)
-    x, y, z = inputs.baseline.thrust_enu_m_s2
-    change_m_s2 = math.hypot(thrust.x - x, thrust.y - y, thrust.z - z)
+    change_m_s2 = length(subtract(thrust, _unchanged(own)))
 
-    status = LawStatus.INACTIVE
+    status = INACTIVE
     if change_m_s2 > _CHANGED_M_S2:
-        status = LawStatus.SATURATED
+        status = SATURATED
 
-    output = covey._replace(
+    output = LawOutput(
         thrust=Thrust(thrust),
+        predicted_position_enu_m=covey.predicted_position_enu_m,
+        predicted_velocity_enu_m_s=covey.predicted_velocity_enu_m_s,
         commanded_acceleration_enu_m_s2=command,
-        status=int(status),
+        status=status,
         intervention_m_s2=change_m_s2,
         slack_m_s2=0.0,
+        crowd_count=covey.crowd_count,
         active_neighbour=NOBODY,
+        lead_time_s=covey.lead_time_s,
+        intent_enu_m_s=covey.intent_enu_m_s,
     )
-    after = memory._replace(commands=remembered(before.commands, command, inputs.dt_s))
-    return after, output
+    commands = remembered(before.commands, command, dt_s)
+    return _changed(after, commands, after.relaxed_share), output
+
+
+def with_share(memory: LawMemory, relaxed_share: float) -> LawMemory:
+    """Return the memory of Covey's law with another share of relaxed ticks."""
+    return _changed(memory, memory.commands, relaxed_share)
+
+
+def _changed(memory: LawMemory, commands: list[PastCommand], relaxed_share: float) -> LawMemory:
+    """Return a memory with other commands and share. Compiled code knows no ``_replace``."""
+    return LawMemory(
+        commands=commands,
+        predicted=memory.predicted,
+        relaxed_share=relaxed_share,
+        held_s=memory.held_s,
+        climb_share=memory.climb_share,
+        sink_limit_m_s=memory.sink_limit_m_s,
+    )

@@ -14,7 +14,14 @@ from typing import Any
 from onboard.avoidance import oist
 from onboard.avoidance.interface import INFEASIBLE, Baseline
 from onboard.avoidance.oist import LawMemory
-from onboard.avoidance.own_law import LawInputs, flown_instead, judged, law_inputs
+from onboard.avoidance.own_law import (
+    LawInputs,
+    covey_tick,
+    flown_instead,
+    judged,
+    law_inputs,
+    with_share,
+)
 from onboard.avoidance.params import Capsule, LawParams
 from onboard.avoidance.prediction import Motion
 from onboard.config.fleet import OwnLaw
@@ -89,37 +96,60 @@ class OwnLawRunner:
             )
 
         # Covey's law is computed at every tick, because it may have to take over.
-        before = memory._replace(relaxed_share=self._relaxed_share)
-        after, output = oist.step(
-            before, baseline, predicted, state, neighbours, obstacles, params, dt_s
+        covey = covey_tick(
+            memory,
+            self._relaxed_share,
+            baseline,
+            predicted,
+            state,
+            neighbours,
+            obstacles,
+            params,
+            dt_s,
         )
+        after = covey.memory
+        output = covey.output
 
         # INFEASIBLE: the inputs are unusable, so Covey's bounded fallback flies
         if output.status != INFEASIBLE:
-            inputs = law_inputs(baseline, predicted, state, neighbours, obstacles, params, dt_s)
-            self._memory, thrust, self.refusal = self._answer(inputs)
-            if self.refusal:
+            inputs = law_inputs(
+                covey.own,
+                covey.neighbours,
+                baseline,
+                predicted,
+                state,
+                neighbours,
+                obstacles,
+                params,
+                dt_s,
+            )
+            thrust = self.answer(inputs)
+            if thrust is None:
                 return after, output
-            after, output = flown_instead(thrust, output, after, before, inputs)
+            after, output = flown_instead(thrust, covey.own, output, after, memory, dt_s)
 
         self._relaxed_share = after.relaxed_share
-        return after._replace(relaxed_share=0.0), output
+        return with_share(after, 0.0), output
 
-    def _answer(self, inputs: LawInputs) -> tuple[Any, Vec3, str]:
-        """Return the law's memory and thrust, and the reason if the thrust cannot be flown."""
+    def answer(self, inputs: LawInputs) -> Vec3 | None:
+        """Return the law's thrust, or None if it cannot be flown; ``refusal`` says why."""
         began_s = 0.0
         if self._clock is not None:
             began_s = self._clock()
         try:
-            memory, thrust, refusal = judged(self._function(self._memory, inputs), inputs)
+            answered = self._function(self._memory, inputs)
+            self._memory, thrust, self.refusal = judged(answered, inputs)
         except KeyboardInterrupt:
             raise
         except BaseException as error:  # noqa: BLE001 - a user's law may raise anything
-            return None, inputs.baseline.thrust_enu_m_s2, f"raised {_in_words(error)}"
+            self.refusal = f"raised {_in_words(error)}"
+            return None
 
-        if self._clock is not None and not refusal:
-            refusal = self._slowness(self._clock() - began_s)
-        return memory, thrust, refusal
+        if self._clock is not None and not self.refusal:
+            self.refusal = self._slowness(self._clock() - began_s)
+        if self.refusal:
+            return None
+        return thrust
 
     def _slowness(self, duration_s: float) -> str:
         """Return why a law that took this long is refused; empty if it is fast enough."""

@@ -30,6 +30,7 @@ from onboard.avoidance import (
     interface,
     oist,
     oist_paper,
+    own_law,
     pairs,
     prediction,
     projection,
@@ -43,7 +44,7 @@ from onboard.control.control_mode import ControlMode
 from onboard.estimation import disturbance_observer, hover_thrust, kalman, wind
 from onboard.rollout.fleet_routes import FleetRoutes
 from onboard.rollout.rows import Layout, Rows, floats, zero
-from onboard.types import Goal, Neighbour, State, Tick
+from onboard.types import Goal, LawOutput, Neighbour, State, Tick, TrajectorySetpoint
 from onboard.vectors import ZERO_3, Vec3
 
 Compiled = Callable[..., Any]
@@ -54,6 +55,8 @@ class _Loops(NamedTuple):
 
     step: Compiled
     estimate: Compiled
+    before_own_law: Compiled
+    after_own_law: Compiled
 
 
 # modules whose functions compiled code may call
@@ -85,6 +88,7 @@ _MODULES: tuple[ModuleType, ...] = (
     interface,
     oist,
     oist_paper,
+    own_law,
 )
 
 
@@ -95,7 +99,34 @@ class EstimatorMemory(NamedTuple):
     wind: wind.WindMemory
 
 
+class CoveyResults(NamedTuple):
+    """What is computed of one vehicle before its user's law is called, and needed after it."""
+
+    before: pipeline.BeforeLaw
+    memory: oist.LawMemory  # of Covey's law, after the tick
+    output: LawOutput  # of Covey's law
+
+
+class OwnLawView(NamedTuple):
+    """What a user's law gets of the vehicle itself, besides its estimate."""
+
+    own: pairs.Own
+    baseline: interface.Baseline
+    predicted: prediction.Motion
+
+
 _ZERO_PARAMS = zero(pipeline.PipelineParams)
+_ZERO_MEMORY = pipeline.initial(_ZERO_PARAMS, ZERO_3)
+_ZERO_BEFORE_LAW = pipeline.BeforeLaw(
+    observer=_ZERO_MEMORY.observer,
+    hover_thrust=_ZERO_MEMORY.hover_thrust,
+    clock_rate=_ZERO_MEMORY.clock_rate,
+    trajectory=_ZERO_MEMORY.trajectory,
+    setpoint=zero(TrajectorySetpoint),
+    baseline=zero(interface.Baseline),
+    motion=zero(prediction.Motion),
+    is_usable=False,
+)
 
 STATE = Layout(zero(State))
 GOAL = Layout(zero(Goal))
@@ -103,10 +134,26 @@ NEIGHBOUR = Layout(zero(Neighbour))
 OBSTACLE = Layout(zero(law_params.Capsule))
 TICK = Layout(zero(Tick))
 PARAMS = Layout(_ZERO_PARAMS)
-MEMORY = Layout(pipeline.initial(_ZERO_PARAMS, ZERO_3))
+MEMORY = Layout(_ZERO_MEMORY)
+COVEY_RESULTS = Layout(CoveyResults(_ZERO_BEFORE_LAW, _ZERO_MEMORY.law, zero(LawOutput)))
+OWN_LAW_VIEW = Layout(zero(OwnLawView))
+LAW_NEIGHBOUR = Layout(zero(own_law.LawNeighbour))
 FILTER_PARAMS = Layout(kalman.KalmanParams())
 FILTER = Layout(EstimatorMemory(kalman.initial(ZERO_3, kalman.KalmanParams()), wind.initial()))
-_LAYOUTS = (STATE, GOAL, NEIGHBOUR, TICK, OBSTACLE, PARAMS, MEMORY, FILTER_PARAMS, FILTER)
+_LAYOUTS = (
+    STATE,
+    GOAL,
+    NEIGHBOUR,
+    TICK,
+    OBSTACLE,
+    PARAMS,
+    MEMORY,
+    COVEY_RESULTS,
+    OWN_LAW_VIEW,
+    LAW_NEIGHBOUR,
+    FILTER_PARAMS,
+    FILTER,
+)
 
 # global names, because compiled code cannot call attributes
 _read_state = STATE.read
@@ -118,6 +165,11 @@ _write_tick = TICK.write
 _read_params = PARAMS.read
 _read_memory = MEMORY.read
 _write_memory = MEMORY.write
+_read_covey_results = COVEY_RESULTS.read
+_write_covey_results = COVEY_RESULTS.write
+_read_own_law_view = OWN_LAW_VIEW.read
+_write_own_law_view = OWN_LAW_VIEW.write
+_write_law_neighbour = LAW_NEIGHBOUR.write
 _read_filter_params = FILTER_PARAMS.read
 _read_filter = FILTER.read
 _write_filter = FILTER.write
@@ -149,6 +201,15 @@ class PassRows(NamedTuple):
     neighbours: Rows  # (..., N, K)
     is_present: BoolArray  # (..., N, K)
     modes: IntArray  # (..., N), values of ControlMode
+
+
+class BeforeOwnLaw(NamedTuple):
+    """Results of :func:`before_own_law` for many vehicles."""
+
+    covey: Rows  # (..., N), rows of CoveyResults
+    views: Rows  # (..., N), rows of OwnLawView
+    neighbours: Rows  # (..., N, K), rows of LawNeighbour, the nearest first
+    neighbour_counts: IntArray  # (..., N), how many of the K there are
 
 
 class Controller(Protocol):
@@ -186,12 +247,7 @@ class FleetPipeline:
     ) -> None:
         self._params = PARAMS.packed(params)
         self._obstacles = OBSTACLE.packed(obstacles)
-
-        memories = []
-        for positions_enu_m in start_enu_m.tolist():
-            for own_params, position in zip(params, positions_enu_m, strict=True):
-                memories.append(pipeline.initial(own_params, Vec3(*position)))
-        self._memories = MEMORY.packed(memories).reshape(start_enu_m.shape[:2])
+        self._memories = hovering(params, start_enu_m)
         self._routes = FleetRoutes(len(start_enu_m), params, obstacles)
 
     def step(
@@ -279,6 +335,20 @@ class FleetEstimator:
         self._memories = self._memories[flights]
 
 
+def hovering(params: Sequence[pipeline.PipelineParams], start_enu_m: Array) -> Rows:
+    """Return the memories (F, N) of the pipelines of vehicles that hover.
+
+    Args:
+        params: parameters of the N vehicles.
+        start_enu_m: their positions (F, N, 3) [m].
+    """
+    memories = []
+    for positions_enu_m in start_enu_m.tolist():
+        for own_params, position in zip(params, positions_enu_m, strict=True):
+            memories.append(pipeline.initial(own_params, Vec3(*position)))
+    return MEMORY.packed(memories).reshape(start_enu_m.shape[:2])
+
+
 def step(memories: Rows, inputs: PassRows, obstacles: Rows, params: Rows, dt_s: float) -> Rows:
     """Return the ticks (..., N) of many vehicles: the result of ``pipeline.step`` for each.
 
@@ -290,28 +360,110 @@ def step(memories: Rows, inputs: PassRows, obstacles: Rows, params: Rows, dt_s: 
         dt_s: length of the tick [s].
     """
     ticks = TICK.rows(inputs.states.shape)
-    size = ticks.size
-    neighbour_count = inputs.neighbours.shape[-1]
-
-    # writable arrays, because numba would compile the code again for read-only ones
-    is_present = np.require(inputs.is_present, requirements=["C", "W"])
-    modes = np.require(inputs.modes, np.int64, ["C", "W"])
-    flat_inputs = (
-        _flat(inputs.states),
-        _flat(inputs.goals),
-        floats(inputs.neighbours).reshape(size, neighbour_count, NEIGHBOUR.width),
-        is_present.reshape(size, neighbour_count),
-        modes.reshape(size),
-    )
     _loops().step(
         _flat(memories),
-        flat_inputs,
+        _flat_inputs(inputs),
         floats(obstacles),
         floats(params),
         _flat(ticks),
         dt_s,
     )
     return ticks
+
+
+def before_own_law(
+    memories: Rows,
+    relaxed_shares: Array,
+    inputs: PassRows,
+    obstacles: Rows,
+    params: Rows,
+    dt_s: float,
+) -> BeforeOwnLaw:
+    """Return what comes before the call of a user's law, for many vehicles.
+
+    Args:
+        memories: memories (..., N) of the pipelines.
+        relaxed_shares: true shares (..., N) of relaxed ticks of Covey's law.
+        inputs: inputs of each vehicle.
+        obstacles: static obstacles (O,), the same for all.
+        params: parameters (N,) of the vehicles.
+        dt_s: length of the tick [s].
+    """
+    shape = inputs.neighbours.shape
+    result = BeforeOwnLaw(
+        covey=COVEY_RESULTS.rows(shape[:-1]),
+        views=OWN_LAW_VIEW.rows(shape[:-1]),
+        neighbours=LAW_NEIGHBOUR.rows(shape),
+        neighbour_counts=np.zeros(shape[:-1], np.int64),
+    )
+    _loops().before_own_law(
+        _flat(memories),
+        relaxed_shares.reshape(-1),
+        _flat_inputs(inputs),
+        floats(obstacles),
+        floats(params),
+        _flat(result.covey),
+        _flat(result.views),
+        floats(result.neighbours).reshape(memories.size, shape[-1], LAW_NEIGHBOUR.width),
+        result.neighbour_counts.reshape(-1),
+        dt_s,
+    )
+    return result
+
+
+def after_own_law(
+    memories: Rows,
+    relaxed_shares: Array,
+    before: BeforeOwnLaw,
+    thrusts_enu_m_s2: Array,
+    is_own: BoolArray,
+    inputs: PassRows,
+    params: Rows,
+    dt_s: float,
+) -> Rows:
+    """Return the ticks (..., N) of many vehicles after the call of a user's law.
+
+    Args:
+        memories: memories (..., N) of the pipelines, which are changed in place.
+        relaxed_shares: true shares (..., N) of relaxed ticks, which are changed in place.
+        before: result of :func:`before_own_law`.
+        thrusts_enu_m_s2: thrusts (..., N, 3) of the user's law; NaN: Covey's thrust is flown.
+        is_own: whether the user's law flies (..., N), and not Covey's since it was refused.
+        inputs: inputs of each vehicle.
+        params: parameters (N,) of the vehicles.
+        dt_s: length of the tick [s].
+    """
+    ticks = TICK.rows(inputs.states.shape)
+    _loops().after_own_law(
+        _flat(memories),
+        relaxed_shares.reshape(-1),
+        _flat(before.covey),
+        _flat(before.views),
+        thrusts_enu_m_s2.reshape(-1, 3),
+        is_own.reshape(-1),
+        _flat_inputs(inputs),
+        floats(params),
+        _flat(ticks),
+        dt_s,
+    )
+    return ticks
+
+
+def _flat_inputs(inputs: PassRows) -> tuple[Array, Array, Array, BoolArray, IntArray]:
+    """Return the inputs of many vehicles as arrays of numbers, with one row for each vehicle."""
+    size = inputs.states.size
+    neighbour_count = inputs.neighbours.shape[-1]
+
+    # writable arrays, because numba would compile the code again for read-only ones
+    is_present = np.require(inputs.is_present, requirements=["C", "W"])
+    modes = np.require(inputs.modes, np.int64, ["C", "W"])
+    return (
+        _flat(inputs.states),
+        _flat(inputs.goals),
+        floats(inputs.neighbours).reshape(size, neighbour_count, NEIGHBOUR.width),
+        is_present.reshape(size, neighbour_count),
+        modes.reshape(size),
+    )
 
 
 def message(states: Rows, ticks: Rows | None) -> Rows:
@@ -374,10 +526,13 @@ def is_compiled() -> bool:
     return _numba() is not None
 
 
-def warm_up() -> bool:
+def warm_up(*, has_own_law: bool = False) -> bool:
     """Compile all functions of batches, or load them from numba's cache.
 
     Loading takes about a second, and compiling about twenty.
+
+    Args:
+        has_own_law: whether vehicles fly by a user's own law, which takes ten seconds more.
 
     Returns:
         False if nothing is compiled.
@@ -402,13 +557,20 @@ def warm_up() -> bool:
     )
 
     controller = FleetPipeline([_ZERO_PARAMS], no_vectors)
-    controller.step(
-        states=states,
-        goals=GOAL.rows((0, 1)),
-        neighbours=NEIGHBOUR.rows((0, 1, 1)),
-        is_present=no_vectors > 0.0,
-        dt_s=0.0,
-    )
+    goals = GOAL.rows((0, 1))
+    neighbours = NEIGHBOUR.rows((0, 1, 1))
+    is_present = no_vectors > 0.0
+    controller.step(states, goals, neighbours, is_present, dt_s=0.0)
+    if not has_own_law:
+        return True
+
+    inputs = PassRows(states, goals, neighbours, is_present, modes=np.zeros((0, 1), np.int64))
+    memories = MEMORY.rows((0, 1))
+    obstacles = OBSTACLE.packed([])
+    params = PARAMS.packed([_ZERO_PARAMS])
+    before = before_own_law(memories, no_numbers, inputs, obstacles, params, dt_s=0.0)
+    is_own = no_numbers > 0.0
+    after_own_law(memories, no_numbers, before, no_vectors, is_own, inputs, params, dt_s=0.0)
     return True
 
 
@@ -440,6 +602,103 @@ def _step_rows(
             _read_goal(goals[m]),
             near,
             read_obstacles,
+            modes[m],
+            own_params,
+            dt_s,
+        )
+        _write_memory(memory, memories[m])
+        _write_tick(tick, ticks[m])
+
+
+def _before_own_law_rows(
+    memories: Any,
+    relaxed_shares: Any,
+    inputs: Any,
+    obstacles: Any,
+    params: Any,
+    covey: Any,
+    views: Any,
+    near: Any,
+    near_counts: Any,
+    dt_s: float,
+) -> None:
+    """Compute and write what comes before the call of the user's law of each vehicle.
+
+    All arrays have one row for each of F N vehicles; only ``params`` has N rows.
+    """
+    states, goals, neighbours, is_present, modes = inputs
+    read_obstacles = [_read_obstacle(obstacles[k]) for k in range(obstacles.shape[0])]
+
+    for m in range(memories.shape[0]):
+        received_neighbours = [
+            _read_neighbour(neighbours[m, k])
+            for k in range(neighbours.shape[1])
+            if is_present[m, k]
+        ]
+        own_params = _read_params(params[m % params.shape[0]])
+        memory = _read_memory(memories[m])
+        state = _read_state(states[m])
+        before = pipeline.before_law(
+            memory, state, _read_goal(goals[m]), modes[m], own_params, dt_s
+        )
+        tick = own_law.covey_tick(
+            memory.law,
+            relaxed_shares[m],
+            before.baseline,
+            before.motion,
+            state,
+            received_neighbours,
+            read_obstacles,
+            own_params.law,
+            dt_s,
+        )
+        _write_covey_results(CoveyResults(before, tick.memory, tick.output), covey[m])
+        _write_own_law_view(OwnLawView(tick.own, before.baseline, before.motion), views[m])
+        near_counts[m] = len(tick.neighbours)
+        for k in range(len(tick.neighbours)):
+            _write_law_neighbour(tick.neighbours[k], near[m, k])
+
+
+def _after_own_law_rows(
+    memories: Any,
+    relaxed_shares: Any,
+    covey: Any,
+    views: Any,
+    thrusts_enu_m_s2: Any,
+    is_own: Any,
+    inputs: Any,
+    params: Any,
+    ticks: Any,
+    dt_s: float,
+) -> None:
+    """Compute and write the tick of each vehicle, and memory and share after it.
+
+    All arrays have one row for each of F N vehicles; only ``params`` has N rows.
+    """
+    states, goals, _, _, modes = inputs
+
+    for m in range(memories.shape[0]):
+        own_params = _read_params(params[m % params.shape[0]])
+        memory = _read_memory(memories[m])
+        results = _read_covey_results(covey[m])
+        law_memory = results.memory
+        law = results.output
+
+        thrust = Vec3(thrusts_enu_m_s2[m, 0], thrusts_enu_m_s2[m, 1], thrusts_enu_m_s2[m, 2])
+        if vectors.is_finite(thrust):
+            own = _read_own_law_view(views[m]).own
+            law_memory, law = own_law.flown_instead(thrust, own, law, law_memory, memory.law, dt_s)
+        relaxed_shares[m] = law_memory.relaxed_share
+        if is_own[m]:
+            law_memory = own_law.with_share(law_memory, 0.0)
+
+        memory, tick = pipeline.after_law(
+            memory,
+            results.before,
+            law_memory,
+            law,
+            _read_state(states[m]),
+            _read_goal(goals[m]),
             modes[m],
             own_params,
             dt_s,
@@ -494,7 +753,12 @@ def _loops() -> _Loops:
     """Return the loops of the pipeline and of the filter, compiled if possible."""
     numba = _numba()
     if numba is None:
-        return _Loops(step=_step_rows, estimate=_estimate_rows)
+        return _Loops(
+            step=_step_rows,
+            estimate=_estimate_rows,
+            before_own_law=_before_own_law_rows,
+            after_own_law=_after_own_law_rows,
+        )
 
     # Python never calls these functions, and without wrappers they compile faster
     register = numba.extending.register_jitable(no_cpython_wrapper=True, no_cfunc_wrapper=True)
@@ -505,6 +769,8 @@ def _loops() -> _Loops:
     return _Loops(
         step=_jit(numba, _step_rows, version),
         estimate=_jit(numba, _estimate_rows, version),
+        before_own_law=_jit(numba, _before_own_law_rows, version),
+        after_own_law=_jit(numba, _after_own_law_rows, version),
     )
 
 
@@ -533,8 +799,7 @@ def _functions() -> list[FunctionType]:
     for layout in _LAYOUTS:
         functions.append(layout.read)
         functions.append(layout.write)
-    functions.append(_step_rows)
-    functions.append(_estimate_rows)
+    functions.extend((_step_rows, _estimate_rows, _before_own_law_rows, _after_own_law_rows))
     return [function for function in functions if isinstance(function, FunctionType)]
 
 

@@ -15,12 +15,16 @@ SENTENCE = (
 _TOLD_AFTER_S = 2.0  # loading from numba's cache takes less
 
 
-def compile_law() -> None:
-    """Compile the law for batches, or load it from numba's cache."""
+def compile_law(*, has_own_law: bool = False) -> None:
+    """Compile the law for batches, or load it from numba's cache.
+
+    Args:
+        has_own_law: whether vehicles fly by a user's own law.
+    """
     notice = threading.Timer(_TOLD_AFTER_S, _tell)
     notice.start()
     try:
-        batch.warm_up()
+        batch.warm_up(has_own_law=has_own_law)
     finally:
         notice.cancel()
 

@@ -1,12 +1,19 @@
-"""Runs the pipelines of many vehicles with a user's own law: interpreted, vehicle by vehicle."""
+"""Runs the pipelines of many vehicles with a user's own law.
+
+The user's law is called vehicle by vehicle; everything else is computed for all vehicles at once.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from itertools import islice
+from typing import Any
 
 import numpy as np
 
 from onboard.arrays import Array, BoolArray, IntArray
+from onboard.avoidance.interface import INFEASIBLE
+from onboard.avoidance.own_law import LawInputs, law_inputs
 from onboard.avoidance.own_law_runner import OwnLawRunner
 from onboard.avoidance.params import Capsule
 from onboard.config.fleet import OwnLaw
@@ -14,8 +21,7 @@ from onboard.control import pipeline
 from onboard.control.control_mode import ControlMode
 from onboard.rollout import batch
 from onboard.rollout.fleet_routes import FleetRoutes
-from onboard.rollout.rows import Rows
-from onboard.vectors import Vec3
+from onboard.rollout.rows import Layout, Rows
 
 
 class OwnLawFleet:
@@ -39,18 +45,18 @@ class OwnLawFleet:
     ) -> None:
         self._params = params
         self._obstacles = tuple(obstacles)
+        self._params_rows = batch.PARAMS.packed(params)
+        self._obstacle_rows = batch.OBSTACLE.packed(obstacles)
+        self._memories = batch.hovering(params, start_enu_m)
         self._routes = FleetRoutes(len(start_enu_m), params, obstacles)
 
-        # for each flight: law and pipeline memory of each vehicle
-        self._flights = []
-        for positions_enu_m in start_enu_m.tolist():
-            vehicles = []
-            for own_params, position in zip(params, positions_enu_m, strict=True):
-                memory = pipeline.initial(own_params, Vec3(*position))
-                vehicles.append((OwnLawRunner(law), memory))
-            self._flights.append(vehicles)
+        # Covey's law is computed beside the user's law; see OwnLawRunner
+        self._relaxed_shares = np.zeros(start_enu_m.shape[:2])
+
+        # for each flight: the law of each vehicle
+        self._runners = [[OwnLawRunner(law) for _ in params] for _ in start_enu_m]
         # number of each flight in the whole batch, before :meth:`keep` removed any
-        self._numbers = list(range(len(self._flights)))
+        self._numbers = list(range(len(start_enu_m)))
 
         # number of a flight -> why its first vehicle changed from the user's own law to Covey's law
         self.refusals: dict[int, str] = {}
@@ -60,38 +66,98 @@ class OwnLawFleet:
     ) -> Rows:
         """Return the ticks of all vehicles, see :class:`onboard.rollout.batch.Controller`."""
         routed_goals = self._routes.goals(states, goals, neighbours, is_present, dt_s)
-        all_states = batch.STATE.values(states.ravel())
-        all_goals = batch.GOAL.values(routed_goals.ravel())
-        all_neighbours = neighbours.reshape(states.size, -1)
-        all_present = is_present.reshape(states.size, -1)
-
-        ticks = []
-        for m in range(states.size):
-            flight, vehicle = divmod(m, len(self._params))
-            near = batch.NEIGHBOUR.values(all_neighbours[m][all_present[m]])
-
-            law, memory = self._flights[flight][vehicle]
-            memory, tick = pipeline.step(
-                memory,
-                all_states[m],
-                all_goals[m],
-                near,
-                self._obstacles,
-                ControlMode.FLYING,
-                self._params[vehicle],
-                dt_s,
-                law_step=law.step,
-            )
-            self._flights[flight][vehicle] = (law, memory)
-            ticks.append(tick)
-
-            if law.refusal:
-                self.refusals.setdefault(self._numbers[flight], law.refusal)
-        return batch.TICK.packed(ticks).reshape(states.shape)
+        inputs = batch.PassRows(
+            states=states,
+            goals=routed_goals,
+            neighbours=neighbours,
+            is_present=is_present,
+            modes=np.full(states.shape, int(ControlMode.FLYING)),
+        )
+        before = batch.before_own_law(
+            self._memories,
+            self._relaxed_shares,
+            inputs,
+            self._obstacle_rows,
+            self._params_rows,
+            dt_s,
+        )
+        thrusts_enu_m_s2, is_own = self._answers(inputs, before, dt_s)
+        return batch.after_own_law(
+            self._memories,
+            self._relaxed_shares,
+            before,
+            thrusts_enu_m_s2,
+            is_own,
+            inputs,
+            self._params_rows,
+            dt_s,
+        )
 
     def keep(self, flights: IntArray) -> None:
         """Keep only these flights of the batch, by index."""
         chosen = np.asarray(flights).tolist()
-        self._flights = [self._flights[flight] for flight in chosen]
+        self._memories = self._memories[flights]
+        self._relaxed_shares = self._relaxed_shares[flights]
+        self._runners = [self._runners[flight] for flight in chosen]
         self._numbers = [self._numbers[flight] for flight in chosen]
         self._routes.keep(flights)
+
+    def _answers(
+        self, inputs: batch.PassRows, before: batch.BeforeOwnLaw, dt_s: float
+    ) -> tuple[Array, BoolArray]:
+        """Call the user's law for each vehicle.
+
+        Returns:
+            Thrusts (F, N, 3), NaN where Covey's thrust is flown, and whether the user's law still
+            flies each vehicle (F, N).
+        """
+        thrusts_enu_m_s2 = np.full((*inputs.states.shape, 3), np.nan)
+        is_own = np.zeros(inputs.states.shape, bool)
+        is_usable = before.covey["output"]["status"] != INFEASIBLE
+        law_inputs_of_all = self._law_inputs(inputs, before, dt_s)
+
+        for flight, runners in enumerate(self._runners):
+            for vehicle, runner in enumerate(runners):
+                own_inputs = next(law_inputs_of_all)
+                if runner.refusal:
+                    continue
+                if is_usable[flight, vehicle]:
+                    thrust = runner.answer(own_inputs)
+                    if thrust is not None:
+                        thrusts_enu_m_s2[flight, vehicle] = thrust
+                if runner.refusal:
+                    self.refusals.setdefault(self._numbers[flight], runner.refusal)
+                is_own[flight, vehicle] = not runner.refusal
+        return thrusts_enu_m_s2, is_own
+
+    def _law_inputs(
+        self, inputs: batch.PassRows, before: batch.BeforeOwnLaw, dt_s: float
+    ) -> Iterator[LawInputs]:
+        """Yield the inputs of the user's law of each vehicle."""
+        states = batch.STATE.values(inputs.states.ravel())
+        views = batch.OWN_LAW_VIEW.values(before.views.ravel())
+        received = _values_of_each(batch.NEIGHBOUR, inputs.neighbours, inputs.is_present)
+
+        numbers = np.arange(before.neighbours.shape[-1])
+        is_near = numbers < before.neighbour_counts[..., None]
+        near = _values_of_each(batch.LAW_NEIGHBOUR, before.neighbours, is_near)
+
+        for m, (state, view) in enumerate(zip(states, views, strict=True)):
+            yield law_inputs(
+                view.own,
+                near[m],
+                view.baseline,
+                view.predicted,
+                state,
+                received[m],
+                self._obstacles,
+                self._params[m % len(self._params)].law,
+                dt_s,
+            )
+
+
+def _values_of_each(layout: Layout, rows: Rows, is_chosen: BoolArray) -> list[list[Any]]:
+    """Return the values of the chosen rows (F, N, K) for each of the F N vehicles."""
+    values = iter(layout.values(rows[is_chosen]))
+    counts = is_chosen.sum(axis=-1).ravel().tolist()
+    return [list(islice(values, count)) for count in counts]

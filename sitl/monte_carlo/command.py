@@ -10,7 +10,7 @@ import tempfile
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 
-from onboard.config.fleet import ConfigError
+from onboard.config.fleet import ConfigError, LawConfig
 from onboard.plain_text import drawing
 from onboard.rollout.first_compilation import compile_law
 from sitl.monte_carlo import campaign_settings, flight_plans, process_chunks, results, worlds
@@ -121,7 +121,7 @@ def _fly(
     is_json: bool,
 ) -> list[results.FlightRecord]:
     """Fly all flights and print them; return their records."""
-    compile_law()
+    compile_law(has_own_law=LawConfig(name=setup.law).is_own)
     if is_json:
         return _print_lines(chunks)
 

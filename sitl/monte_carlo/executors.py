@@ -62,6 +62,7 @@ def fly_missing(
     *,
     jobs: int = 1,
     scheduler: str | None = None,
+    has_own_law: bool = False,
     tell: Say = say,
 ) -> None:
     """Fly units until none is missing.
@@ -72,12 +73,13 @@ def fly_missing(
         keep: keeps the row of a unit; called in this process, one row at a time.
         jobs: number of processes on this machine.
         scheduler: address of a Dask scheduler, whose workers fly instead of these processes.
+        has_own_law: whether vehicles fly by a user's own law.
         tell: called with each sentence about executors.
 
     Raises:
         ConfigError: the scheduler does not answer, or the package for it is missing.
     """
-    executors = _executors(jobs, scheduler, tell)
+    executors = _executors(jobs, scheduler, tell, has_own_law=has_own_law)
     executor, width = next(executors)
 
     while missing():
@@ -159,7 +161,9 @@ def _reason(error: BaseException, scheduler: str | None) -> str:
 # The executors
 
 
-def _executors(jobs: int, scheduler: str | None, tell: Say) -> Iterator[tuple[Executor, int]]:
+def _executors(
+    jobs: int, scheduler: str | None, tell: Say, *, has_own_law: bool
+) -> Iterator[tuple[Executor, int]]:
     """Yield executors, each with the number of units that it flies at a time.
 
     The caller takes the next executor when the present one is lost.
@@ -171,7 +175,7 @@ def _executors(jobs: int, scheduler: str | None, tell: Say) -> Iterator[tuple[Ex
         yield cluster(scheduler)
 
     tell("compiling the law for this machine, if that was not done before")
-    rollout_batch.warm_up()
+    rollout_batch.warm_up(has_own_law=has_own_law)
     if jobs == 1:
         yield _SameProcess(), 1
     for _ in range(3):

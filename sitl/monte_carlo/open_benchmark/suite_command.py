@@ -89,7 +89,7 @@ def _fly(
             f"about {left_min:.0f} min left"
         )
 
-    fly_missing(missing, suite.fly, keep, jobs=jobs, scheduler=scheduler)
+    fly_missing(missing, suite.fly, keep, jobs=jobs, scheduler=scheduler, has_own_law=True)
 
 
 def _print(title: str, seeds: range, rows: Sequence[suite.SuiteRow]) -> None:

@@ -28,7 +28,18 @@ _DT_S = 0.02
 
 def _inputs(baseline: Baseline = _HOVERS, neighbours: tuple[Neighbour, ...] = ()) -> LawInputs:
     """The inputs of a vehicle that hovers a metre above the origin."""
-    return own_law.law_inputs(baseline, _PREDICTED, _STATE, neighbours, (), _PARAMS, _DT_S)
+    tick = _covey_tick(baseline, neighbours)
+    return own_law.law_inputs(
+        tick.own, tick.neighbours, baseline, _PREDICTED, _STATE, neighbours, (), _PARAMS, _DT_S
+    )
+
+
+def _covey_tick(
+    baseline: Baseline = _HOVERS, neighbours: tuple[Neighbour, ...] = ()
+) -> own_law.CoveyTick:
+    return own_law.covey_tick(
+        _MEMORY, 0.0, baseline, _PREDICTED, _STATE, neighbours, (), _PARAMS, _DT_S
+    )
 
 
 def _tilted(degrees: float, up_m_s2: float = GRAVITY_M_S2) -> Vec3:
@@ -106,10 +117,10 @@ def test_the_compensation_counts_for_the_tilt() -> None:
 def test_what_is_flown_in_coveys_place_is_told_as_its_own(
     change_m_s2: float, status: LawStatus
 ) -> None:
-    after, covey = oist.step(_MEMORY, _HOVERS, _PREDICTED, _STATE, (), (), _PARAMS, _DT_S)
-    squeezed = covey._replace(slack_m_s2=2.0, active_neighbour=3)
+    tick = _covey_tick()
+    squeezed = tick.output._replace(slack_m_s2=2.0, active_neighbour=3)
     thrust = Vec3(change_m_s2, 0.0, GRAVITY_M_S2)
-    memory, output = own_law.flown_instead(thrust, squeezed, after, _MEMORY, _inputs())
+    memory, output = own_law.flown_instead(thrust, tick.own, squeezed, tick.memory, _MEMORY, _DT_S)
     assert output.status == status
     assert output.intervention_m_s2 == pytest.approx(change_m_s2)
     assert (output.slack_m_s2, output.active_neighbour) == (0.0, NOBODY)

@@ -52,7 +52,7 @@ def flown(monkeypatch):
 
     monkeypatch.setattr(suite, "fly", fly)
     monkeypatch.setattr(suite_command, "version", lambda: "a")
-    monkeypatch.setattr(batch, "warm_up", lambda: None)
+    monkeypatch.setattr(batch, "warm_up", lambda *, has_own_law: None)
     return units
 
 
