@@ -58,7 +58,10 @@ def _problems(key: str, folder: str, *, may_be_absolute: bool, example: str) -> 
 
     faults: list[str] = []
     if os.path.isabs(folder):
-        faults.append("is no path relative to the fleet file")
+        fault = "is no path relative to the fleet file"
+        if not os.path.isdir(folder):
+            fault = "is not on this computer"
+        faults.append(fault)
     if not _PATTERN.fullmatch(folder):
         faults.append("has other characters than A-Z a-z 0-9 _ . / -")
     if ".." in folder.split("/"):

@@ -88,6 +88,7 @@ WRONG = [
     ("law.passing_heights", 2, "'fleet.vertical_separation_m' is not given"),
     ("law.passing_heights", 3, "law.passing_heights"),
     ("law.folder", "../laws", "leaves the folder of the fleet file"),
+    ("law.folder", "/no/such/folder", "is not on this computer. Name a folder beside"),
     ("law.folder", "/no/such/folder", 'for instance folder = "laws"'),
     ("vehicles.mav1.agent", "tcp/127.0.0.1:99999", "a port is a number from 1 to 65535"),
     ("vehicles.mav1.agent", "tcp/127.0.0.1:0", "'vehicles.mav1.agent' is 'tcp/127.0.0.1:0'"),
