@@ -20,7 +20,7 @@ from onboard.config.fleet import FleetConfig
 from onboard.config.pair_separation import separations_m
 from onboard.control import pipeline
 from onboard.estimation import kalman
-from onboard.rollout import batch
+from onboard.rollout import batch, layouts
 from onboard.rollout.radio import Radio
 from onboard.rollout.rows import Rows
 from onboard.rollout.vehicle_model import Noise, Perturbation, Plant, VehicleModels, plant_of
@@ -227,7 +227,7 @@ class _Legs:
     def goals(self) -> Rows:
         """Return the goals (F, N) of this tick."""
         leg = np.minimum(self._leg, self._leg_count - 1)
-        goals = batch.GOAL.rows(self._near_s.shape)
+        goals = layouts.GOAL.rows(self._near_s.shape)
         goals["position_enu_m"] = self._scenario.legs_enu_m[self._flights, leg]
         goals["duration_s"] = self._scenario.duration_s[leg][:, None]
         goals["sequence"] = self._leg[:, None]

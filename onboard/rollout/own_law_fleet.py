@@ -19,7 +19,7 @@ from onboard.avoidance.params import Capsule
 from onboard.config.fleet import OwnLaw
 from onboard.control import pipeline
 from onboard.control.control_mode import ControlMode
-from onboard.rollout import batch
+from onboard.rollout import batch, layouts
 from onboard.rollout.fleet_routes import FleetRoutes
 from onboard.rollout.rows import Layout, Rows
 
@@ -45,8 +45,8 @@ class OwnLawFleet:
     ) -> None:
         self._params = params
         self._obstacles = tuple(obstacles)
-        self._params_rows = batch.PARAMS.packed(params)
-        self._obstacle_rows = batch.OBSTACLE.packed(obstacles)
+        self._params_rows = layouts.PARAMS.packed(params)
+        self._obstacle_rows = layouts.OBSTACLE.packed(obstacles)
         self._memories = batch.hovering(params, start_enu_m)
         self._routes = FleetRoutes(len(start_enu_m), params, obstacles)
 
@@ -134,13 +134,13 @@ class OwnLawFleet:
         self, inputs: batch.PassRows, before: batch.BeforeOwnLaw, dt_s: float
     ) -> Iterator[LawInputs]:
         """Yield the inputs of the user's law of each vehicle."""
-        states = batch.STATE.values(inputs.states.ravel())
-        views = batch.OWN_LAW_VIEW.values(before.views.ravel())
-        received = _values_of_each(batch.NEIGHBOUR, inputs.neighbours, inputs.is_present)
+        states = layouts.STATE.values(inputs.states.ravel())
+        views = layouts.OWN_LAW_VIEW.values(before.views.ravel())
+        received = _values_of_each(layouts.NEIGHBOUR, inputs.neighbours, inputs.is_present)
 
         numbers = np.arange(before.neighbours.shape[-1])
         is_near = numbers < before.neighbour_counts[..., None]
-        near = _values_of_each(batch.LAW_NEIGHBOUR, before.neighbours, is_near)
+        near = _values_of_each(layouts.LAW_NEIGHBOUR, before.neighbours, is_near)
 
         for m, (state, view) in enumerate(zip(states, views, strict=True)):
             yield law_inputs(

@@ -2,7 +2,7 @@
 
 The pipeline computes the setpoint of a tick: trajectory, avoidance law, attitude and thrust. An
 agent calls it like :func:`onboard.control.pipeline.step` and gets the same result. Inside, the
-values are written to rows of floats, the compiled loop of :mod:`onboard.rollout.batch` runs over
+values are written to rows of floats, the compiled loop of :mod:`onboard.rollout.loops` runs over
 them, and the result is read from the rows again. If numba is not installed, Python interprets the
 pipeline.
 
@@ -21,7 +21,7 @@ from onboard.avoidance.params import Capsule
 from onboard.control import pipeline
 from onboard.control.pipeline import PipelineMemory, PipelineParams
 from onboard.neighbours.state_arrays import NeighbourSnapshot
-from onboard.rollout import batch
+from onboard.rollout import batch, layouts, loops
 from onboard.rollout.rows import Rows
 from onboard.types import Goal, Neighbour, State, Tick
 
@@ -43,7 +43,7 @@ class CompiledPipeline:
     """
 
     def __init__(self, *, is_wanted: bool = True) -> None:
-        self._can_compile = is_wanted and batch.is_compiled()
+        self._can_compile = is_wanted and loops.is_compiled()
         self._compiles_this_tick = False
         # id() of the memory that a pass returned -> its agent, which passes this memory at its next
         # tick
@@ -82,11 +82,11 @@ class CompiledPipeline:
 
         agent = self._agents.pop(id(memory), None)
         if agent is None:
-            agent = _Agent(memory, batch.MEMORY.packed([memory]))
+            agent = _Agent(memory, layouts.MEMORY.packed([memory]))
 
         inputs = batch.PassRows(
-            states=batch.STATE.packed([state]),
-            goals=batch.GOAL.packed([goal]),
+            states=layouts.STATE.packed([state]),
+            goals=layouts.GOAL.packed([goal]),
             neighbours=_neighbour_rows(neighbours)[np.newaxis],
             is_present=np.ones((1, len(neighbours)), dtype=bool),
             modes=np.array([int(mode)]),
@@ -95,15 +95,15 @@ class CompiledPipeline:
             agent.memory_row, inputs, self._obstacle_rows(obstacles), self._params_row(params), dt_s
         )
 
-        (agent.memory,) = batch.MEMORY.values(agent.memory_row)
-        (tick,) = batch.TICK.values(ticks)
+        (agent.memory,) = layouts.MEMORY.values(agent.memory_row)
+        (tick,) = layouts.TICK.values(ticks)
         self._agents[id(agent.memory)] = agent
         return agent.memory, tick
 
     def _params_row(self, params: PipelineParams) -> Rows:
         known = self._params.get(id(params))
         if known is None:
-            known = (params, batch.PARAMS.packed([params]))
+            known = (params, layouts.PARAMS.packed([params]))
             self._params[id(params)] = known
         _, rows = known
         return rows
@@ -111,7 +111,7 @@ class CompiledPipeline:
     def _obstacle_rows(self, obstacles: Sequence[Capsule]) -> Rows:
         known = self._obstacles.get(id(obstacles))
         if known is None:
-            known = (obstacles, batch.OBSTACLE.packed(obstacles))
+            known = (obstacles, layouts.OBSTACLE.packed(obstacles))
             self._obstacles[id(obstacles)] = known
         _, rows = known
         return rows
@@ -119,6 +119,6 @@ class CompiledPipeline:
 
 def _neighbour_rows(neighbours: Sequence[Neighbour]) -> Rows:
     if isinstance(neighbours, NeighbourSnapshot):
-        rows: Rows = neighbours.rows.view(batch.NEIGHBOUR.dtype)[:, 0]
+        rows: Rows = neighbours.rows.view(layouts.NEIGHBOUR.dtype)[:, 0]
         return rows
-    return batch.NEIGHBOUR.packed(neighbours)
+    return layouts.NEIGHBOUR.packed(neighbours)

@@ -18,7 +18,7 @@ from onboard.arrays import Array, BoolArray
 from onboard.avoidance.params import Capsule
 from onboard.config.fleet import FleetConfig
 from onboard.control import pipeline, trajectory
-from onboard.rollout import batch
+from onboard.rollout import batch, layouts
 from onboard.rollout.own_law_fleet import OwnLawFleet
 from onboard.rollout.rows import Rows
 from sitl.monte_carlo import worlds
@@ -259,7 +259,7 @@ def _fly(
             )
 
         is_frozen, is_mute = orders.lost(metrics.time_s)
-        neighbours = batch.NEIGHBOUR.rows((*start.shape[:2], 0))
+        neighbours = layouts.NEIGHBOUR.rows((*start.shape[:2], 0))
         if radio is not None:
             neighbours = radio.receive(link_draws, is_mute, is_frozen, sensors.tracked())
 

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from onboard.arrays import BoolArray, IntArray
-from onboard.rollout import batch
+from onboard.rollout import layouts
 from onboard.rollout.rows import Rows
 from sitl.monte_carlo.metrics import FlightMetrics
 from sitl.monte_carlo.scenarios import FlightPlan
@@ -69,7 +69,7 @@ class FlightOrders:
             self._duration = np.where(has_just_frozen, 0.0, self._duration)
             self._sequence = np.where(has_just_frozen, 1, self._sequence)
 
-        goals = batch.GOAL.rows(self._sequence.shape)
+        goals = layouts.GOAL.rows(self._sequence.shape)
         goals["position_enu_m"] = self.goal_enu_m
         goals["duration_s"] = self._duration
         goals["sequence"] = self._sequence

@@ -15,7 +15,7 @@ from onboard.config.fleet import Vehicle
 from onboard.config.wind_limit import largest_push_m_s2
 from onboard.estimation import kalman
 from onboard.neighbours import mocap_tracker
-from onboard.rollout import batch
+from onboard.rollout import batch, layouts
 from onboard.rollout.rows import Rows
 from sitl.monte_carlo.campaign_settings import ErrorClass
 from sitl.monte_carlo.noise import FlightNoise
@@ -81,7 +81,7 @@ class MocapSensing:
         Poses contain no prediction and no intent, so the measured motion takes their place.
         """
         position, velocity, acceleration = self._tracked
-        rows = batch.NEIGHBOUR.rows(position.shape[:2])
+        rows = layouts.NEIGHBOUR.rows(position.shape[:2])
         rows["position_enu_m"] = position
         rows["predicted_position_enu_m"] = position
         rows["velocity_enu_m_s"] = velocity
@@ -134,7 +134,7 @@ class GivenErrors:
             normals[..., 3:6],
         )
 
-        states = batch.STATE.rows(truth.yaw_rad.shape)
+        states = layouts.STATE.rows(truth.yaw_rad.shape)
         states["position_enu_m"] = truth.position_enu_m + self._position
         states["velocity_enu_m_s"] = truth.velocity_enu_m_s + self._velocity
         states["acceleration_enu_m_s2"] = truth.acceleration_enu_m_s2 + self._acceleration

@@ -17,7 +17,7 @@ from onboard.config.fleet import load_fleet
 from onboard.control import pipeline
 from onboard.control.control_mode import ControlMode
 from onboard.estimation import kalman, wind
-from onboard.rollout import batch
+from onboard.rollout import batch, layouts
 from onboard.rollout.rows import Layout, floats, zero
 from onboard.types import Goal, LawStatus, Neighbour, State, Tick
 from onboard.vectors import Vec3
@@ -103,22 +103,22 @@ def random_flight() -> tuple[
 def flown_in_rows() -> np.ndarray:
     """Numbers of all ticks (TICKS, VEHICLES, width) of the random flight, computed as one batch."""
     params, flight = random_flight()
-    walls = batch.OBSTACLE.packed(obstacles(load_fleet("configs/fleets/paper.toml")))
-    memories = batch.MEMORY.packed([pipeline.initial(own, Vec3(0.0, 0.0, 0.0)) for own in params])
-    rows = batch.PARAMS.packed(params)
+    walls = layouts.OBSTACLE.packed(obstacles(load_fleet("configs/fleets/paper.toml")))
+    memories = layouts.MEMORY.packed([pipeline.initial(own, Vec3(0.0, 0.0, 0.0)) for own in params])
+    rows = layouts.PARAMS.packed(params)
 
     ticks = []
     for inputs in flight:
-        neighbours = batch.NEIGHBOUR.rows((VEHICLES, 8))
+        neighbours = layouts.NEIGHBOUR.rows((VEHICLES, 8))
         is_present = np.zeros((VEHICLES, 8), bool)
 
         for m, (_, _, near, _) in enumerate(inputs):
-            neighbours[m, : len(near)] = batch.NEIGHBOUR.packed(near)
+            neighbours[m, : len(near)] = layouts.NEIGHBOUR.packed(near)
             is_present[m, : len(near)] = True
 
         passes = batch.PassRows(
-            states=batch.STATE.packed([state for state, _, _, _ in inputs]),
-            goals=batch.GOAL.packed([goal for _, goal, _, _ in inputs]),
+            states=layouts.STATE.packed([state for state, _, _, _ in inputs]),
+            goals=layouts.GOAL.packed([goal for _, goal, _, _ in inputs]),
             neighbours=neighbours,
             is_present=is_present,
             modes=np.array([int(mode) for _, _, _, mode in inputs]),
@@ -142,7 +142,7 @@ def flown_one_by_one() -> np.ndarray:
             )
             values.append(tick)
 
-        ticks.append(floats(batch.TICK.packed(values)).copy())
+        ticks.append(floats(layouts.TICK.packed(values)).copy())
     return np.array(ticks)
 
 
@@ -151,7 +151,7 @@ def test_a_batch_gives_every_vehicle_what_it_computes_by_itself() -> None:
     rows = flown_in_rows()
     np.testing.assert_allclose(rows, flown_one_by_one(), rtol=1e-9, atol=1e-9)
 
-    status = rows.view(batch.TICK.dtype)["law"]["status"]
+    status = rows.view(layouts.TICK.dtype)["law"]["status"]
     assert {LawStatus.INACTIVE, LawStatus.SATURATED, LawStatus.RELAXED} <= set(
         status.ravel().tolist()
     )
@@ -213,7 +213,7 @@ def test_filters_of_a_batch_give_what_one_filter_gives() -> None:
             expected = wind.widened(expected, airs[m], params[n].gust_time_s)
 
             np.testing.assert_allclose(
-                floats(states)[f, n], floats(batch.STATE.packed([expected]))[0], atol=1e-9
+                floats(states)[f, n], floats(layouts.STATE.packed([expected]))[0], atol=1e-9
             )
 
 
@@ -233,9 +233,9 @@ def test_memories_with_lists_and_long_tuples_survive_their_row_and_columns_have_
     params = pipeline.pipeline_params(load_fleet("configs/fleets/sih.toml"), "mav0")
     memory = pipeline.initial(params, Vec3(1.0, 2.0, 3.0))
 
-    rows = batch.MEMORY.packed([memory, memory])
+    rows = layouts.MEMORY.packed([memory, memory])
 
-    assert batch.MEMORY.values(rows) == [memory, memory]
+    assert layouts.MEMORY.values(rows) == [memory, memory]
     assert (
         rows["hover_thrust"]["hover_thrust_frac"].tolist()
         == [params.hover_thrust.configured_frac] * 2
@@ -245,7 +245,7 @@ def test_memories_with_lists_and_long_tuples_survive_their_row_and_columns_have_
 
 def test_code_compiled_by_one_process_is_found_by_the_next(tmp_path: Path) -> None:
     """One compiles Python's own code too, and the other reads that from .pyc files."""
-    program = "from onboard.rollout import batch; print(batch._digest())"
+    program = "from onboard.rollout import loops; print(loops.digest())"
 
     told = [
         subprocess.run(

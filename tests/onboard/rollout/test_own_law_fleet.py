@@ -14,7 +14,7 @@ from onboard.avoidance.own_law_runner import OwnLawRunner
 from onboard.config.fleet import OwnLaw, load_fleet
 from onboard.control import pipeline
 from onboard.control.control_mode import ControlMode
-from onboard.rollout import batch
+from onboard.rollout import layouts
 from onboard.rollout.fleet_routes import FleetRoutes
 from onboard.rollout.own_law_fleet import OwnLawFleet
 from onboard.rollout.rows import Rows, floats
@@ -66,7 +66,7 @@ class _Inputs:
         for tick in range(TICKS):
             states = []
             goals = []
-            neighbours = batch.NEIGHBOUR.rows((*shape, 8))
+            neighbours = layouts.NEIGHBOUR.rows((*shape, 8))
             is_present = np.zeros((*shape, 8), bool)
             for index in np.ndindex(shape):
                 state = State(
@@ -83,11 +83,11 @@ class _Inputs:
                 states.append(state)
                 goals.append(Goal(vector(rng, 3.0), 0.0, tick // 15))
                 near = random_neighbours(rng)
-                neighbours[index][: len(near)] = batch.NEIGHBOUR.packed(near)
+                neighbours[index][: len(near)] = layouts.NEIGHBOUR.packed(near)
                 is_present[index][: len(near)] = True
             yield (
-                batch.STATE.packed(states).reshape(shape),
-                batch.GOAL.packed(goals).reshape(shape),
+                layouts.STATE.packed(states).reshape(shape),
+                layouts.GOAL.packed(goals).reshape(shape),
                 neighbours,
                 is_present,
             )
@@ -107,14 +107,14 @@ def _one_by_one(inputs: _Inputs) -> tuple[list[Any], list[Any]]:
         routed = routes.goals(states, goals, neighbours, is_present, DT_S)
         values = []
         for m, (flight, vehicle) in enumerate(np.ndindex(FLIGHTS, VEHICLES)):
-            (state,) = batch.STATE.values(states[flight, vehicle].reshape(1))
-            (goal,) = batch.GOAL.values(routed[flight, vehicle].reshape(1))
+            (state,) = layouts.STATE.values(states[flight, vehicle].reshape(1))
+            (goal,) = layouts.GOAL.values(routed[flight, vehicle].reshape(1))
             near = neighbours[flight, vehicle][is_present[flight, vehicle]]
             memories[m], tick = pipeline.step(
                 memories[m],
                 state,
                 goal,
-                batch.NEIGHBOUR.values(near),
+                layouts.NEIGHBOUR.values(near),
                 (),
                 ControlMode.FLYING,
                 inputs.params[vehicle],
@@ -122,7 +122,7 @@ def _one_by_one(inputs: _Inputs) -> tuple[list[Any], list[Any]]:
                 law_step=runners[m].step,
             )
             values.append(tick)
-        ticks.append(floats(batch.TICK.packed(values)).reshape(FLIGHTS, VEHICLES, -1).copy())
+        ticks.append(floats(layouts.TICK.packed(values)).reshape(FLIGHTS, VEHICLES, -1).copy())
     return ticks, [runner.refusal for runner in runners]
 
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from onboard.rollout import batch
+from onboard.rollout import layouts
 from onboard.rollout.radio import Radio
 from onboard.rollout.vehicle_model import Perturbation
 from onboard.types import TICK_S
@@ -13,7 +13,7 @@ VEHICLES = 3
 
 def states_at(tick):
     """Return the states of one flight in which all vehicles fly east with 1 m/s."""
-    states = batch.STATE.rows((1, VEHICLES))
+    states = layouts.STATE.rows((1, VEHICLES))
     states["position_enu_m"][..., 0] = tick * TICK_S
     return states
 

@@ -12,10 +12,10 @@ import pytest
 
 from groundstation.flights.simulation_settings import SimulationSettings
 from onboard.config.fleet import load_fleet
-from onboard.rollout import batch, first_compilation
+from onboard.rollout import first_compilation, loops
 from sitl.lockstep.simulated_flight import open_flight
 
-pytestmark = pytest.mark.skipif(not batch.is_compiled(), reason="numba is not installed")
+pytestmark = pytest.mark.skipif(not loops.is_compiled(), reason="numba is not installed")
 
 PAPER = load_fleet("configs/fleets/paper.toml")
 SETTINGS = SimulationSettings(is_lockstep=True)
@@ -24,7 +24,7 @@ SETTINGS = SimulationSettings(is_lockstep=True)
 @pytest.fixture(autouse=True)
 def new_process() -> None:
     """Let the next batch compile the law, or load it from numba's cache, as in a new process."""
-    batch._loops.cache_clear()
+    loops.loops.cache_clear()
 
 
 @pytest.mark.parametrize("told_after_s", [0.0, 600.0])
@@ -41,7 +41,7 @@ def test_the_compilation_is_told_once_it_takes_longer_than_a_limit(
 def test_nothing_is_compiled_for_a_single_vehicle() -> None:
     alone = msgspec.structs.replace(PAPER, vehicles={"mav0": PAPER.vehicles["mav0"]})
     open_flight(alone, SETTINGS, None).close()
-    assert batch._loops.cache_info().currsize == 0
+    assert loops.loops.cache_info().currsize == 0
 
 
 @pytest.mark.long

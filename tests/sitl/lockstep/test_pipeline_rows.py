@@ -9,7 +9,7 @@ from onboard.control import pipeline
 from onboard.control.control_mode import ControlMode
 from onboard.neighbours.state_arrays import SCALAR_COLUMN
 from onboard.neighbours.table import NeighbourTable
-from onboard.rollout import batch
+from onboard.rollout import layouts, loops
 from onboard.rollout.rows import floats
 from onboard.types import Goal, Neighbour, State, Tick
 from onboard.vectors import ZERO_3, Vec3
@@ -84,7 +84,7 @@ def flown(*, has_past: bool) -> list[Tick]:
     return ticks
 
 
-@pytest.mark.skipif(not batch.is_compiled(), reason="nothing is compiled without numba")
+@pytest.mark.skipif(not loops.is_compiled(), reason="nothing is compiled without numba")
 def test_rows_that_are_kept_hold_the_neighbours_of_this_tick() -> None:
     kept = flown(has_past=True)
     assert kept == flown(has_past=False)
@@ -98,7 +98,7 @@ def test_a_snapshot_is_the_rows_of_its_neighbours() -> None:
     table.hear(state_message(vehicle="mav1", is_cooperative=False), NOW_NS)
 
     seen = table.snapshot(NOW_NS + PERIODS_NS[0])
-    packed = floats(batch.NEIGHBOUR.packed(list(seen)))
+    packed = floats(layouts.NEIGHBOUR.packed(list(seen)))
     assert (packed == seen.rows).all()
     indices = packed[:, SCALAR_COLUMN["table_index"]].tolist()
     assert indices == [0.0, 1.0], "the indices tell them apart"

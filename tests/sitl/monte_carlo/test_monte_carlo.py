@@ -10,6 +10,7 @@ from groundstation.cli import main
 from groundstation.cli import main as covey
 from onboard.control.pipeline import pipeline_params
 from onboard.rollout import batch as rollout_batch
+from onboard.rollout import layouts
 from sitl.monte_carlo import batch_flight, campaign_settings, radio, results, scenarios
 
 KEYS = {
@@ -230,7 +231,7 @@ def test_vehicle_that_dies_in_a_crossing_is_avoided_by_its_poses():
 @pytest.mark.parametrize(("delay_s", "ticks"), [(0.0, 1), (0.04, 2), (0.05, 3), (0.2, 10)])
 def test_message_is_as_old_as_it_says(delay_s, ticks):
     def moved(tick):
-        states = rollout_batch.STATE.rows((1, 2))
+        states = layouts.STATE.rows((1, 2))
         states["position_enu_m"] = float(tick)
         return states
 
@@ -247,7 +248,7 @@ def test_message_is_as_old_as_it_says(delay_s, ticks):
     )
     received = station.receive(np.ones((1, 2, 2)), nobody, nobody, None)
     published = pilots.step(
-        moved(0), rollout_batch.GOAL.rows((1, 2)), received, np.ones((1, 2, 1), bool), 0.02
+        moved(0), layouts.GOAL.rows((1, 2)), received, np.ones((1, 2, 1), bool), 0.02
     )
     for tick in range(30):
         heard = station.receive(np.full((1, 2, 2), 0.5), nobody, nobody, None)
