@@ -70,6 +70,8 @@ def test_a_law_is_given_the_neighbours_in_range_the_nearest_first() -> None:
         (None, "returned nothing instead of the pair"),
         ((None, None), "returned nothing instead of a thrust"),
         ((None, "123"), "returned a str instead of a thrust"),
+        ((None, (0.0, 9.81)), "returned a tuple instead of a thrust of three numbers (it has 2)"),
+        ((None, ("a", "b", "c")), "returned a tuple instead of a thrust of three numbers"),
         ((None, (0.0, math.nan, 9.81)), "not finite: (0, nan, 9.81)"),
     ],
 )
@@ -79,6 +81,7 @@ def test_an_answer_is_a_memory_and_a_thrust_of_three_finite_numbers(
     _, _, refusal = own_law.judged(answer, _inputs())
     assert words in refusal
     assert bool(words) is bool(refusal)
+    assert "(it has 3)" not in refusal
 
 
 @pytest.mark.parametrize(
