@@ -33,7 +33,7 @@ style:
 # each on one core: mypy, and beside it the other checks and then the compilation of the law and of the emulator, and on a
 # clean clone of the test files, which otherwise each worker would compile
 compiled: style
-	@.venv/bin/covey simulate swap2 --seeds 0 > .venv/compiled.log
+	@.venv/bin/covey simulate swap2 --seeds 0 --law orca > .venv/compiled.log
 	@test -e .venv/collected.log || .venv/bin/pytest --collect-only -q -m "not long" > .venv/collected.log || true
 
 # Three workers for two cores: the tests of the console wait for their timers nearly half of the time. Beside others on

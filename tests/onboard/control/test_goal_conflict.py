@@ -169,7 +169,12 @@ def circle(count: int, radius_m: float, begin_rad: float) -> np.ndarray:
 
 
 @pytest.mark.parametrize(
-    ("count", "gap_m", "errors"), [(2, 0.0, "mocap"), (3, 0.2, "mocap"), (2, 0.0, "vision")]
+    ("count", "gap_m", "errors"),
+    [
+        (2, 0.0, "mocap"),
+        (2, 0.0, "vision"),
+        pytest.param(3, 0.2, "mocap", marks=pytest.mark.long),
+    ],
 )
 def test_all_reach_goals_in_one_place_one_after_another(
     count: int, gap_m: float, errors: str

@@ -299,9 +299,9 @@ _FOUR = [[-4.0, 0.0], [-5.2, 0.0], [4.0, 0.0], [5.2, 0.0]]
 @pytest.mark.parametrize(
     ("starts", "turn_deg"),
     [
-        (_FOUR, 0.0),
-        pytest.param(_TWO, 70.0, marks=pytest.mark.long),
+        (_TWO, 70.0),
         pytest.param(_TWO, 0.0, marks=pytest.mark.long),
+        pytest.param(_FOUR, 0.0, marks=pytest.mark.long),
         pytest.param(_FOUR, 70.0, marks=pytest.mark.long),
     ],
 )
@@ -380,6 +380,7 @@ def test_whoever_intends_to_go_on_is_not_parked() -> None:
     assert stand(Way([]), at(-0.95, 0.0), 20.0, going) == to(3.0, 0.0)
 
 
+@pytest.mark.long
 def test_a_vehicle_that_parked_ones_held_for_ever_arrives(monkeypatch: pytest.MonkeyPatch) -> None:
     # the parked ones receive no messages, so they do not step aside
     starts = [(-3.0, 0.0), *POCKET]
