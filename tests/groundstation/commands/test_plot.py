@@ -11,7 +11,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 import tomli_w
-from matplotlib.figure import Figure
 from mcap.writer import Writer
 
 from groundstation.cli import main
@@ -237,7 +236,9 @@ def test_damage_in_the_middle_of_a_record_is_said(
     monkeypatch.setattr(record_figures, "_FIGURES", {})
     path = write_flight(tmp_path)
     assert main(["plot", str(tmp_path)]) == 0
-    assert "damaged" not in capsys.readouterr().err
+    said = capsys.readouterr().err
+    assert "damaged" not in said
+    assert "the paper's safety distance of 0.80 m" in said
 
     data = bytearray(path.read_bytes())
     middle = len(data) // 2
@@ -248,26 +249,17 @@ def test_damage_in_the_middle_of_a_record_is_said(
 
 
 def test_the_fleet_s_distance_is_drawn_though_law_and_keys_are_on_another_computer(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path,
 ) -> None:
-    drawn: list[FlightData] = []
-
-    def noted(flight: FlightData) -> Figure:
-        drawn.append(flight)
-        return new_figure(1.0, 1.0, "")
-
-    monkeypatch.setattr(avoidance, "draw", noted)
-    monkeypatch.setattr(record_figures, "_FIGURES", {"fig6_avoidance": avoidance})
-    write_flight(tmp_path)
     fleet = tomllib.loads(Path("configs/fleets/paper.toml").read_text())
     fleet["fleet"]["safety_distance_m"] = 0.81
     fleet["fleet"]["keys"] = "/another/computer/keys"
     fleet["law"] = {"name": "mine:law", "folder": "/another/computer"}
     (tmp_path / "fleet.toml").write_text(tomli_w.dumps(fleet))
 
-    assert main(["plot", str(tmp_path)]) == 0
-    assert drawn[-1].safety_distance_m == 0.81
-    assert capsys.readouterr().err == ""
+    notes: list[str] = []
+    assert record_figures._limits(tmp_path, notes)["safety_distance_m"] == 0.81
+    assert notes == []
 
 
 @pytest.mark.parametrize(
@@ -278,20 +270,15 @@ def test_the_fleet_s_distance_is_drawn_though_law_and_keys_are_on_another_comput
     ],
 )
 def test_figures_without_a_fleet_file_say_whose_distance_they_show(
-    text: str | None,
-    reason: str,
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
+    text: str | None, reason: str, tmp_path: Path
 ) -> None:
-    monkeypatch.setattr(record_figures, "_FIGURES", {})
-    write_flight(tmp_path)
     if text is not None:
         (tmp_path / "fleet.toml").write_text(text)
-    assert main(["plot", str(tmp_path)]) == 0
-    said = capsys.readouterr().err
-    assert "the figures show the paper's safety distance of 0.80 m" in said
-    assert reason in said
+    notes: list[str] = []
+    assert record_figures._limits(tmp_path, notes)["safety_distance_m"] == 0.8
+    (note,) = notes
+    assert note.startswith("the figures show the paper's safety distance of 0.80 m")
+    assert reason in note
 
 
 def test_no_line_and_no_other_name_crosses_the_name_of_a_pair() -> None:
@@ -322,6 +309,7 @@ def test_no_line_and_no_other_name_crosses_the_name_of_a_pair() -> None:
         assert not box.count_overlaps(boxes[:index])
 
 
+@pytest.mark.long
 def test_a_large_fleet_is_in_the_order_of_its_numbers_and_on_a_page(tmp_path: Path) -> None:
     write_flight(tmp_path)
     samples = list(read(tmp_path, TOPICS))

@@ -176,6 +176,7 @@ def test_who_has_poses_that_come_and_go_lands_softly_and_disarms(
     assert flight.until(are_landed, 20.0)
 
 
+@pytest.mark.long
 def test_px4s_own_position_is_wrong_by_metres_soon_after(lockstep) -> None:
     errors_m: dict[int, list[float]] = {1: [], 3: [], 4: []}
     for seed in (1, 2):
