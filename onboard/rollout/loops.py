@@ -36,6 +36,7 @@ from onboard.control import allocation, backstepping, pipeline, sinking, traject
 from onboard.estimation import disturbance_observer, hover_thrust, kalman, wind
 from onboard.rollout import layouts
 from onboard.rollout.layouts import CoveyResults, EstimatorMemory, OwnLawView
+from onboard.types import Neighbour
 from onboard.vectors import Vec3
 
 Compiled = Callable[..., Any]
@@ -171,6 +172,7 @@ def _functions() -> list[FunctionType]:
         functions.append(layout.read)
         functions.append(layout.write)
     functions.extend((_step_rows, _estimate_rows, _before_own_law_rows, _after_own_law_rows))
+    functions.append(_present_neighbours)
     return [function for function in functions if isinstance(function, FunctionType)]
 
 
@@ -216,11 +218,7 @@ def _step_rows(
     read_obstacles = [_read_obstacle(obstacles[k]) for k in range(obstacles.shape[0])]
 
     for m in range(memories.shape[0]):
-        near = [
-            _read_neighbour(neighbours[m, k])
-            for k in range(neighbours.shape[1])
-            if is_present[m, k]
-        ]
+        near = _present_neighbours(neighbours[m], is_present[m])
         own_params = _read_params(params[m % params.shape[0]])
         memory, tick = pipeline.step(
             _read_memory(memories[m]),
@@ -234,6 +232,11 @@ def _step_rows(
         )
         _write_memory(memory, memories[m])
         _write_tick(tick, ticks[m])
+
+
+def _present_neighbours(rows: Any, is_present: Any) -> list[Neighbour]:
+    """Return the neighbours of one vehicle (K,) that are there."""
+    return [_read_neighbour(rows[k]) for k in range(rows.shape[0]) if is_present[k]]
 
 
 def _before_own_law_rows(
@@ -256,11 +259,7 @@ def _before_own_law_rows(
     read_obstacles = [_read_obstacle(obstacles[k]) for k in range(obstacles.shape[0])]
 
     for m in range(memories.shape[0]):
-        received_neighbours = [
-            _read_neighbour(neighbours[m, k])
-            for k in range(neighbours.shape[1])
-            if is_present[m, k]
-        ]
+        received_neighbours = _present_neighbours(neighbours[m], is_present[m])
         own_params = _read_params(params[m % params.shape[0]])
         memory = _read_memory(memories[m])
         state = _read_state(states[m])

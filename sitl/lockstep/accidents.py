@@ -48,7 +48,7 @@ TURN_DEG = 7.0
 WIND_TIMES_LIMIT = 2.0  # strongest wind, in multiples of the fleet's wind limit
 WIND_RAMP_S = 20.0  # time in which the wind rises
 _GUST_M_S = 0.05  # standard deviation of the gusts, if the accident was not one of wind
-_STRONG_GUST_M_S = 0.5
+_STRONG_GUST_M_S = 0.5  # about a tenth of the strongest wind
 _WIND_CONDITIONS = (  # conditions of the failsafe table that a strong wind causes
     Condition.WIND_ABOVE,
     Condition.WIND_NEAR,
