@@ -25,7 +25,7 @@ STEPS = [
 ]
 
 
-@pytest.mark.realtime
+@pytest.mark.long
 @pytest.mark.timeout(300)
 async def test_a_mission_waits_for_its_time_and_sets_out_then(tmp_path: Path) -> None:
     folder = tmp_path / "flight"
