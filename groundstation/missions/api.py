@@ -91,18 +91,17 @@ class Fleet(Group):
 
             flown = cls(client, say=say)
             begin_ns = client.now_ns()
+            has_begun = False
+            taken: Taken | None = None
             try:
                 if ready_timeout_s != 0.0:
                     await flown.ready(ready_timeout_s)
                 flown.ground.watch.begin()
+                has_begun = True
                 yield flown
             finally:
-                flown.ground.note_other_ends()
-                taken = flown.ground.watch.look()  # None: nobody has taken the fleet meanwhile
-                if taken is None:
-                    await flown.leave(at_end)
-                else:
-                    await flown._leave_to(taken, begin_ns)
+                if has_begun:  # a script that was refused has ordered nothing, and lands nobody
+                    taken = await flown._end(at_end, begin_ns)
                 host.flown = FlightObservations(
                     mission="script",
                     fleet=client.fleet,
@@ -113,8 +112,26 @@ class Fleet(Group):
                     begin_ns=begin_ns,
                     end_ns=client.now_ns(),
                     is_taken=taken is not None,
-                    is_left_flying=taken is not None,
+                    is_left_flying=taken is not None or not has_begun,
                 )
+
+    async def _end(self, at_end: AtEnd, begin_ns: int) -> Taken | None:
+        """End a script: leave its vehicles in the declared state, or to whoever has taken them.
+
+        Args:
+            at_end: the declared state.
+            begin_ns: start of the script, on the ground's clock [ns].
+
+        Returns:
+            Who has taken the fleet; None if nobody has.
+        """
+        self.ground.note_other_ends()
+        taken = self.ground.watch.look()
+        if taken is None:
+            await self.leave(at_end)
+        else:
+            await self._leave_to(taken, begin_ns)
+        return taken
 
     async def leave(self, at_end: AtEnd) -> None:
         """Bring vehicles that still fly to this state, except those that a pilot flies by hand.

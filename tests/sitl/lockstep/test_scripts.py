@@ -14,8 +14,10 @@ import pytest
 from groundstation import Fleet
 from groundstation.cli import main
 from groundstation.crazyswarm.uav_trajectory import Trajectory
+from groundstation.missions.api import NotReady
 from groundstation.missions.connection import host_of
 from onboard.config.fleet import ConfigError
+from sitl.faults.catalogue import Fault
 
 PAPER = Path(__file__).resolve().parents[3] / "configs/fleets/paper.toml"
 
@@ -135,6 +137,21 @@ def test_a_test_connects_with_its_own_flight(lockstep: Any) -> None:
 
     assert flight.wait_for(hops()) == pytest.approx(0.8, abs=0.15)
     assert flight.state.vehicles["mav1"].is_airborne
+
+    # a second script, which is never ready, brings down nothing that others have ordered
+    flight.inject(Fault("mocap_lost", "mav0", at_s=flight.time_s))
+    flight.run(3.0)
+
+    async def is_refused() -> None:
+        async with Fleet.connect("paper", at_end="land", ready_timeout_s=20.0):
+            raise AssertionError("mav0 is not ready")
+
+    with pytest.raises(NotReady, match="mav0"):
+        flight.wait_for(is_refused())
+    flight.run(3.0)
+    assert flight.state.vehicles["mav1"].is_airborne
+    assert flight.flown is not None
+    assert flight.flown.is_left_flying
     with pytest.raises(ConfigError, match="Which fleet"):
         host_of(None)
 
