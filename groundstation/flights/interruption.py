@@ -20,7 +20,11 @@ from pathlib import Path
 from types import FrameType
 
 SIGNALS = (signal.SIGINT, signal.SIGTERM)
-_PROJECT_ROOT = os.path.realpath(Path(__file__).parents[2]) + os.sep
+# Folders of this project's code. A mission may lie beside them, in the same clone.
+_PACKAGES = tuple(
+    os.path.realpath(Path(__file__).parents[2] / name) + os.sep
+    for name in ("groundstation", "onboard", "sitl")
+)
 # Signals that the loop handles within this time count as one, because they may have arrived while
 # it was blocked.
 _TOGETHER_S = 0.3
@@ -65,11 +69,11 @@ def listen(
 
         # Look at the calls from the innermost outwards, up to the first one of this project.
         while frame is not None:
-            file = frame.f_code.co_filename
-            if file.startswith(_PROJECT_ROOT):
-                return
-            if os.path.realpath(file) == mission_file:
+            file = os.path.realpath(frame.f_code.co_filename)
+            if file == mission_file:
                 raise asyncio.CancelledError
+            if file.startswith(_PACKAGES):
+                return
             frame = frame.f_back
 
     for number in SIGNALS:

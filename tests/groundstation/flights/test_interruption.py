@@ -71,6 +71,22 @@ async def test_two_interrupts_of_a_mission_that_blocks_land_the_vehicles_at_once
     assert not client.state.airborne_names
 
 
+async def test_a_mission_beside_the_packages_of_a_clone_is_ended_as_well() -> None:
+    """``my_mission.py`` of the README lies in the clone, as the project's own code does."""
+    path = str(Path(interruption.__file__).parents[2] / "my_mission.py")
+    blocks = compile("import time\ntime.sleep(20.0)", path, "exec")
+
+    listen(path, lambda: None)
+    threading.Timer(0.3, os.kill, (os.getpid(), signal.SIGINT)).start()
+    begin_s = time.monotonic()
+    try:
+        with pytest.raises(asyncio.CancelledError):
+            exec(blocks, {})
+    finally:
+        listen_no_more()
+    assert time.monotonic() - begin_s < 10.0
+
+
 async def test_a_second_interrupt_is_told_while_the_loop_has_not_handled_the_first(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
