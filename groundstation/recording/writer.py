@@ -44,6 +44,7 @@ class RecordEnd(NamedTuple):
 
     begin_ns: int  # time on the ground's clock from which the seconds of the record count
     written: int = 0  # number of messages on the disk
+    dropped: int = 0  # number of messages that it lacks, because the disk was too slow
     failure: str | None = None  # why it ended early; None if it did not
 
 
@@ -91,6 +92,7 @@ class RecordWriter:
         self._queue: deque[_Item] = deque()
         self._is_ended = threading.Event()
         self._thread: threading.Thread | None = None
+        self._has_warned = False  # of dropped messages
 
     def start(self) -> None:
         """Create the folder and its files, and start the thread; a second call does nothing.
@@ -128,7 +130,12 @@ class RecordWriter:
     @property
     def end(self) -> RecordEnd:
         """How the record has ended; while it is still written, what is on the disk."""
-        return RecordEnd(begin_ns=self.begin_ns, written=self.written, failure=self.failure)
+        return RecordEnd(
+            begin_ns=self.begin_ns,
+            written=self.written,
+            dropped=self.dropped,
+            failure=self.failure,
+        )
 
     def stop(self, timeout_s: float = 10.0) -> None:
         """Write the rest and finish the files; a second call does nothing."""
@@ -148,6 +155,7 @@ class RecordWriter:
         try:
             while not self._is_ended.wait(WRITE_PERIOD_S):
                 self._write(files)
+                self._warn_once_of_dropped()
                 if time.monotonic() >= next_flush_s:
                     files.flush()
                     self.written = files.written
@@ -166,6 +174,14 @@ class RecordWriter:
                     "The record ended by a mistake of Covey's own. The flight goes on without it."
                 )
             files.close()
+
+    def _warn_once_of_dropped(self) -> None:
+        if self.dropped and not self._has_warned:
+            self._has_warned = True
+            self._on_warning(
+                "The disk is too slow for the record: messages are missing in it. Record to a "
+                "faster disk."
+            )
 
     def _fail(self, sentence: str) -> None:
         self.failure = sentence

@@ -18,6 +18,7 @@ from groundstation.verdict.expectations import Expect
 from groundstation.verdict.observations import FlightObservations
 from groundstation.verdict.verdict import Verdict, judge
 from onboard.config.fleet import ConfigError
+from onboard.plain_text import numbered
 
 
 def final_verdict(
@@ -52,6 +53,7 @@ def final_verdict(
         record_name = str(folder)
         if record_end.failure is None:
             failures.append(_missing_sentence(folder, record_end.written))
+            failures.append(_dropped_sentence(record_end.dropped))
     except ConfigError as error:
         failures.append(f"The record cannot be read. {error}")
 
@@ -81,6 +83,16 @@ def _content(verdicts: Sequence[Verdict]) -> dict[str, Any]:
     if len(verdicts) > 1:
         content["missions"] = msgspec.to_builtins(verdicts)
     return content
+
+
+def _dropped_sentence(dropped: int) -> str | None:
+    """Return a sentence if messages were not written because the disk was too slow; else None."""
+    if not dropped:
+        return None
+    return (
+        f"The record lacks {numbered(dropped, 'message')}, because the disk was too slow for them. "
+        "Record to a faster disk."
+    )
 
 
 def _missing_sentence(folder: Path, written: int) -> str | None:

@@ -358,7 +358,9 @@ async def test_the_verdict_and_the_record_count_seconds_from_the_same_begin(
     assert verdict.closest.time_s >= 0.5
 
 
-@pytest.mark.parametrize("damage", ["none", "removed", "cut", "ended early", "no verdict"])
+@pytest.mark.parametrize(
+    "damage", ["none", "removed", "cut", "ended early", "slow disk", "no verdict"]
+)
 async def test_a_flight_without_its_whole_record_or_its_verdict_has_not_passed(
     fleet: FleetConfig, client: Any, tmp_path: Path, damage: str
 ) -> None:
@@ -378,6 +380,8 @@ async def test_a_flight_without_its_whole_record_or_its_verdict_has_not_passed(
         record.write_bytes(record.read_bytes()[: record.stat().st_size // 10])
     elif damage == "ended early":
         end = end._replace(failure="The record ended: disk full.")
+    elif damage == "slow disk":
+        end = end._replace(dropped=1240)
     elif damage == "no verdict":
         (folder / "verdict.part").mkdir()
 
@@ -387,6 +391,7 @@ async def test_a_flight_without_its_whole_record_or_its_verdict_has_not_passed(
         "removed": "The record cannot be read.",
         "cut": "messages that were written",
         "ended early": "The record ended: disk full.",
+        "slow disk": "The record lacks 1240 messages, because the disk was too slow",
         "no verdict": "verdict.json cannot be written",
     }
     assert words[damage] in verdict.summary

@@ -5,6 +5,7 @@ from __future__ import annotations
 import errno
 import io
 import json
+import threading
 import time
 from pathlib import Path
 from typing import Any
@@ -12,6 +13,7 @@ from typing import Any
 import pytest
 from mcap.reader import make_reader
 
+from groundstation.recording import writer as record_writer
 from groundstation.recording.flight_report import report
 from groundstation.recording.reader import read
 from groundstation.recording.writer import RecordWriter, write_json
@@ -172,6 +174,44 @@ def test_a_full_disk_ends_the_record_with_one_sentence_and_hurts_nobody(tmp_path
     writer.stop()
     assert len(told) == 1
     assert "No space left" in told[0]
+
+
+class SlowDisk(io.BytesIO):
+    """Takes long for each write, until it may go on."""
+
+    def __init__(self, goes_on: threading.Event) -> None:
+        super().__init__()
+        self._goes_on = goes_on
+
+    def write(self, data: Any) -> int:
+        self._goes_on.wait(30.0)
+        return super().write(data)
+
+
+def test_messages_that_a_slow_disk_leaves_no_room_for_are_counted_and_told_once(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(record_writer, "MAX_QUEUED", 10)
+    monkeypatch.setattr(record_writer, "_CHUNK_BYTES", 100)
+    goes_on = threading.Event()
+    goes_on.set()
+    told: list[str] = []
+    writer = RecordWriter(
+        tmp_path, on_warning=told.append, open_file=lambda path: SlowDisk(goes_on)
+    )
+    writer.start()
+    goes_on.clear()
+    for stamp in range(400):
+        writer.put(Topic.TRUTH, "mav0", truth("mav0", stamp, 0.0), 0)
+        time.sleep(0.001)
+    goes_on.set()
+    time.sleep(0.5)
+    writer.stop()
+
+    assert writer.end.dropped > 0
+    assert writer.end.dropped + writer.end.written == 400
+    assert len(told) == 1
+    assert "The disk is too slow for the record" in told[0]
 
 
 def test_a_folder_that_cannot_be_written_is_a_sentence_not_an_exception(tmp_path: Path) -> None:
