@@ -18,6 +18,7 @@ from sitl.faults.catalogue import FAULT_KINDS, Fault, FaultPlan
 from sitl.faults.lossy_channel import NO_FAULTS, ChannelFaults, LossyChannel
 from sitl.faults.pose_faults import PoseFault, PoseFaults
 from sitl.physics.contacts import World
+from sitl.physics.random_streams import Stream
 from sitl.px4.commander import EmulatedPx4
 from sitl.px4.estimator import Estimator
 from sitl.px4.modes import Mode
@@ -27,7 +28,6 @@ from sitl.px4.sticks import CENTRED
 LINKS = ("companion", "ground")
 DIRECTIONS = ("in", "out")
 SIMULATOR_LINK = "simulator"  # link to viewers of the truth, which no fault disturbs
-_RANDOM_STREAM = 6  # keeps the random numbers of the wires apart from others with the same seed
 _PILOT_MODES = {
     "posctl": Mode.POSCTL,
     "altctl": Mode.ALTCTL,
@@ -133,8 +133,7 @@ def _wires(seed: int, index: int) -> dict[tuple[str, str], LossyChannel[bytes]]:
     """Return the channels of one vehicle by link and direction, each with its own seed."""
     names = product((*LINKS, SIMULATOR_LINK), DIRECTIONS)
     return {
-        name: LossyChannel([seed, _RANDOM_STREAM, index, number])
-        for number, name in enumerate(names)
+        name: LossyChannel([seed, Stream.WIRES, index, number]) for number, name in enumerate(names)
     }
 
 

@@ -14,11 +14,11 @@ import numpy as np
 from sitl.faults.pose_faults import PoseFaults
 from sitl.physics import frames
 from sitl.physics.frames import Array
+from sitl.physics.random_streams import Stream
 
 _ATTITUDE_NOISE_RAD = math.radians(0.15)
 _TIME_TOLERANCE_S = 1e-9  # times that differ by less count as equal
 _LARGEST_LAG_S = 0.1  # frames that are due for longer than this are skipped
-_RANDOM_STREAM = 3  # keeps these random numbers apart from others with the same seed
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,7 +63,7 @@ class Mocap:
     ) -> None:
         self.settings = MocapSettings() if settings is None else settings
         self._faults = PoseFaults(count) if faults is None else faults
-        self._rng = np.random.default_rng([seed, _RANDOM_STREAM])
+        self._rng = np.random.default_rng([seed, Stream.MOCAP])
         self._lost_until_s = np.full(count, -math.inf)
         self._next_s = 0.0  # time of the next frame
         # Heap of arrival time, number and pose. The number orders poses with the same time.

@@ -35,6 +35,7 @@ from onboard.bus.topics import TOPICS, Delivery, Topic
 from onboard.config.fleet import RadioConfig
 from sitl.lockstep.channel import Channel
 from sitl.lockstep.connections import BusSettings, Losses, Pair
+from sitl.physics.random_streams import Stream
 
 _LEASE_NS = LEASE_MS * 1_000_000
 _RECONNECT_NS = 300_000_000  # time from the end of a cut until the nodes see each other again
@@ -79,7 +80,7 @@ class SimBus:
         self._delay_ns = round(settings.delay_s * 1e9)
         self._links: dict[Pair, BusSettings] = {}
         self._losses = Losses()
-        self._rng = np.random.default_rng([seed, 11])
+        self._rng = np.random.default_rng([seed, Stream.BUS])
 
         self.channel: Channel | None = None
         if radio is not None:

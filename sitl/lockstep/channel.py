@@ -25,6 +25,7 @@ from onboard.bus.codec import encode
 from onboard.bus.schema import Message
 from onboard.config.radio import RadioConfig
 from onboard.feasibility.airtime import MOST_IN_TURN, OFDM, OVERHEAD_BYTES, message_packets, turn_s
+from sitl.physics.random_streams import Stream
 
 _ACCESS_POINT = ""  # the station name of the access point; no node has this name
 _SMALL_BYTES = 100  # size of a liveliness token, and of a call without a message
@@ -72,7 +73,7 @@ class Channel:
         self._radio = radio
         self._vehicles = vehicles
         self._now_ns = now_ns
-        self._rng = np.random.default_rng([seed, 13])
+        self._rng = np.random.default_rng([seed, Stream.RADIO])
 
         # station -> next station -> waiting packets
         self._queues: dict[str, dict[str, deque[_Packet]]] = {}

@@ -34,6 +34,7 @@ from onboard.types import AttitudeSetpoint
 from sitl.emulator.emulator import Emulator
 from sitl.faults.lossy_channel import LossyChannel
 from sitl.mavlink.view import HALF_NOISE_RAD, View, measured_attitude
+from sitl.physics.random_streams import Stream
 from sitl.physics.vehicle import STEP_S
 from sitl.px4.modes import MODES, Mode
 from sitl.px4.satellite_receiver import ACCURACIES_M
@@ -113,10 +114,10 @@ class LinkBank:
         self.links = [EmulatedLink(self, index, vehicle) for index, vehicle in enumerate(vehicles)]
         # 1e-9 keeps a rounding error from adding a step
         self._delay_steps = max(1, int(np.ceil(delay_s / STEP_S - 1e-9)))
-        self._rng = np.random.default_rng([seed, 12])
+        self._rng = np.random.default_rng([seed, Stream.DIRECT_LINK])
 
         # The PX4s are switched on at different moments, so they also send at different moments.
-        phase_rng = np.random.default_rng([seed, 13])
+        phase_rng = np.random.default_rng([seed, Stream.SWITCHED_ON])
         phases = phase_rng.integers(_ATTITUDES_PER_HEARTBEAT, size=len(vehicles))
         self._phase_steps: list[int] = (_ATTITUDE_EVERY_STEPS * phases).tolist()
 

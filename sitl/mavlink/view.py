@@ -14,6 +14,7 @@ import numpy as np
 from sitl.emulator.emulator import Emulator
 from sitl.physics import frames
 from sitl.physics.earth import EarthPoint, degrees_at, metres_from
+from sitl.physics.random_streams import Stream
 from sitl.px4.commander import EmulatedPx4
 from sitl.px4.satellite_receiver import ACCURACIES_M
 
@@ -25,7 +26,6 @@ _ACCEL_NOISE_M_S2 = (0.5, 1.7, 1.4)
 _ACCEL_NOISE_RESTING_M_S2 = 0.05
 _GRAVITY_M_S2 = 9.80665
 _NOISE_BLOCK = 4096  # random numbers drawn in one batch
-_RANDOM_STREAM = 7  # keeps these random numbers apart from others with the same seed
 
 Vector = tuple[float, float, float]
 Quaternion = frames.Quaternion
@@ -58,7 +58,7 @@ class View:
         self.system_id = emulator.specs[index].system_id
         self.ground_altitude_m = emulator.origin.altitude_m  # ground at the start
         self.local_origin = _local_origin(emulator, index)
-        self._rng = np.random.default_rng([seed, _RANDOM_STREAM, index])
+        self._rng = np.random.default_rng([seed, Stream.VIEW, index])
         self._noise: list[float] = []
         self._clock_step = -1  # step of the physics at which the clock was read
         self._clock_s = 0.0

@@ -15,6 +15,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from sitl.physics.random_streams import Stream
 from sitl.physics.vehicle import VehicleProfile
 
 # Largest relative differences from the type: half of the measured ranges.
@@ -30,8 +31,6 @@ _ATTITUDE_ZETA_FRAC = 0.04
 _SIDEWAYS_STD_M_S2 = 0.04
 _THRUST_STD_FRAC = 0.004
 
-_RANDOM_STREAM = 6  # keeps these random numbers apart from others with the same seed
-
 
 def one_of_type(
     profile: VehicleProfile, *, seed: int, index: int, scale: float = 1.0
@@ -44,7 +43,7 @@ def one_of_type(
         index: index of the vehicle in its fleet, which selects its differences.
         scale: scale of all differences; 0 returns the type itself.
     """
-    rng = np.random.default_rng([seed, _RANDOM_STREAM, index])
+    rng = np.random.default_rng([seed, Stream.SCATTER, index])
     hover, drag, delay, wn, zeta = (scale * rng.uniform(-1.0, 1.0, 5)).tolist()
     return replace(
         profile,

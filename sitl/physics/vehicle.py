@@ -17,6 +17,7 @@ from sitl.physics import frames
 from sitl.physics import step as physics
 from sitl.physics.frames import Array
 from sitl.physics.jit import Records, records
+from sitl.physics.random_streams import Stream
 from sitl.physics.step import GRAVITY_M_S2, STEP_S
 
 __all__ = [
@@ -43,7 +44,6 @@ _YAW_WN_RAD_S = 3.0
 _RATE_LAG_S = 0.03  # time constant with which body rates follow their setpoint
 _TRANSITION = ("tilt_by_tilt", "tilt_by_rate", "rate_by_tilt", "rate_by_rate")  # names in RESPONSE
 _BLOCK = 64  # random numbers are drawn for this many steps at a time
-_RANDOM_STREAM = 1  # keeps these random numbers apart from others with the same seed
 
 # Positions of PX4's motors 1 to 4 of a quadrotor X, forward and to the right, in units of
 # arm / sqrt(2).
@@ -233,7 +233,7 @@ class Vehicles:
         self.push_ned_m_s2 = np.zeros((n, 3))
         self.steps = 0
 
-        self._rng = np.random.default_rng([seed, _RANDOM_STREAM])
+        self._rng = np.random.default_rng([seed, Stream.VEHICLES])
         self._draws = np.zeros((_BLOCK, n, 3))
         self._is_noisy = any(p.thrust_noise_frac > 0.0 for p in profiles)
 

@@ -15,15 +15,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from sitl.physics.frames import Array
+from sitl.physics.random_streams import Stream
 from sitl.physics.step import STEP_S
 
 GUST_TIME_S = 1.0  # default correlation time of gusts
 
 _VERTICAL_SHARE = 0.5  # standard deviation of vertical gusts over that of horizontal ones
 _BLOCK = 64  # random numbers are drawn for this many steps at a time
-# Separate the random numbers of the air and of the vehicles' own gusts from others of the seed.
-_AIR_STREAM = 4
-_OWN_GUSTS_STREAM = 5
 
 
 @dataclass(frozen=True, slots=True)
@@ -87,7 +85,7 @@ class Wind:
             gust_count = 1
         self.settings = settings
         self._step_s = step_s
-        self._rng = np.random.default_rng([seed, _AIR_STREAM])
+        self._rng = np.random.default_rng([seed, Stream.AIR])
         self._gust = np.zeros((gust_count, 3))
         self._draws = np.zeros((_BLOCK, gust_count, 3))
         self._block_row = 0
@@ -99,7 +97,7 @@ class Wind:
         self._ramp_ned = np.zeros(3)  # change of the mean per step during a ramp
         self._ramp_steps = 0  # steps until the end of the ramp
 
-        self._own_rng = np.random.default_rng([seed, _OWN_GUSTS_STREAM])
+        self._own_rng = np.random.default_rng([seed, Stream.OWN_GUSTS])
         self._own_std_m_s2 = np.zeros((count, 3))
         if own_gust_std_m_s2:
             self._own_std_m_s2[:, :2] = np.array(own_gust_std_m_s2)[:, None]

@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 from sitl.physics.earth import ZURICH
 from sitl.physics.frames import Array
 from sitl.physics.jit import records
+from sitl.physics.random_streams import Stream
 from sitl.physics.step import STEP_S
 from sitl.px4 import estimator_errors
 from sitl.px4.estimator_errors import (
@@ -41,9 +42,6 @@ PERIOD_S = ESTIMATE_EVERY_STEPS * STEP_S
 _BLOCK = 64  # random numbers are drawn for this many periods at a time
 _SELECT_EVERY = 4  # number of periods between two selections of the sources: 31 Hz
 _HISTORY = 64  # number of periods whose positions are stored for delayed vision
-# Separate these random numbers from others with the same seed.
-_RANDOM_STREAM = 2
-_DRIFT_STREAM = 5
 
 GPS_FIX_S = 2.3  # time from the start until satellites give a position
 _VISION_TIMEOUT_S = 1.0  # time without vision after which PX4 reports its loss
@@ -155,12 +153,12 @@ class Estimator:
         self._ground_altitude_m = ground_altitude_m
 
         # Random numbers.
-        self._rng = np.random.default_rng([seed, _RANDOM_STREAM])
+        self._rng = np.random.default_rng([seed, Stream.ESTIMATES])
         drift_streams = list(range(n))  # different random numbers for each vehicle
         if is_common:
             drift_streams = [0] * n
         self._drift_rngs = [
-            np.random.default_rng([seed, _DRIFT_STREAM, stream]) for stream in drift_streams
+            np.random.default_rng([seed, Stream.DRIFT, stream]) for stream in drift_streams
         ]
         self._is_common = is_common
         self._scale = scale

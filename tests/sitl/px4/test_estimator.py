@@ -311,7 +311,7 @@ def test_unmatched_delay_of_vision_is_a_lag_of_the_position() -> None:
 
 
 def test_when_vision_stops_the_estimate_drifts_as_measured_and_its_flags_fade() -> None:
-    hovering = on_vision(40)
+    hovering = on_vision(160)
     hovering.fly(4.0, (0.0, 0.0, 0.0))
     estimator = hovering.estimator
     assert estimator.flags(0, hovering.time_s) == 0x1EF
