@@ -271,13 +271,15 @@ class TruthRelay:
     body: Body
     with_mocap: bool
     boot_id: int
-    noise: np.random.Generator = field(default_factory=lambda: np.random.default_rng(0))
     _sequence: int = 0
     _pose_s: float = -math.inf
     _poses: PosePublisher = field(init=False)
+    _rng: np.random.Generator = field(init=False)
 
     def __post_init__(self) -> None:
         self._poses = PosePublisher(self.bus)
+        # different noise for each vehicle: the same would leave no error of relative positions
+        self._rng = np.random.default_rng(self.body.vehicle.system_id)
 
     def take(self, state: dict[str, Any], stamp_ns: int) -> None:
         """Publish one state."""
@@ -292,7 +294,7 @@ class TruthRelay:
         self._sequence += 1
 
         # Add noise, because agents reject poses that do not change at all as frozen.
-        x, y, z = (truth.position_enu_m + self.noise.normal(0.0, _MOCAP_NOISE_M, 3)).tolist()
+        x, y, z = (truth.position_enu_m + self._rng.normal(0.0, _MOCAP_NOISE_M, 3)).tolist()
         pose = MocapPose(
             body=vehicle.mocap_body or vehicle.name,
             boot_id=self.boot_id,

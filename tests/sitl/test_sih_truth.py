@@ -8,6 +8,7 @@ import asyncio
 from pathlib import Path
 from typing import Any, cast
 
+import numpy as np
 import pytest
 
 from groundstation.cli import main
@@ -157,6 +158,24 @@ def test_poses_of_a_vehicle_that_stands_are_never_the_same_twice_and_come_at_fif
         pose.position_enu_m == pytest.approx(vehicle.start_enu_m, abs=0.01) for pose in poses
     )
     assert [pose.sequence for pose in poses] == list(range(1, 51))
+
+
+def test_poses_of_two_vehicles_have_different_errors() -> None:
+    """The same errors would leave none in relative positions."""
+    east_m: dict[str, list[float]] = {"mav0": [], "mav1": []}
+
+    class Bus:
+        def publish(self, topic: Topic, name: str, message: Any) -> None:
+            if topic is Topic.MOCAP:
+                east_m[name].append(message.position_enu_m[0])
+
+    for name in east_m:
+        body = Body(ROOM.vehicles[name], None)
+        relay = TruthRelay(cast(BusSession, Bus()), body, with_mocap=True, boot_id=1)
+        for count in range(100):
+            relay.take(state(), 10_000_000 * (count + 1))
+    correlation = np.corrcoef(east_m["mav0"], east_m["mav1"])[0, 1]
+    assert abs(correlation) < 0.5
 
 
 def test_a_wrong_fleet_file_ends_with_a_sentence(capsys: pytest.CaptureFixture[str]) -> None:
