@@ -87,12 +87,16 @@ def weakest(
     """
     reserves = []
     for name in names:
-        telemetry = state.vehicles[name].telemetry
+        view = state.vehicles[name]
+        telemetry = view.telemetry
         if telemetry is None or not math.isfinite(telemetry.battery_frac):
             continue
 
+        position_enu_m = telemetry.position_enu_m
+        if not telemetry.is_position_valid:
+            position_enu_m = view.seen_enu_m  # where it was last seen
         spot_enu_m = spot_of(name, fleet, state)
-        return_s = way_home_s(fleet.vehicles[name], spot_enu_m, telemetry.position_enu_m)
+        return_s = way_home_s(fleet.vehicles[name], spot_enu_m, position_enu_m)
         hover_s = fleet.vehicles[name].hover_time_s or ASSUMED_HOVER_S
         observed_1_s = discharge.rate_1_s(name, now_ns, telemetry.battery_frac)
         rate_pct_s = 100.0 * max(1.0 / hover_s, observed_1_s)  # the faster one, to be safe

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import math
 from typing import Any
 
 import numpy as np
@@ -60,6 +61,13 @@ async def test_the_weakest_needs_more_the_farther_it_is_and_the_shorter_its_batt
     assert farther is not None
     assert farther.needs_pct > reserve.needs_pct
     assert weakest(fleet, flying.state, (), Discharge(), 0) is None
+
+    # who does not know where it is was last seen 30 m away, and not at the origin
+    bus.tell("mav1", position_enu_m=(math.nan, 0.0, 0.0), is_position_valid=False)
+    await asyncio.sleep(0.1)
+    lost = weakest(fleet, flying.state, fleet.enabled_names, Discharge(), 0)
+    assert lost is not None
+    assert (lost.name, lost.needs_pct) == ("mav1", pytest.approx(farther.needs_pct, abs=0.5))
 
 
 async def test_all_are_brought_home_from_where_they_are_and_not_from_the_ends_of_their_paths(
