@@ -43,6 +43,7 @@ from groundstation.orders.intents import (
     Land,
     Rotate,
     Takeoff,
+    means_all,
 )
 from groundstation.orders.plan import PlannedOrder, plan_order
 from groundstation.orders.reachable_goals import way_m
@@ -131,7 +132,7 @@ def resolved(intent: Intent, fleet: FleetConfig) -> Intent:
         return structs.replace(intent, vehicles=tuple(goals), goals=goals)
 
     if isinstance(intent, Land):
-        is_everybody = intent.vehicles in ("all", ("all",))
+        is_everybody = means_all(intent.vehicles)
         return structs.replace(intent, vehicles=names, is_everybody=is_everybody)
 
     if isinstance(intent, Formation):
@@ -141,7 +142,7 @@ def resolved(intent: Intent, fleet: FleetConfig) -> Intent:
                 f"'{intent.name}' is no formation of fleet '{fleet.fleet.name}': {known}. "
                 "Correct 'name'."
             )
-        if intent.vehicles in ("all", ("all",)):
+        if means_all(intent.vehicles):
             slots = formation_slots(fleet, intent.name)
             names = tuple(name for name in names if name in slots)
 

@@ -57,6 +57,7 @@ from groundstation.orders.intents import (
     Swap,
     Takeoff,
     Yaw,
+    means_all,
 )
 from groundstation.orders.path_orders import OnLag
 from groundstation.orders.result import Results
@@ -69,11 +70,6 @@ Vehicles = str | Sequence[str]  # "all", names or indices: "mav0,mav2", "0-1", o
 GoalOrGoals = Xyz | Mapping[str, Xyz]
 
 _EVER_S = 1e9  # timeout of a wait that ends only with its condition
-
-
-def _are_all(vehicles: Vehicles) -> bool:
-    """Whether an argument is the word "all", alone or in a list."""
-    return vehicles in ("all", ["all"], ("all",))
 
 
 def _check_duration(duration_s: float, verb: str) -> None:
@@ -133,7 +129,7 @@ class Group:
         Raises:
             ConfigError: a vehicle is not in this group.
         """
-        if _are_all(vehicles):
+        if means_all(vehicles):
             lost: set[str] = set()
             if not with_lost:
                 lost = self.ground.still_lost()
@@ -361,7 +357,7 @@ class Group:
             raise ConfigError(f"'{name}' is no formation of this fleet; it has {known}.")
 
         names = self.select(vehicles)
-        if vehicles == "all":
+        if means_all(vehicles):
             slots = formation_slots(self.config, name)
             names = tuple(vehicle for vehicle in names if vehicle in slots)
 
@@ -603,7 +599,7 @@ class Group:
     async def land(self, vehicles: Vehicles = "all", *, timeout_s: float = 40.0) -> Results:
         """Land and disarm."""
         names = self.select(vehicles, with_lost=True)
-        intent = Land(vehicles=names, is_everybody=_are_all(vehicles))
+        intent = Land(vehicles=names, is_everybody=means_all(vehicles))
         return await self.order(intent, timeout_s)
 
     async def kill(self, vehicles: Vehicles, *, timeout_s: float = 5.0) -> Results:

@@ -21,7 +21,7 @@ A new verb is a class here and an entry in `INTENTS`. A verb that sends vehicles
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import ClassVar, Literal, NamedTuple, Self
 
 import msgspec
@@ -60,6 +60,15 @@ Verb = Literal[
     "swap",
 ]
 PathVerb = Literal["load_path", "follow_path"]  # programs and missions give these; nobody types one
+
+
+def means_all(vehicles: str | Sequence[str]) -> bool:
+    """Return whether vehicles as somebody wrote them mean all of the fleet or group.
+
+    Args:
+        vehicles: the word "all", alone or in a list; or names or indices.
+    """
+    return vehicles == "all" or list(vehicles) == ["all"]
 
 
 class LineWords(NamedTuple):
