@@ -30,10 +30,12 @@ _ROUNDING = 1e-9  # speeds, delays or losses that differ by less are equal
 _MARGIN_ROUNDING_M = 1e-3  # margins that differ by less are equal
 _DOCS = "docs/law-map.md shows the map."
 
-# Values of the law that may differ from those of the map. The comparison of margins covers them, or
-# other findings check them.
+# Values of the law that may differ from those of the map: they do not change how Covey's law
+# avoids, the comparison of margins covers them, or other findings check them.
 _FREE = (
     "name",
+    "folder",
+    "allow_own_law_on_real_vehicles",
     "design_margin_m",
     "range_m",
     "obstacle_margin_m",
@@ -276,7 +278,7 @@ def _differences(fleet: FleetConfig, accuracy: Accuracy, law_map: LawMap) -> str
 
     flown = law_map.law.get(accuracy.name, {})
     for key, flown_value in flown.items():
-        own_value = getattr(fleet.law, key, flown_value)
+        own_value = getattr(fleet.law, key)
         if own_value != flown_value:
             different.append(f"law.{key} = {flown_value} (here {own_value})")
 

@@ -6,7 +6,7 @@ from onboard.config.fleet import ConfigError, load_fleet
 from onboard.config.radio import RadioConfig
 from onboard.estimation.accuracies import ACCURACIES
 from onboard.feasibility.law_map import LawMap, MapCell, law_map_of, map_finding, shipped
-from tests.onboard.feasibility.test_fleet_checks import fleet_with
+from tests.onboard.feasibility.test_fleet_checks import ROOT, fleet_with
 
 MOCAP = ACCURACIES["mocap"]
 
@@ -147,6 +147,11 @@ def test_shipped_map_promises_the_usual_radio_to_the_example_fleet_and_refuses_n
     assert len(law_map.cells) > 100
     finding = map_finding(load_fleet("sih"), MOCAP, law_map)
     assert (finding.status, usual.expected_delay_s, usual.expected_loss_frac) == ("ok", 0.04, 0.1)
+
+
+def test_the_folder_of_an_own_law_that_does_not_fly_takes_no_promise_away():
+    changes = {"law.folder": str(ROOT / "configs"), "law.allow_own_law_on_real_vehicles": True}
+    assert map_finding(fleet_with(changes), MOCAP, shipped()).status == "ok"
 
 
 def test_a_radio_that_is_late_makes_a_neighbour_silent_later_and_the_usual_one_does_not():
