@@ -13,6 +13,7 @@ from onboard.autopilot import Landed, Snapshot
 from onboard.bus.schema import MocapPose, Order
 from onboard.config.fleet import FleetConfig
 from onboard.frames import ned_from_enu
+from onboard.preflight.law_refusals import refusals_of_fleet
 from onboard.preflight.preflight_inputs import EMULATOR
 from onboard.safety.failsafe_table import Situation
 from onboard.types import TICK_S
@@ -45,6 +46,8 @@ def warm_up(fleet: FleetConfig, name: str) -> bool:
             flying_ticks += 1
         if flying_ticks == _FLYING_TICKS:
             break
+
+    refusals_of_fleet(fleet)  # the first check on the ground finds them ready
     return flying_ticks > 0
 
 

@@ -14,7 +14,8 @@ from onboard.neighbours.table import NeighbourTable
 from onboard.tuples import Xyz
 
 Refusal = tuple[str, str, str]  # name, sentence, remedy
-# hash of a fleet file -> its refusals; shared by the many agents of a simulation
+# hash of the fleet file that was checked last -> its refusals; shared by the many agents of a
+# simulation
 _cache: dict[str, tuple[Refusal, ...]] = {}
 
 
@@ -32,7 +33,7 @@ class LawRefusals:
     def current(self) -> tuple[Refusal, ...]:
         """Name, sentence and remedy of each finding that refuses."""
         if self._fleet_refusals is None:
-            self._fleet_refusals = _refusals_of_fleet(self._fleet)
+            self._fleet_refusals = refusals_of_fleet(self._fleet)
         return self._fleet_refusals + self._spot_refusals
 
     def judge_spot(self, position_enu_m: Xyz | None) -> None:
@@ -56,8 +57,14 @@ class LawRefusals:
         self._spot_refusals = _refusals([start_finding(self._fleet, spots, accuracy)])
 
 
-def _refusals_of_fleet(fleet: FleetConfig) -> tuple[Refusal, ...]:
-    """Return the findings about a fleet file that refuse a take-off."""
+def refusals_of_fleet(fleet: FleetConfig) -> tuple[Refusal, ...]:
+    """Return the findings about a fleet file that refuse a take-off.
+
+    They are kept, because a check takes longer than a tick.
+
+    Args:
+        fleet: the fleet file.
+    """
     key = fleet.config_hash
     if key not in _cache:
         _cache.clear()  # one entry is enough, because the agents of one process fly one fleet
