@@ -276,6 +276,7 @@ class AgentCore:
             neighbours = self.people.added_to(neighbours, now_ns)
         flight = self.flight
         if flight.step is FlightStep.LIFTOFF and step_before is not FlightStep.LIFTOFF:
+            self._mismatch.begin_flight()
             self.control.expect_push(self._expected_push(now_ns))
         tick = self.control.run(own.state, flight.goal, flight.step.control_mode, neighbours, dt_s)
         if flight.step.control_mode is ControlMode.FLYING and self._mismatch.is_due():
@@ -453,7 +454,7 @@ class AgentCore:
 
     def _report_mismatch(self, view: FlightView) -> None:
         """Report differences between the vehicle's response and its fleet file."""
-        warnings = self._mismatch.follow(
+        warnings = self._mismatch.update(
             self.control.observer, view.attitude_wxyz, self.control.hover_frac
         )
         for code, sentence in warnings:

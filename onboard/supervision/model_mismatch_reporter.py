@@ -17,6 +17,10 @@ class ModelMismatchReporter:
 
     def __init__(self, vehicle: Vehicle) -> None:
         self._vehicle = vehicle
+        self.begin_flight()
+
+    def begin_flight(self) -> None:
+        """Forget the last flight: its samples, and what was reported."""
         self._memory = model_mismatch.initial()
         self._tick_count = 0
         self._sample_count = 0
@@ -29,7 +33,7 @@ class ModelMismatchReporter:
         self._tick_count += 1
         return self._tick_count % _SAMPLE_TICKS == 0
 
-    def follow(
+    def update(
         self, model: ObserverMemory, attitude_wxyz: Quaternion, hover_frac: float
     ) -> list[tuple[str, str]]:
         """Take a sample; return code and sentence of each difference that is not reported yet.

@@ -44,7 +44,7 @@ class Flying:
         model = disturbance_observer.initial(ZERO_3)._replace(
             response_enu_m_s2=response, response_rate_enu_m_s3=rate
         )
-        return self.reporter.follow(model, attitude, hover_frac)
+        return self.reporter.update(model, attitude, hover_frac)
 
 
 def _leaning(tilt_x: float, tilt_y: float) -> tuple[float, float, float, float]:
@@ -69,6 +69,15 @@ def test_a_hover_throttle_that_differs_is_told_once_at_the_first_second_that_kno
     too_much_frac = 1.2 * VEHICLE.hover_thrust_frac
     assert flying.fly(9.9, too_much_frac) == []
     assert flying.fly(30.0, too_much_frac) == [(10.0, "hover-differs")]
+
+
+def test_each_flight_is_compared_anew() -> None:
+    flying = Flying()
+    too_much_frac = 1.2 * VEHICLE.hover_thrust_frac
+    assert flying.fly(12.0, too_much_frac) == [(10.0, "hover-differs")]
+    flying.reporter.begin_flight()
+    assert flying.fly(9.9, too_much_frac) == []
+    assert [code for _, code in flying.fly(2.0, too_much_frac)] == ["hover-differs"]
 
 
 def test_a_vehicle_that_is_too_slow_is_told_besides_its_throttle() -> None:
