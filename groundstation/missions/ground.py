@@ -79,8 +79,9 @@ class MissionGround:
         self.pause_line = ""  # short text about a pause of paths; empty without one
         self.follow_pauses: list[FollowPause] = []  # one for each group that follows a vehicle now
 
-        # Step by step: each order waits for the operator.
+        # Step by step: each order waits for the operator, one after the other.
         self._is_stepping = False
+        self._turn = asyncio.Lock()  # held by the order that waits
         self._next = asyncio.Event()  # set by `go_on` and `leave_out_order`
         self._waiting: Intent | None = None  # the order that waits
         self._may_leave_out = False  # whether the order that waits may be left out
@@ -126,9 +127,9 @@ class MissionGround:
         if isinstance(intent, Takeoff) and len(intent.waves) > 1:
             return await self._take_off_in_waves(intent, timeout_s)
 
-        if self._is_stepping and intent.waits_for_step:
-            await self._wait_for_turn(intent, may_be_left_out)
-            if self._is_left_out:
+        if intent.waits_for_step:
+            is_left_out = await self._wait_for_turn(intent, may_be_left_out)
+            if is_left_out:
                 self.left_out_orders.append(str(intent))
                 self.say(f"Left out: {intent}")
                 return {}
@@ -307,18 +308,27 @@ class MissionGround:
         self._next.set()
         return ""
 
-    async def _wait_for_turn(self, intent: Intent, may_be_left_out: bool) -> None:
-        """Wait until the operator lets an order begin, or leaves it out."""
-        self._next.clear()
-        self._waiting = intent
-        self._may_leave_out = may_be_left_out
-        self._is_left_out = False
+    async def _wait_for_turn(self, intent: Intent, may_be_left_out: bool) -> bool:
+        """Wait until the operator lets an order begin; return whether he leaves it out.
 
-        self.say(f"Waits before: {intent}")
-        try:
-            await self._next.wait()
-        finally:
-            self._waiting = None
+        Of the orders of parallel steps, the first one waits for the operator, and the others wait
+        for their turn, so that each answer is for the order that was shown.
+        """
+        async with self._turn:
+            if not self._is_stepping:
+                return False
+
+            self._next.clear()
+            self._waiting = intent
+            self._may_leave_out = may_be_left_out
+            self._is_left_out = False
+
+            self.say(f"Waits before: {intent}")
+            try:
+                await self._next.wait()
+            finally:
+                self._waiting = None
+            return self._is_left_out
 
     async def _wait_for_resume(self) -> None:
         """Wait while followers are paused, so that their leader does not fly away from them.

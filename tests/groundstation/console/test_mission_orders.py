@@ -113,6 +113,52 @@ async def test_a_mission_is_paused_and_an_order_of_it_left_out(
     assert "The operator left out: formation triangle" in verdict.summary
 
 
+PARALLEL = """
+schema = 1
+fleet = "paper"
+[[step]]
+do = "takeoff"
+[[step]]
+do = "parallel"
+branches = [
+  [{do = "goto", goals = {mav0 = [-1.5, 1.0, 1.0]}}],
+  [{do = "goto", goals = {mav1 = [0.5, 1.0, 1.0]}}],
+]
+[[step]]
+do = "land"
+"""
+
+
+async def test_orders_of_parallel_steps_wait_one_after_the_other(
+    client: Any, bus: Any, tmp_path: Path
+) -> None:
+    worker = Worker()
+    path = tmp_path / "m.toml"
+    path.write_text(PARALLEL, encoding="utf-8")
+    orders = MissionOrders(client, worker.begin)
+    assert orders.take(["mission", str(path), "stepping"]) == ""
+
+    def waiting_count(count: int) -> Any:
+        def has_waited(state: Any) -> bool:
+            sentences = [one.event.sentence for one in state.events]
+            return sum(sentence.startswith("Waits before") for sentence in sentences) == count
+
+        return has_waited
+
+    assert await client.wait_for(waiting_count(1), 5.0)
+    assert orders.take(["step"]) == ""
+    assert await client.wait_for(waiting_count(2), 5.0)
+    assert orders.take(["skip"]) == ""
+    assert await client.wait_for(waiting_count(3), 5.0)
+    assert orders.take(["continue"]) == ""
+    assert worker.task is not None
+    verdict = await asyncio.wait_for(worker.task, 5.0)
+
+    assert verdict.passed, verdict.summary
+    moved = [name for name, order in bus.orders if order.kind == "move"]
+    assert moved == ["mav1"], "the first of the two was skipped, and only that one"
+
+
 async def test_the_mission_that_a_console_was_started_with_is_paused_as_well(
     client: Any, tmp_path: Path
 ) -> None:
