@@ -524,18 +524,14 @@ class FleetClient:
         Before the first telemetry of any vehicle no event is published. Call this method several
         times a second.
         """
-        now_ns = self._clock_ns()
         if self._short_stall.look():
-            # Silence is to count again AFTER_LATE_S from now. The state adds the longer
-            # AFTER_STALL_S to the time that it gets, so it gets a time in the past.
-            excused_ns = now_ns - round((AFTER_STALL_S - AFTER_LATE_S) * 1e9)
-            self._excuse_silence(excused_ns)
+            self._excuse_silence(AFTER_LATE_S)
 
         gap_s = self._stall.look()
         if not gap_s:
             return
 
-        self._excuse_silence(now_ns)
+        self._excuse_silence(AFTER_STALL_S)
         if all(view.telemetry is None for view in self._state.vehicles.values()):
             return
 
@@ -556,11 +552,13 @@ class FleetClient:
 
     def notice_own_link(self) -> None:
         """Note that this ground's own link is back, so that silence counts only some time later."""
-        self._excuse_silence(self._clock_ns())
+        self._excuse_silence(AFTER_STALL_S)
 
-    def _excuse_silence(self, stalled_ns: int) -> None:
-        if stalled_ns > self._state.stalled_ns:
-            self._state = structs.replace(self._state, stalled_ns=stalled_ns)
+    def _excuse_silence(self, duration_s: float) -> None:
+        """Let silence count again only after this time [s], or after a longer one from before."""
+        from_ns = self._clock_ns() + round(duration_s * 1e9)
+        if from_ns > self._state.silence_counts_from_ns:
+            self._state = structs.replace(self._state, silence_counts_from_ns=from_ns)
 
     def publish_event(
         self, severity: str, code: str, sentence: str, vehicle: str = "ground"

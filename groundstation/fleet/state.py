@@ -19,7 +19,6 @@ import numpy as np
 from msgspec import Struct
 from msgspec.structs import replace
 
-from groundstation.fleet.own_stall import AFTER_STALL_S
 from groundstation.fleet.separation import closest_pair
 from groundstation.fleet.touchdown import (
     SIGHT_RETURNED_NS,
@@ -270,12 +269,12 @@ class FleetState(Struct, frozen=True):
     disabled: frozenset[str] = frozenset()  # vehicles that the fleet file disables
     height_share: float = 0.0  # weight of a metre of height in a separation
     top_speed_m_s: float = 0.0  # largest speed of any vehicle
-    stalled_ns: int = _NEVER  # end of the last stall of this ground itself
+    silence_counts_from_ns: int = _NEVER  # this ground was stalled; until then no silence counts
     loop_late_s: float = 0.0  # largest lateness of this ground's event loop in the last seconds
 
     def is_after_stall(self, now_ns: int) -> bool:
         """Whether this ground has just been stalled, so that silence does not count."""
-        return now_ns - self.stalled_ns < AFTER_STALL_S * 1e9
+        return now_ns < self.silence_counts_from_ns
 
     def events_after(self, last: LoggedEvent | None) -> list[LoggedEvent]:
         """Return the events after a given one, oldest first.
