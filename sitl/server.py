@@ -159,7 +159,10 @@ def answer_fault(emulator: Emulator, order: FaultOrder | Malformed) -> OrderRepl
     )
     try:
         if not 0.0 <= order.after_s <= _LONGEST_WAIT_S:
-            raise FaultError(f"{order.fault}: after_s is {order.after_s:g}; it must be 0 or more.")
+            raise FaultError(
+                f"{order.fault}: after_s is {order.after_s:.0f}; "
+                f"give 0 to {_LONGEST_WAIT_S:.0f} seconds."
+            )
         if order.is_rehearsal:
             accepted = emulator.check(fault)
         else:

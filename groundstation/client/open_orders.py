@@ -342,7 +342,10 @@ class OpenOrders:
         if not has_reply:
             problem = _no_answer_words(vehicle, waited_s)
             if kind == "land" and self._is_own_link_dead(result, vehicle):
-                sentence = f"{problem}, nor is another heard: my own link. {_WITHOUT_GROUND}"
+                sentence = (
+                    f"{problem}, nor is another vehicle heard: this ground's own link is down. "
+                    f"{_WITHOUT_GROUND}"
+                )
                 result.update(vehicle, "no answer", sentence)
                 return
 

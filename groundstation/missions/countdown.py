@@ -237,5 +237,5 @@ def clock_words(world: WorldClock, names: Sequence[str]) -> str:
             f"Same time within {within_s:.3f} s: {listed(list(agreeing), _MOST_NAMED)}."
         )
     if others:
-        sentences.append(f"Another time, or none told: {listed(others, _MOST_NAMED)}.")
+        sentences.append(f"The clock differs, or is not reported: {listed(others, _MOST_NAMED)}.")
     return " ".join(sentences)

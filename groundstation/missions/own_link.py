@@ -125,8 +125,8 @@ class OwnLink:
         self._said_s = self._silent_for_s()
 
         sentence = (
-            "I hear nobody: my own link. The vehicles finish their orders and hold; "
-            f"their agents land them in {self.landing_in_s:.0f} s."
+            "This ground hears no vehicle: its own link is down. The vehicles finish their orders "
+            f"and hold; their agents land them in {self.landing_in_s:.0f} s. Check its network."
         )
         self._client.publish_event("critical", "own_link_lost", sentence)
 
@@ -137,7 +137,7 @@ class OwnLink:
 
         self._said_s = silent_for_s
         sentence = (
-            f"I have heard nobody for {silent_for_s:.0f} s: my own link. "
+            f"This ground has heard no vehicle for {silent_for_s:.0f} s: its own link is down. "
             f"The agents land in {self.landing_in_s:.0f} s."
         )
         self._client.publish_event("warning", "own_link_lost", sentence)

@@ -268,7 +268,10 @@ class MissionRun:
             if link.landing_in_s > 0.0:
                 return False
             limit_s = self.client.fleet.fleet.ground_lost_land_s
-            reason = f"Nobody heard for {limit_s:g} s: my own link. The agents land by themselves."
+            reason = (
+                f"This ground has heard no vehicle for {limit_s:g} s: its own link is down. The "
+                "agents land by themselves."
+            )
             self.client.publish_event("critical", "own_link_lost", reason)
             self.abort(reason)
             return True

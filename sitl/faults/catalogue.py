@@ -169,7 +169,7 @@ def check(fault: Fault, vehicles: Sequence[str]) -> Fault:
     if not has_times:
         raise FaultError(
             f"{fault.name}: at is {fault.at_s:g} s and duration {fault.duration_s:g} s; "
-            "both are seconds, 0 or more (a duration of 0 means until the end)."
+            f"give 0 to {_LONGEST_S:.0f} seconds for both (a duration of 0 means until the end)."
         )
     if kind.is_instant and fault.duration_s > 0.0:
         raise FaultError(f"{fault.name} happens once and has no duration. Leave it out.")

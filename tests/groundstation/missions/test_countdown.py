@@ -99,7 +99,7 @@ def test_whose_clocks_agree_is_said() -> None:
     world = World()
     world.ahead = {"mav1": (-0.2, 0.01), "mav2": (7.0, 0.01)}
     assert clock_words(world, ("mav0", "mav1", "mav2")) == (
-        "Same time within 0.210 s: mav0, mav1. Another time, or none told: mav2."
+        "Same time within 0.210 s: mav0, mav1. The clock differs, or is not reported: mav2."
     )
 
 

@@ -84,7 +84,7 @@ def test_a_mission_whose_ground_loses_its_own_link_waits_and_goes_on(
     assert flight.min_separation_m > MIN_SEPARATION_M
     assert sentences(flight, "direct_command") == []
     (lost,) = sentences(flight, "own_link_lost")
-    assert "I hear nobody: my own link" in lost
+    assert "This ground hears no vehicle: its own link is down" in lost
     assert "their agents land them in 58 s" in lost
     assert len(sentences(flight, "own_link_back")) == 1
 
@@ -133,7 +133,7 @@ def test_when_the_link_stays_lost_the_agents_land_and_the_mission_says_so(
     verdict = flight.fly(crossing(impatient))
 
     assert verdict.exit_status == 1
-    assert "Nobody heard for 15 s: my own link" in verdict.summary
+    assert "This ground has heard no vehicle for 15 s: its own link is down" in verdict.summary
     lost = sentences(flight, "own_link_lost")
     assert "The agents land in" in lost[1]
     assert flight.min_separation_m > MIN_SEPARATION_M
