@@ -136,9 +136,8 @@ class JudgedNeighbours:
             if candidates:
                 # the first two numbers of a row are the horizontal position
                 nearest = min(candidates, key=lambda row: math.dist(row.numbers[:2], own_enu_m[:2]))
-                # airborne, not cooperative, and announcing nothing, whatever its message says
-                flags = (True, False, False)
-                arrays.set_state(index, nearest.stamp_ns, nearest.numbers, flags)
+                # whatever its message says, it counts as one in the air that does not avoid
+                arrays.set_state(index, nearest.stamp_ns, nearest.numbers, is_airborne=True)
 
     def _kept_message(self, arrays: NeighbourArrays, index: int) -> _Row | None:
         """Return a contradicted neighbour's newest message, even if its row is from the mocap."""

@@ -78,8 +78,7 @@ class People:
         numbers[_HEIGHT] = self._top_m
         numbers[_VERTICAL_VELOCITY] = 0.0
         stamp_ns = min(tracker.stamp_ns, received_ns)
-        flags = (True, False, False)  # in the air, not cooperative, and announcing nothing
-        self._arrays.set_state(index, stamp_ns, tuple(numbers), flags)
+        self._arrays.set_state(index, stamp_ns, tuple(numbers), is_airborne=True)
         return True
 
     def added_to(self, vehicles: NeighbourSnapshot, now_ns: int) -> NeighbourSnapshot:

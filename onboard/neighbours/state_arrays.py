@@ -68,19 +68,28 @@ class NeighbourArrays:
     silent_after_s: Array  # (K,) age beyond which it counts as silent
 
     def set_state(
-        self, index: int, stamp_ns: int, numbers: tuple[float, ...], flags: tuple[bool, bool, bool]
+        self,
+        index: int,
+        stamp_ns: int,
+        numbers: tuple[float, ...],
+        *,
+        is_airborne: bool,
+        is_cooperative: bool = False,
+        announces: bool = False,
     ) -> None:
-        """Store a state.
+        """Store a state, by default of somebody who does not avoid and says nothing.
 
         Args:
             index: index of the neighbour.
             stamp_ns: time of the state, on our clock.
             numbers: STATE_WIDTH numbers, in the order of the columns.
-            flags: AIRBORNE, COOPERATIVE and ANNOUNCED.
+            is_airborne: whether it is in the air.
+            is_cooperative: whether it counts as one that avoids.
+            announces: whether its message says that it avoids.
         """
         self.numbers[index, :STATE_WIDTH] = numbers
         self.stamp_ns[index] = stamp_ns
-        self.flags[:, index] = (True, *flags)
+        self.flags[:, index] = (True, is_airborne, is_cooperative, announces)
 
 
 def empty(is_successor: BoolArray, silent_after_s: float) -> NeighbourArrays:

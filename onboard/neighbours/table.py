@@ -249,10 +249,15 @@ class NeighbourTable:
             return True
 
         announces = message.is_cooperative
-        cooperates = announces and index not in self.judged.not_cooperating
-        flags = (message.is_airborne, cooperates, announces)
         arrays.heard_ns[index] = stamp_ns
-        arrays.set_state(index, stamp_ns, numbers, flags)
+        arrays.set_state(
+            index,
+            stamp_ns,
+            numbers,
+            is_airborne=message.is_airborne,
+            is_cooperative=announces and index not in self.judged.not_cooperating,
+            announces=announces,
+        )
         self.watched_bodies.located.discard(index)
         self._forget_ages()
         return True
@@ -284,7 +289,7 @@ class NeighbourTable:
         _, _, height_m = tracker.position_enu_m
         is_airborne = not self._may_stand(index, height_m)
         stamp_ns = min(tracker.stamp_ns, received_ns)
-        arrays.set_state(index, stamp_ns, tracked_numbers(tracker), (is_airborne, False, False))
+        arrays.set_state(index, stamp_ns, tracked_numbers(tracker), is_airborne=is_airborne)
         self.watched_bodies.located.add(index)
         self._forget_ages()
         return True
