@@ -65,7 +65,9 @@ class LandingSpeed(msgspec.Struct, frozen=True):
     vehicle: str
     time_s: float  # since the flight's start
     speed_m_s: float  # downwards
-    limit_m_s: float  # depends on what gives the vehicle its position: poses, satellites or nothing
+    # depends on what gives the vehicle its position (poses, satellites or nothing), and on whether
+    # PX4 landed it alone
+    limit_m_s: float
     had_thrust: bool  # False: its motors were off, weak or dead; then the limit does not count
 
 

@@ -68,7 +68,7 @@ class TickResult(Struct, frozen=True):
     is_airborne: bool
     may_touch_the_ground: bool  # whether it lifts off or touches down
     ages_s: dict[str, float]  # age of the state of each followed neighbour
-    distances_m: dict[str, float]  # separation from each neighbour
+    distances_m: dict[str, float]  # separation from each neighbour and person
     not_ready: tuple[str, ...]  # sentences of the preflight check
     corrections: CorrectionsStatus | None = None  # None: the vehicle uses no corrections
     waits_for: int = router.NOBODY  # index of the neighbour to which it has given way

@@ -59,7 +59,7 @@ class BusNodes:
 
 
 class NeighbourFollower:
-    """Regularly chooses the neighbours that send us their states at full rate.
+    """Regularly chooses the neighbours whose states we receive at full rate.
 
     In a large fleet no neighbour is followed before the first choice.
     """

@@ -31,9 +31,10 @@ _GOES_FRAC = 0.9
 
 # In a descent without poses, distances are less certain. The vehicle counts as above a neighbour if
 # their horizontal distance is less than _ABOVE_FRAC of the distance to keep, and as beside it at
-# _BESIDE_FRAC or more. Between these two, the limit of the sinking speed grows by 1 m/s.
+# _BESIDE_FRAC or more. Between these two, the limit of the sinking speed grows by _BESIDE_M_S.
 _ABOVE_FRAC = 0.7
 _BESIDE_FRAC = 1.0
+_BESIDE_M_S = 1.0
 _LEAST_DISTANCE_M = 0.01  # rows are divided by the distance to keep
 
 
@@ -222,7 +223,7 @@ def sink_limit(own: Own, neighbours: Sequence[Neighbour], params: LawParams) -> 
             continue
 
         above_m_s = sink_limit_m_s(own.climb, neighbour, lead_s, spacing)
-        least_m_s = min(least_m_s, above_m_s + max(beside_share, 0.0))  # 1 m/s times the share
+        least_m_s = min(least_m_s, above_m_s + _BESIDE_M_S * max(beside_share, 0.0))
     return least_m_s
 
 

@@ -48,8 +48,8 @@ class Motion(NamedTuple):
     velocity_enu_m_s: Vec3
 
 
-_NOWHERE = Vec3(math.inf, math.inf, math.inf)
-UNKNOWN_MOTION = Motion(_NOWHERE, _NOWHERE)
+_FAR_AWAY = Vec3(math.inf, math.inf, math.inf)
+UNKNOWN_MOTION = Motion(_FAR_AWAY, _FAR_AWAY)
 
 
 class Received(NamedTuple):

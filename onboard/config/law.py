@@ -39,7 +39,8 @@ class LawConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     # when vehicles that meet turn about each other
     rotation: Literal["ahead", "violated", "never", "always"] = "ahead"
     direction: Literal["intent", "crowd", "pair", "fixed"] = "intent"  # which way they turn
-    jam: Literal["slow", "ignore"] = "slow"  # "slow": a vehicle in a jam gives way after a while
+    # "slow": while the law often relaxes rows, the vehicle flies more slowly towards its goal
+    jam: Literal["slow", "ignore"] = "slow"
 
     # -- neighbours --
 
@@ -75,10 +76,10 @@ class LawConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
     # -- the paper's law, (5)-(22) --
 
-    paper_kappa_1_1_s: float = 2.0  # of (5) to (9)
-    paper_kappa_2_1_s: float = 2.0  # of (5) to (9)
-    paper_kappa_3_1_s: float = 1.5  # of (5) to (9)
-    paper_kappa_4_1_s: float = 1.5  # of (5) to (9)
+    paper_kappa_1_1_s: float = 2.0  # of (17)
+    paper_kappa_2_1_s: float = 2.0  # of (17)
+    paper_kappa_3_1_s: float = 1.5  # of (18)
+    paper_kappa_4_1_s: float = 1.5  # of (18)
     paper_v_perp_m_s: float = 0.1  # of (8)
     paper_turn: Literal["eq8", "eq9"] = "eq8"  # which equation turns the vehicles
     # true: in simulation, it may fly more than three vehicles

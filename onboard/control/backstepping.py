@@ -89,7 +89,8 @@ def step(
         radial = 0.0
 
     s_z = min(max(e.z, -params.max_height_error_m), params.max_height_error_m)
-    rate_z = d.z if s_z == e.z else 0.0  # s'(e) d
+    is_clamped = s_z != e.z
+    rate_z = 0.0 if is_clamped else d.z  # s'(e) d
 
     a_x = feed.x + k1 * (ratio * (d.x - radial * e.x)) + k2 * d.x + spring * (ratio * e.x)
     a_y = feed.y + k1 * (ratio * (d.y - radial * e.y)) + k2 * d.y + spring * (ratio * e.y)

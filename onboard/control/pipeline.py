@@ -65,7 +65,7 @@ _LEAST_CLAMP_M = 0.15  # smallest clamp of the position error, for the fastest s
 _LIFTOFF_CLAMP_M = 0.1  # clamp of the position error
 _LIFTOFF_TILT_RAD = math.radians(12.0)
 
-_NOWHERE = Vec3(math.nan, math.nan, math.nan)
+_UNKNOWN = Vec3(math.nan, math.nan, math.nan)
 _WEIGHT = Vec3(0.0, 0.0, -GRAVITY_M_S2)
 _LEVEL = Thrust(Vec3(0.0, 0.0, GRAVITY_M_S2))
 
@@ -226,7 +226,7 @@ def before_law(
 
     motion = predicted
     if not is_usable:  # NaN makes the law level the thrust and publish no prediction
-        motion = Motion(_NOWHERE, _NOWHERE)
+        motion = Motion(_UNKNOWN, _UNKNOWN)
     return BeforeLaw(
         observer=observer,
         hover_thrust=hover,
@@ -385,7 +385,7 @@ def _at_rest(state: State, memory: PipelineMemory) -> State:
     return State(
         position_enu_m=trajectory.setpoint_position(memory.trajectory),
         velocity_enu_m_s=ZERO_3,
-        acceleration_enu_m_s2=_NOWHERE,  # NaN freezes the hover estimate
+        acceleration_enu_m_s2=_UNKNOWN,  # NaN freezes the hover estimate
         yaw_rad=state.yaw_rad,
         age_s=state.age_s,
         position_std_m=state.position_std_m,

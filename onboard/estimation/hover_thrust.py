@@ -66,8 +66,8 @@ def step(
         height_m: height in the fleet frame. If it is not finite, the hover throttle is frozen.
         params: time constants and bounds.
         dt_s: length of the tick.
-        is_flying: whether the vehicle flies. On the ground and at lift-off the hover throttle is
-            frozen, but not the motors' throttle.
+        is_flying: whether the law flies the vehicle freely. On the ground, at lift-off, in a
+            descent and without poses the hover throttle is frozen, but not the motors' throttle.
     Returns:
         Memory, and the hover throttle [-]: within max_deviation of the configured value, always
         finite.

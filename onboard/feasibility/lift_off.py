@@ -5,15 +5,15 @@ from __future__ import annotations
 from onboard.config.fleet import Vehicle
 from onboard.config.wind_limit import tilt_acceleration_m_s2
 
-# A vehicle is pushed from the moment at which the ground lets it go, until its lean stops the push:
-# it notices the push, leaves the ground, and leans. Fitted to lift-offs of single vehicles with
+# The wind pushes a vehicle from its lift-off until its tilt balances the push: a time until it
+# notices the push, then some lags until it is tilted. Fitted to lift-offs of single vehicles with
 # lags of 0.15 and 0.27 s (docs/wind.md), within 0.1 m.
 _NOTICED_S = 0.2
-_LEANING_LAGS = 1.5
+_TILTING_LAGS = 1.5
 
 
 def blown_aside_m(vehicle: Vehicle, wind_m_s: float) -> float:
-    """Return about how far a vehicle is blown aside if nobody has told it the wind [m].
+    """Return about how far a vehicle is blown aside if it does not know the wind [m].
 
     Args:
         vehicle: the vehicle, with a known drag.
@@ -26,6 +26,6 @@ def blown_aside_m(vehicle: Vehicle, wind_m_s: float) -> float:
     if braking_m_s2 <= 0.0:
         raise ValueError(f"A wind of {wind_m_s:.1f} m/s takes all of the tilt of {vehicle.name}.")
 
-    pushed_s = _NOTICED_S + _LEANING_LAGS * vehicle.lag_s
+    pushed_s = _NOTICED_S + _TILTING_LAGS * vehicle.lag_s
     speed_m_s = push_m_s2 * pushed_s
     return 0.5 * speed_m_s * pushed_s + speed_m_s * speed_m_s / (2.0 * braking_m_s2)

@@ -39,7 +39,7 @@ _CONTACT_LIMIT_S = 8.0  # PX4 must confirm the landing within this time after th
 _RISEN_M = 0.5
 _PX4_HEIGHT_RISEN_M = 1.5
 
-_CAN_FOLLOW = (FlightStep.LEG, FlightStep.ARRIVED, FlightStep.HOLDING, FlightStep.COASTING)
+_MAY_FOLLOW_VEHICLE = (FlightStep.LEG, FlightStep.ARRIVED, FlightStep.HOLDING, FlightStep.COASTING)
 _NEAR_THE_GROUND = (FlightStep.LIFTOFF, FlightStep.DESCENT, FlightStep.SINKING)
 _NO_GOAL = Goal(position_enu_m=ZERO_3, duration_s=0.0, sequence=0)
 
@@ -68,7 +68,8 @@ class FlightContext:
 
     ground_z_m: float = 0.0  # height of the ground where the vehicle took off
     lowest_m: float = math.inf  # lowest height since the landing began, or since contact
-    contact_z_m: float = -math.inf  # height at which the vehicle touched the ground
+    # height at which the search for the ground began: at the order to land, or at a contact
+    contact_z_m: float = -math.inf
     # the person who took the vehicle out of flights; empty: it takes part
     disabled_by: str = ""
     stands_in_for: str = ""  # the vehicle that this one replaces in the fleet; empty: none
@@ -122,7 +123,7 @@ class FlightContext:
     @property
     def followed(self) -> str:
         """Name of the vehicle that this one follows, paused or not; empty: none."""
-        if self.follow.is_under_way and self.step in _CAN_FOLLOW:
+        if self.follow.is_under_way and self.step in _MAY_FOLLOW_VEHICLE:
             return self.follow.leader
         return ""
 

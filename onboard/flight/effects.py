@@ -179,7 +179,7 @@ def skip_to_end(flight: FlightContext, view: FlightView) -> None:
 
 def descend(flight: FlightContext, view: FlightView) -> None:
     """Brake, and go straight down to below the ground."""
-    expect_contact(flight, view)
+    look_for_ground(flight, view)
     x, y, _ = stop_point(view, flight.vehicle, flight.fleet)
 
     goal_z_m = _end_of_descent_m(flight, view)
@@ -243,8 +243,8 @@ def descend_further(flight: FlightContext, view: FlightView) -> None:
     _set_goal(flight, (x, y, lower_z_m), 1.0)
 
 
-def expect_contact(flight: FlightContext, view: FlightView) -> None:
-    """Reset the lowest height, and store the present height as the contact height."""
+def look_for_ground(flight: FlightContext, view: FlightView) -> None:
+    """Begin to look for the ground: forget the lowest height, and keep the present one."""
     flight.lowest_m = math.inf
     _, _, flight.contact_z_m = view.position_enu_m
 
@@ -273,7 +273,7 @@ def forget_kill(flight: FlightContext, view: FlightView) -> None:
 
 def sink(flight: FlightContext, view: FlightView) -> None:
     """Brake and descend by dead reckoning, which is accurate for a few seconds."""
-    expect_contact(flight, view)
+    look_for_ground(flight, view)
     flight.seen_goal = flight.goal
     x, y, _ = stop_point(view, flight.vehicle, flight.fleet)
     _set_goal(flight, (x, y, flight.ground_z_m), 0.0)

@@ -60,7 +60,7 @@ _START = (S.WAITING, S.READY, S.LANDED)
 _ARMED = (S.ARM_OFFBOARD, S.ARM_ARMING, S.ARMED, S.TAKEOFF_OFFBOARD, S.TAKEOFF_ARMING)
 _STARTING = tuple(step for step in _ARMED if step is not S.ARMED)
 _FREE = (S.CLIMB, S.LEG, S.PATH, S.ARRIVED, S.HOLDING)
-_CAN_FOLLOW = (S.LEG, S.ARRIVED, S.HOLDING)
+_MAY_BEGIN_PATH = (S.LEG, S.ARRIVED, S.HOLDING)
 _DOWN = (S.DESCENT, S.CONTACT)
 _BLIND = (S.COASTING, S.SINKING)
 _PX4_MAY_LAND = (
@@ -94,7 +94,7 @@ ORDERS = (
     Row(_START, E.TAKEOFF, to=S.TAKEOFF_OFFBOARD, effect=effects.stay_on_ground, reason=""),
     Row((S.ARMED,), E.TAKEOFF, to=S.LIFTOFF, effect=effects.lift_off, reason=""),
     Row(_FREE, E.MOVE, to=S.LEG, effect=effects.fly_leg, reason=""),
-    Row(_CAN_FOLLOW, E.FOLLOW_PATH, to=S.PATH, effect=effects.begin_path, reason=""),
+    Row(_MAY_BEGIN_PATH, E.FOLLOW_PATH, to=S.PATH, effect=effects.begin_path, reason=""),
     Row((S.ARRIVED, S.HOLDING), E.HOLD, when=p.at_goal, to=S.HOLDING, reason="ordered"),
     Row(_FREE, E.HOLD, to=S.HOLDING, effect=effects.stop_here, reason="ordered"),
 
@@ -133,7 +133,7 @@ ORDERS = (
     # the meantime. If PX4 no longer reports the ground, the vehicle lands, because the order means
     # that it must come down.
     Row((S.LIFTOFF,), E.DISARM, when=p.px4_reports_the_ground, to=S.CONTACT, request=Disarm(),
-        effect=effects.expect_contact, reason="ordered"),
+        effect=effects.look_for_ground, reason="ordered"),
     Row((S.LIFTOFF, S.CLIMB), E.DISARM, to=S.DESCENT, effect=effects.descend,
         reason=sentences.LANDS_TO_DISARM),
     Row(_DISARMABLE, E.DISARM, when=p.px4_is_armed, to=S.DISARMING, request=Disarm(),
@@ -190,7 +190,7 @@ BLIND = (
     Row((S.COASTING,), E.TICK, when=p.sees_again_in_climb, to=S.CLIMB, effect=effects.resume),
     Row((S.COASTING,), E.TICK, when=p.sees_again, to=S.HOLDING, effect=effects.hold_again),
     Row((S.SINKING,), E.TICK, when=p.sees_again_for_long, to=S.DESCENT, effect=effects.descend),
-    Row(_BLIND, E.TICK, when=p.touched_down_blind, to=S.CONTACT, effect=effects.expect_contact),
+    Row(_BLIND, E.TICK, when=p.touched_down_blind, to=S.CONTACT, effect=effects.look_for_ground),
 )
 
 GROUND = (
@@ -251,7 +251,7 @@ TAKEOFF = (
     Row((S.ARM_ARMING, S.TAKEOFF_ARMING), E.TICK, request=Arm()),
 
     Row((S.LIFTOFF,), E.TICK, when=p.lifted_off, to=S.CLIMB),
-    Row((S.LIFTOFF,), E.TICK, when=p.lift_off_late, to=S.CONTACT, effect=effects.expect_contact,
+    Row((S.LIFTOFF,), E.TICK, when=p.lift_off_late, to=S.CONTACT, effect=effects.look_for_ground,
         reason=sentences.NO_LIFTOFF, ends=("failed", sentences.NO_LIFTOFF),
         says=("critical", "no-liftoff", sentences.NO_LIFTOFF)),
     Row((S.CLIMB,), E.TICK, when=p.climbs_on, effect=effects.climb_on),
@@ -291,7 +291,7 @@ FLYING = (
 )
 
 LANDING = (
-    Row((S.DESCENT,), E.TICK, when=p.touched_down, to=S.CONTACT, effect=effects.expect_contact),
+    Row((S.DESCENT,), E.TICK, when=p.touched_down, to=S.CONTACT, effect=effects.look_for_ground),
     Row((S.CONTACT,), E.TICK, when=p.falls, to=S.DESCENT, effect=effects.descend),
     Row((S.DESCENT,), E.TICK, when=p.is_kept_off, to=S.DESCENT, effect=effects.descend_here),
     Row((S.DESCENT,), E.TICK, when=p.feels_for_ground, effect=effects.feel_for_ground),

@@ -176,7 +176,7 @@ class PoseValidator:
             self._unusual_since_ns = 0
 
     def _update_repetitions(self, position: Xyz, quaternion: Wxyz, stamp_ns: int) -> None:
-        """Update the how long the same numbers have been arriving."""
+        """Update how long the same pose has been arriving."""
         sample = (position, quaternion)
         if sample != self._last:
             self._same_since_ns = stamp_ns

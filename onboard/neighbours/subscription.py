@@ -1,4 +1,4 @@
-"""Chooses the neighbours that send their states at full rate. Pure.
+"""Chooses the neighbours whose states this vehicle receives at full rate. Pure.
 
 Every vehicle publishes its state twice: 50 times a second for its followers and 5 times a second
 for all others. A vehicle follows the neighbours within reach, and always the nearest few. From all

@@ -204,8 +204,9 @@ def cut(data: bytes) -> Iterator[Packet | Remainder]:
     """Cut bytes into packets.
 
     Args:
-        data: a datagram, or bytes from a serial device, which may begin anywhere. Yields: Each
-            packet, and finally any bytes after the last packet.
+        data: a datagram, or bytes from a serial device, which may begin anywhere.
+    Yields:
+        Each packet, and finally any bytes after the last packet.
     """
     start = 0
     while start < len(data):

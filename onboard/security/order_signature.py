@@ -9,8 +9,9 @@ The signature also covers the order's key on the bus, which contains the fleet a
 an order for one vehicle is not valid for another.
 
 Verifying costs time, so only a limited number of false orders is verified per second. False orders
-are counted separately for each ground that has sent a valid order before, so that a flood from
-other senders does not block such a ground.
+are counted separately for each ground that has sent a valid order before, by the name in the
+order. So a flood from other senders does not block such a ground; a sender that takes its name
+does.
 """
 
 from __future__ import annotations
@@ -116,7 +117,7 @@ class SealCheck:
 
         # nodes that have sent valid orders, in the order of their last valid order, oldest first; a
         # dict, because a set is unordered
-        self._true_nodes: dict[str, None] = {}
+        self._nodes_with_valid_orders: dict[str, None] = {}
 
         # node -> number of its false orders within the present second
         self._false_counts = Counter[str]()
@@ -138,14 +139,17 @@ class SealCheck:
         """
         read_order = decode(order, Order)
 
-        counted_node = _UNKNOWN_NODE
-        if not isinstance(read_order, Malformed) and read_order.node in self._true_nodes:
-            counted_node = read_order.node
+        claimed_node = _UNKNOWN_NODE
+        if (
+            not isinstance(read_order, Malformed)
+            and read_order.node in self._nodes_with_valid_orders
+        ):
+            claimed_node = read_order.node
 
-        fault = self._fault_unless_flood(counted_node, key_expression, order, seal, now)
+        fault = self._fault_unless_flood(claimed_node, key_expression, order, seal, now)
         if fault is None:
             if not isinstance(read_order, Malformed):
-                self._remember_true_node(read_order.node)
+                self._remember_node(read_order.node)
             return None
 
         code, sentence = fault
@@ -153,17 +157,17 @@ class SealCheck:
             return UntrustedOrder(code, f"An order that cannot be read {sentence}")
         return UntrustedOrder(code, f"Order {read_order.text} {sentence}", read_order.order_id)
 
-    def _remember_true_node(self, node: str) -> None:
+    def _remember_node(self, node: str) -> None:
         """Add a node that has sent a valid order; forget the oldest if there are too many."""
-        self._true_nodes.pop(node, None)
-        if len(self._true_nodes) >= _MAX_KNOWN:
-            oldest = next(iter(self._true_nodes))
-            del self._true_nodes[oldest]
-        self._true_nodes[node] = None
+        self._nodes_with_valid_orders.pop(node, None)
+        if len(self._nodes_with_valid_orders) >= _MAX_KNOWN:
+            oldest = next(iter(self._nodes_with_valid_orders))
+            del self._nodes_with_valid_orders[oldest]
+        self._nodes_with_valid_orders[node] = None
 
     def _fault_unless_flood(
         self,
-        counted_node: str,
+        claimed_node: str,
         key_expression: str,
         order: bytes,
         seal: bytes,
@@ -175,7 +179,7 @@ class SealCheck:
             self._second = second
             self._false_counts.clear()
 
-        if self._false_counts[counted_node] >= MOST_FALSE_PER_S:
+        if self._false_counts[claimed_node] >= MOST_FALSE_PER_S:
             return (
                 "flood",
                 f"was not looked at: more than {MOST_FALSE_PER_S} false ones came within a second.",
@@ -185,7 +189,7 @@ class SealCheck:
         if fault is not None:
             code, _ = fault
             if code != "unsigned":  # an order without a seal needs no verification
-                self._false_counts[counted_node] += 1
+                self._false_counts[claimed_node] += 1
         return fault
 
     def _fault(

@@ -51,7 +51,7 @@ class WindFacts:
     limit_m_s: float = math.nan  # NaN: not known
     # the wind is above three quarters of its limit, or will soon be above all of it
     is_strong: bool = False
-    is_near: bool = False  # the wind is above its limit, but gusts may explain it
+    is_near: bool = False  # the estimated wind is above its limit
     is_above: bool = False  # the wind is above its limit, or will be soon
     is_rising: bool = False  # it rises so fast that it will soon take nearly all of the tilt
     is_at_bound: bool = False  # the disturbance observer has reached its bound
