@@ -25,7 +25,7 @@ class Vec3(NamedTuple):
     z: float
 
 
-ZERO_2 = Vec2(0.0, 0.0)
+ZERO_XY = Vec2(0.0, 0.0)
 ZERO_3 = Vec3(0.0, 0.0, 0.0)
 
 
@@ -102,16 +102,16 @@ def is_within(a: Vec3, bound: float) -> bool:
     return abs(a.x) < bound and abs(a.y) < bound and abs(a.z) < bound
 
 
-def dot_2(a: Vec2, b: Vec2) -> float:
+def dot_xy(a: Vec2, b: Vec2) -> float:
     """Return the scalar product."""
     return a.x * b.x + a.y * b.y
 
 
-def cross_2(a: Vec2, b: Vec2) -> float:
+def cross_xy(a: Vec2, b: Vec2) -> float:
     """Return the vertical component of the vector product."""
     return a.x * b.y - a.y * b.x
 
 
-def length_2(a: Vec2) -> float:
+def length_xy(a: Vec2) -> float:
     """Return the Euclidean length."""
     return math.sqrt(a.x * a.x + a.y * a.y)

@@ -156,11 +156,11 @@ def distance_outside_m(outline: Outline, point: Point) -> float:
 
 def _distance_to_edge_m(begin: Point, end: Point, point: Point) -> float:
     edge = (end[0] - begin[0], end[1] - begin[1])
-    length_2 = edge[0] ** 2 + edge[1] ** 2
+    squared_length_m2 = edge[0] ** 2 + edge[1] ** 2
     edge_share = 0.0
-    if length_2 > 0.0:
+    if squared_length_m2 > 0.0:
         projected = (point[0] - begin[0]) * edge[0] + (point[1] - begin[1]) * edge[1]
-        edge_share = projected / length_2
+        edge_share = projected / squared_length_m2
         edge_share = min(max(edge_share, 0.0), 1.0)
     nearest = (begin[0] + edge_share * edge[0], begin[1] + edge_share * edge[1])
     return math.dist(nearest, point)

@@ -33,7 +33,7 @@ from onboard.avoidance.params import (
     LawParams,
     Walls,
 )
-from onboard.vectors import ZERO_2, Vec2, cross_2, dot_2, length_2
+from onboard.vectors import ZERO_XY, Vec2, cross_xy, dot_xy, length_xy
 
 SPEED_GAIN_1_S = 8.0  # rate at which the speed may approach its limit
 # Jerk for each m/s of the top speed. It has to reduce the acceleration to zero before the speed
@@ -60,7 +60,7 @@ _NO_INTENT_M_S = 1e-6  # below this relative intended speed, two vehicles intend
 _CLOCKWISE_WIDTH = 0.25
 _CLOCKWISE_FLOOR_M_S = 0.1  # a smaller relative speed counts as this speed
 
-NO_ROW = HalfPlane(ZERO_2, -math.inf)
+NO_ROW = HalfPlane(ZERO_XY, -math.inf)
 
 
 class Constraint(NamedTuple):
@@ -139,7 +139,7 @@ def cannot_be_outrun(own: Own, pair: NeighbourPair, params: LawParams) -> bool:
         return False
 
     theirs_m_s = Vec2(own.velocity_m_s.x - pair.w.x, own.velocity_m_s.y - pair.w.y)
-    return length_2(theirs_m_s) > FLEEING_FACTOR * params.top_speed_m_s
+    return length_xy(theirs_m_s) > FLEEING_FACTOR * params.top_speed_m_s
 
 
 def with_room_to_turn(row: HalfPlane, own: Own) -> HalfPlane:
@@ -152,7 +152,7 @@ def with_room_to_turn(row: HalfPlane, own: Own) -> HalfPlane:
         row: distance row of a neighbour that cannot be outrun.
         own: this vehicle at t + L.
     """
-    most_m_s2 = _OUTRUN_SHARE * own.radius_m_s2 * length_2(row.normal)
+    most_m_s2 = _OUTRUN_SHARE * own.radius_m_s2 * length_xy(row.normal)
     return HalfPlane(row.normal, min(row.bound_m_s2, most_m_s2))
 
 
@@ -219,7 +219,7 @@ def hard_constraint(own: Own, net_row: HalfPlane, table_index: int) -> Constrain
         row=row,
         turn=NO_ROW,
         is_turning=False,
-        violation_m_s2=row.bound_m_s2 - dot_2(row.normal, own.thrust_m_s2),
+        violation_m_s2=row.bound_m_s2 - dot_xy(row.normal, own.thrust_m_s2),
         table_index=table_index,
     )
 
@@ -235,10 +235,10 @@ def separating_bound(e: Vec2, w: Vec2, d_m: float, kappa_1_1_s: float, kappa_2_1
         d_m: distance to keep.
         kappa_1_1_s, kappa_2_1_s: decay of the constraint.
     """
-    half_rate = dot_2(e, w)  # half of the rate of d_o,2
-    outside = dot_2(e, e) - d_m * d_m
+    half_rate = dot_xy(e, w)  # half of the rate of d_o,2
+    outside = dot_xy(e, e) - d_m * d_m
     return (
-        -dot_2(w, w)
+        -dot_xy(w, w)
         - (kappa_1_1_s + kappa_2_1_s) * half_rate
         - 0.5 * kappa_1_1_s * kappa_2_1_s * outside
     )
@@ -263,10 +263,10 @@ def h_2(
     kappa_3 = gains.kappa_3_1_s
     kappa_4 = gains.kappa_4_1_s
 
-    phi_perp = sign * cross_2(e, v)  # (6)
-    d_2 = sign * cross_2(w, v)  # (14)
-    d_o2_rate = 2.0 * dot_2(e, w)
-    outside = dot_2(e, e) - d_m * d_m
+    phi_perp = sign * cross_xy(e, v)  # (6)
+    d_2 = sign * cross_xy(w, v)  # (14)
+    d_o2_rate = 2.0 * dot_xy(e, w)
+    outside = dot_xy(e, e) - d_m * d_m
 
     return -d_2 - kappa_3 * d_o2_rate - kappa_4 * (phi_perp - d_m * v_perp_m_s + kappa_3 * outside)
 
@@ -313,7 +313,7 @@ def distance_row(pair: NeighbourPair, d_m: float, params: LawParams) -> HalfPlan
     gains = params.gains
     whole_bound = separating_bound(pair.e, pair.w, d_m, gains.kappa_1_1_s, gains.kappa_2_1_s)
     # what the neighbour's command adds to the bound: positive if it accelerates towards us
-    closing = dot_2(pair.e, pair.command_m_s2)
+    closing = dot_xy(pair.e, pair.command_m_s2)
 
     responsibility = params.policies.responsibility
     if responsibility == RESPONSIBILITY_FULL or not pair.is_cooperative:
@@ -391,11 +391,11 @@ def conflict(e: Vec2, intent_m_s: Vec2, d_m: float) -> float:
         d_m: distance to keep.
     Properties: rotation-equivariant; the same for both vehicles.
     """
-    speed_m_s = length_2(intent_m_s)
-    if speed_m_s < _NO_INTENT_M_S or dot_2(e, intent_m_s) >= 0.0:
+    speed_m_s = length_xy(intent_m_s)
+    if speed_m_s < _NO_INTENT_M_S or dot_xy(e, intent_m_s) >= 0.0:
         return 0.0  # the two agree, or fly apart
 
-    passing_m = abs(cross_2(e, intent_m_s)) / speed_m_s  # smallest distance on straight paths
+    passing_m = abs(cross_xy(e, intent_m_s)) / speed_m_s  # smallest distance on straight paths
     nearness = (_CONFLICT_WIDTH * d_m - passing_m) / (_CONFLICT_FADE * d_m)
     share = min(max(nearness, 0.0), 1.0)
     return share * min(speed_m_s / _CONFLICT_M_S, 1.0)
@@ -425,9 +425,9 @@ def turn_sign(e: Vec2, deciding_m_s: Vec2, d_m: float, is_crowded: bool, directi
     if direction == DIRECTION_FIXED or (is_crowded and direction >= DIRECTION_CROWD):
         return 1.0
 
-    speed_m_s = max(length_2(deciding_m_s), _CLOCKWISE_FLOOR_M_S)
+    speed_m_s = max(length_xy(deciding_m_s), _CLOCKWISE_FLOOR_M_S)
     clearly_clockwise = -_CLOCKWISE_WIDTH * d_m * speed_m_s
-    return -1.0 if cross_2(e, deciding_m_s) < clearly_clockwise else 1.0
+    return -1.0 if cross_xy(e, deciding_m_s) < clearly_clockwise else 1.0
 
 
 def obstacle_row(surface: Surface, gains: Gains) -> HalfPlane:
@@ -497,7 +497,7 @@ def speed_row(velocity_m_s: Vec2, top_speed_m_s: float, jerk_m_s3: float) -> Hal
         top_speed_m_s: the limit.
         jerk_m_s3: j; infinite for a vehicle that may accelerate as strongly as it can.
     """
-    speed = length_2(velocity_m_s)
+    speed = length_xy(velocity_m_s)
     backwards = Vec2(-velocity_m_s.x / speed, -velocity_m_s.y / speed)
 
     left_m_s = top_speed_m_s - speed
@@ -517,7 +517,7 @@ def compensated(row: HalfPlane, compensation_m_s2: Vec2) -> HalfPlane:
         row: row for the acceleration.
         compensation_m_s2: horizontal part of the thrust against drag and disturbance.
     """
-    return HalfPlane(row.normal, row.bound_m_s2 + dot_2(row.normal, compensation_m_s2))
+    return HalfPlane(row.normal, row.bound_m_s2 + dot_xy(row.normal, compensation_m_s2))
 
 
 def can_bind(row: HalfPlane, radius_m_s2: float) -> bool:
@@ -527,7 +527,7 @@ def can_bind(row: HalfPlane, radius_m_s2: float) -> bool:
         row: half-plane.
         radius_m_s2: radius of the disc of possible thrusts.
     """
-    return row.bound_m_s2 > -radius_m_s2 * length_2(row.normal)
+    return row.bound_m_s2 > -radius_m_s2 * length_xy(row.normal)
 
 
 def faded(row: HalfPlane, thrust_m_s2: Vec2, strength: float) -> HalfPlane:
@@ -541,6 +541,6 @@ def faded(row: HalfPlane, thrust_m_s2: Vec2, strength: float) -> HalfPlane:
     if strength >= 1.0:
         return row
 
-    baseline_m_s2 = dot_2(row.normal, thrust_m_s2)
+    baseline_m_s2 = dot_xy(row.normal, thrust_m_s2)
     bound_m_s2 = baseline_m_s2 + strength * (row.bound_m_s2 - baseline_m_s2)
     return HalfPlane(row.normal, bound_m_s2)

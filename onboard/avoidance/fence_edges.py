@@ -39,7 +39,7 @@ from onboard.avoidance.half_planes import HalfPlane
 from onboard.avoidance.interface import NOT_A_VEHICLE
 from onboard.avoidance.pairs import Own, Surface, ascending, separated
 from onboard.avoidance.params import ROTATION_NEVER, Capsule, Gains, LawParams
-from onboard.vectors import Vec2, cross_2, dot_2, length_2
+from onboard.vectors import Vec2, cross_xy, dot_xy, length_xy
 
 MAX_EDGES = 8  # number of edges that count: the nearest
 LEAST_REACH_M = 2.0  # an edge leads a vehicle back that is up to this distance outside
@@ -115,8 +115,8 @@ def reach_m(own: Own, gains: Gains) -> float:
     """
     rate = gains.static_kappa_1_1_s + gains.kappa_2_1_s
     stiffness = gains.static_kappa_1_1_s * gains.kappa_2_1_s
-    most_m_s2 = own.radius_m_s2 + length_2(own.compensation_m_s2)
-    from_inside_m = (most_m_s2 + rate * length_2(own.velocity_m_s)) / stiffness
+    most_m_s2 = own.radius_m_s2 + length_xy(own.compensation_m_s2)
+    from_inside_m = (most_m_s2 + rate * length_xy(own.velocity_m_s)) / stiffness
     return max(from_inside_m, LEAST_REACH_M)
 
 
@@ -145,23 +145,23 @@ def edge_of(capsule: Capsule, own: Own) -> Edge:
     end = capsule.end_enu_m
     segment = Vec2(end.x - begin.x, end.y - begin.y)
     offset = Vec2(own.position_m.x - begin.x, own.position_m.y - begin.y)
-    segment_2 = dot_2(segment, segment)
-    if segment_2 <= 0.0:
+    squared_length_m2 = dot_xy(segment, segment)
+    if squared_length_m2 <= 0.0:
         return round_edge(capsule, offset, own.velocity_m_s)
 
-    along = dot_2(offset, segment) / segment_2
+    along = dot_xy(offset, segment) / squared_length_m2
     share = min(max(along, 0.0), 1.0)
     e = Vec2(offset.x - share * segment.x, offset.y - share * segment.y)
 
-    is_allowed = cross_2(segment, offset) >= 0.0
+    is_allowed = cross_xy(segment, offset) >= 0.0
     if along < 0.0:
         is_allowed = capsule.is_begin_inwards
     elif along > 1.0:
         is_allowed = capsule.is_end_inwards
 
-    distance_m = length_2(e)
+    distance_m = length_xy(e)
     if distance_m < _ON_EDGE_M:  # e is then along the edge's normal
-        length = length_2(segment)
+        length = length_xy(segment)
         e = Vec2(-_ON_EDGE_M * segment.y / length, _ON_EDGE_M * segment.x / length)
         is_allowed = True
     return Edge(
@@ -185,7 +185,7 @@ def round_edge(capsule: Capsule, offset: Vec2, velocity_m_s: Vec2) -> Edge:
         velocity_m_s: horizontal velocity of the vehicle.
     """
     from_centre = separated(offset, velocity_m_s)
-    radius_m = length_2(from_centre)
+    radius_m = length_xy(from_centre)
     beyond_m = radius_m - capsule.radius_m
     is_outside = beyond_m > 0.0
 
@@ -246,7 +246,7 @@ def pivot_of(own: Own, edge: Edge) -> Surface:
 
     w = own.velocity_m_s
     if edge.is_flat:  # the pivot moves along with the vehicle
-        towards = dot_2(e, w) / dot_2(e, e)
+        towards = dot_xy(e, w) / dot_xy(e, e)
         w = Vec2(towards * e.x, towards * e.y)
     return Surface(e=e, w=w, d_m=edge.keep_m + behind_m, gap_m=edge.distance_m)
 
@@ -267,6 +267,6 @@ def edge_row(own: Own, edge: Edge, is_allowed: bool, gains: Gains) -> HalfPlane:
     v = own.velocity_m_s
     rate = gains.static_kappa_1_1_s + gains.kappa_2_1_s
     stiffness = gains.static_kappa_1_1_s * gains.kappa_2_1_s
-    sideways_m_s = cross_2(normal, v)
+    sideways_m_s = cross_xy(normal, v)
     bend_m_s2 = edge.curvature_1_m * sideways_m_s * sideways_m_s
-    return HalfPlane(normal, bend_m_s2 - rate * dot_2(normal, v) - stiffness * h_m)
+    return HalfPlane(normal, bend_m_s2 - rate * dot_xy(normal, v) - stiffness * h_m)

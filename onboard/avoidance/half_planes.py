@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-from onboard.vectors import Vec2, length_2
+from onboard.vectors import Vec2, length_xy
 
 EXACT = 1e-13  # rounding error of one expression, relative to its terms
 
@@ -24,7 +24,7 @@ def unit_row(row: HalfPlane) -> HalfPlane:
         row: half-plane with a normal that is not zero.
     """
     normal, bound = row
-    length = length_2(normal)
+    length = length_xy(normal)
     return HalfPlane(Vec2(normal.x / length, normal.y / length), bound / length)
 
 
@@ -59,7 +59,7 @@ def into_disc(u: Vec2, radius: float) -> Vec2:
         u: vector.
         radius: largest length of the result, at least 0.
     """
-    size = length_2(u)
+    size = length_xy(u)
     if size <= radius:
         return u
 

@@ -21,13 +21,13 @@ from onboard.avoidance.projection import INACTIVE
 from onboard.constants import GRAVITY_M_S2
 from onboard.types import LawOutput, LawStatus, State, Thrust
 from onboard.vectors import (
-    ZERO_2,
+    ZERO_XY,
     Vec2,
     Vec3,
     horizontal,
     horizontal_within,
     is_within,
-    length_2,
+    length_xy,
     within,
 )
 
@@ -76,7 +76,7 @@ def own_at(baseline: Baseline, predicted: Motion, state: State, params: LawParam
     if not has_motion:
         f = _LEVEL
 
-    s = ZERO_2  # compensation
+    s = ZERO_XY  # compensation
     has_compensation = is_within(baseline.compensation_enu_m_s2, LARGEST)
     if has_compensation:
         s = horizontal(baseline.compensation_enu_m_s2)
@@ -130,7 +130,7 @@ def output_of(
         predicted_velocity_enu_m_s=predicted.velocity_enu_m_s if own.has_motion else _UNKNOWN,
         commanded_acceleration_enu_m_s2=command,
         status=answer.status if own.is_usable else INFEASIBLE,
-        intervention_m_s2=length_2(change),
+        intervention_m_s2=length_xy(change),
         slack_m_s2=answer.slack_m_s2,
         crowd_count=answer.crowd_count,
         active_neighbour=answer.active,

@@ -76,7 +76,7 @@ from onboard.avoidance.projection import (
 )
 from onboard.avoidance.smoothing import smoothed
 from onboard.types import LawOutput, Neighbour, State
-from onboard.vectors import Vec2, dot_2, length_2
+from onboard.vectors import Vec2, dot_xy, length_xy
 
 # After the law has held a vehicle back for HELD_S, the vehicle calls for a roundabout for
 # ROUNDABOUT_S: it publishes the crowd count of a crowd, so that all vehicles around it turn the
@@ -86,7 +86,7 @@ ROUNDABOUT_S = 5.0
 
 # A vehicle is held back when it intends to fly faster than 0.2 m/s, and flies in that direction
 # with less than this share of the intended speed.
-_HELD_INTENT_2_M2_S2 = 0.04  # square of 0.2 m/s
+_HELD_SQUARED_INTENT_M2_S2 = 0.04  # square of 0.2 m/s
 _HELD_FRAC = 0.2
 
 # Stiffness of the springs with which rotation rows pull the thrust. Stiffer springs make the
@@ -381,7 +381,7 @@ def speed_limit(
         pairs: pairs with the neighbours that count.
         rows: distance rows of these pairs, in the same order.
     """
-    if length_2(own.velocity_m_s) <= _STANDING_M_S:
+    if length_xy(own.velocity_m_s) <= _STANDING_M_S:
         return NO_ROW
 
     limit_m_s = params.top_speed_m_s
@@ -426,10 +426,10 @@ def next_held_s(held_s: float, own: Own, is_active: bool, dt_s: float) -> float:
     if held_s < 0.0:
         return min(held_s + dt_s, 0.0)  # the roundabout goes on
 
-    intent_2 = dot_2(own.intent_m_s, own.intent_m_s)
-    along = dot_2(own.velocity_m_s, own.intent_m_s)
-    intends_to_move = intent_2 > _HELD_INTENT_2_M2_S2
-    makes_progress = along >= _HELD_FRAC * intent_2
+    squared_intent_m2_s2 = dot_xy(own.intent_m_s, own.intent_m_s)
+    along = dot_xy(own.velocity_m_s, own.intent_m_s)
+    intends_to_move = squared_intent_m2_s2 > _HELD_SQUARED_INTENT_M2_S2
+    makes_progress = along >= _HELD_FRAC * squared_intent_m2_s2
     if not is_active or not intends_to_move or makes_progress:
         return 0.0
 

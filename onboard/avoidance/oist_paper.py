@@ -21,7 +21,7 @@ from onboard.avoidance.params import LawParams, PaperParams
 from onboard.avoidance.prediction import LARGEST
 from onboard.avoidance.projection import INACTIVE, SATURATED
 from onboard.types import Neighbour, State
-from onboard.vectors import ZERO_2, Vec2, cross_2, dot_2, horizontal_within
+from onboard.vectors import ZERO_XY, Vec2, cross_xy, dot_xy, horizontal_within
 
 _COINCIDENT_2_M2 = 1e-12  # square of the distance below which two vehicles coincide
 
@@ -65,11 +65,11 @@ def saturate_thrust(
     w = Vec2(v.x - obstacle.velocity_m_s.x, v.y - obstacle.velocity_m_s.y)
 
     # the outputs, and the terms of their derivatives without the input
-    d_o2 = dot_2(e, e)  # (5)
-    d_o2_rate = 2.0 * dot_2(e, w)
-    phi_perp = p.turn_sign * cross_2(e, v)  # (6)
-    d_1 = 2.0 * dot_2(w, w) - 2.0 * dot_2(e, a_o)  # (13)
-    d_2 = p.turn_sign * cross_2(w, v)  # (14)
+    d_o2 = dot_xy(e, e)  # (5)
+    d_o2_rate = 2.0 * dot_xy(e, w)
+    phi_perp = p.turn_sign * cross_xy(e, v)  # (6)
+    d_1 = 2.0 * dot_xy(w, w) - 2.0 * dot_xy(e, a_o)  # (13)
+    d_2 = p.turn_sign * cross_xy(w, v)  # (14)
 
     # bounds of the input
     outside = d_o2 - p.d_inf_m * p.d_inf_m
@@ -86,8 +86,8 @@ def saturate_thrust(
         return PaperResult(thrust_m_s2, is_changed=False, is_usable=False)
 
     # the input (15), and the amount by which Sat, (4), raises it in (19)
-    u_1 = 2.0 * dot_2(e, thrust_m_s2)
-    u_2 = p.turn_sign * cross_2(e, thrust_m_s2)
+    u_1 = 2.0 * dot_xy(e, thrust_m_s2)
+    u_2 = p.turn_sign * cross_xy(e, thrust_m_s2)
     raised_1 = max(0.0, h_1 - u_1)
     raised_2 = max(0.0, h_2 - u_2)
 
@@ -137,7 +137,7 @@ def _saturate_against(neighbour: Neighbour, own: Own, state: State, params: LawP
         PlanarState(
             position_m=horizontal_within(state.position_enu_m, LARGEST),
             velocity_m_s=horizontal_within(state.velocity_enu_m_s, LARGEST),
-            acceleration_m_s2=ZERO_2,
+            acceleration_m_s2=ZERO_XY,
         ),
         thrust,
         PlanarState(

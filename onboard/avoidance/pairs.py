@@ -15,7 +15,7 @@ from onboard.avoidance.heights import Climb, is_ahead, share_of, sink_limit_m_s
 from onboard.avoidance.params import DIRECTION_INTENT, Capsule, LawParams, Spacing
 from onboard.avoidance.prediction import LONGEST_LEAD_S, Received, known_std, receive
 from onboard.types import Neighbour
-from onboard.vectors import Vec2, dot_2, length_2
+from onboard.vectors import Vec2, dot_xy, length_xy
 
 MAX_OBSTACLES = 6  # number of obstacles that count: the nearest
 LARGEST_MARGIN_M = 5.0  # a larger margin is reduced to this
@@ -109,7 +109,7 @@ def nearest_pairs(own: Own, neighbours: Sequence[Neighbour], params: LawParams) 
         e = Vec2(own.position_m.x - other.position_m.x, own.position_m.y - other.position_m.y)
         if not other.is_usable:
             is_sound = False
-        elif dot_2(e, e) <= range_2_m2:
+        elif dot_xy(e, e) <= range_2_m2:
             in_range.append(k)
 
     # share of the distance to keep that counts; 0 if the heights differ enough
@@ -139,7 +139,7 @@ def _pair(
     """Return the pair with one neighbour; ``share`` of the distance to keep counts."""
     e = Vec2(own.position_m.x - other.position_m.x, own.position_m.y - other.position_m.y)
     w = Vec2(own.velocity_m_s.x - other.velocity_m_s.x, own.velocity_m_s.y - other.velocity_m_s.y)
-    distance_2_m2 = dot_2(e, e)
+    distance_2_m2 = dot_xy(e, e)
 
     whole_m = design_distance(own.margin_2_m2, neighbour, params.spacing)
     d_m = max(share * whole_m, _LEAST_DISTANCE_M)
@@ -149,7 +149,7 @@ def _pair(
     if params.policies.direction == DIRECTION_INTENT and other.has_intent:
         theirs = other.intent_m_s
         intent_m_s = Vec2(own.intent_m_s.x - theirs.x, own.intent_m_s.y - theirs.y)
-        is_slow = dot_2(theirs, theirs) <= SETTLED_M_S * SETTLED_M_S
+        is_slow = dot_xy(theirs, theirs) <= SETTLED_M_S * SETTLED_M_S
         is_settled = is_slow and neighbour.is_cooperative
 
     crowd_count = 0.0
@@ -191,7 +191,7 @@ def climb_share(own: Own, neighbours: Sequence[Neighbour], params: LawParams) ->
             continue
 
         other_m = receive(neighbour, lead_s).position_m
-        away_m = length_2(Vec2(own.position_m.x - other_m.x, own.position_m.y - other_m.y))
+        away_m = length_xy(Vec2(own.position_m.x - other_m.x, own.position_m.y - other_m.y))
         d_m = distance_share * design_distance(own.margin_2_m2, neighbour, spacing)
         speed_share = max(away_m / d_m - _WAITS_FRAC, 0.0) / (_GOES_FRAC - _WAITS_FRAC)
         least_share = min(least_share, speed_share)
@@ -216,7 +216,7 @@ def sink_limit(own: Own, neighbours: Sequence[Neighbour], params: LawParams) -> 
     least_m_s = math.inf
     for neighbour in neighbours:
         other_m = receive(neighbour, lead_s).position_m
-        away_m = length_2(Vec2(own.position_m.x - other_m.x, own.position_m.y - other_m.y))
+        away_m = length_xy(Vec2(own.position_m.x - other_m.x, own.position_m.y - other_m.y))
         d_m = design_distance(own.margin_2_m2, neighbour, spacing)
         beside_share = (away_m / d_m - _ABOVE_FRAC) / (_BESIDE_FRAC - _ABOVE_FRAC)
         if not beside_share < 1.0:  # beside the neighbour, or NaN
@@ -314,18 +314,18 @@ def surface_of(
     offset = Vec2(position_m.x - begin.x, position_m.y - begin.y)
 
     # where the nearest point lies on the segment, from 0 to 1
-    segment_2 = dot_2(segment, segment)
-    divisor = segment_2 if segment_2 > 0.0 else 1.0  # a circle's segment is a point
-    along = dot_2(offset, segment) / divisor
+    squared_length_m2 = dot_xy(segment, segment)
+    divisor = squared_length_m2 if squared_length_m2 > 0.0 else 1.0  # a circle's segment is a point
+    along = dot_xy(offset, segment) / divisor
     share = min(max(along, 0.0), 1.0)
 
     e = Vec2(offset.x - share * segment.x, offset.y - share * segment.y)
-    gap_m = length_2(e) - capsule.radius_m
+    gap_m = length_xy(e) - capsule.radius_m
     e = separated(e, velocity_m_s)
 
     w = velocity_m_s
     if 0.0 < along < 1.0:
-        towards = dot_2(e, w) / dot_2(e, e)
+        towards = dot_xy(e, w) / dot_xy(e, e)
         w = Vec2(towards * e.x, towards * e.y)
 
     return Surface(e, w, capsule.radius_m + clearance_m, gap_m)
@@ -337,10 +337,10 @@ def separated(e: Vec2, w: Vec2) -> Vec2:
     Args:
         e, w: relative position and velocity [m, m/s].
     """
-    if dot_2(e, e) >= COINCIDENT_M * COINCIDENT_M:
+    if dot_xy(e, e) >= COINCIDENT_M * COINCIDENT_M:
         return e
 
-    speed_m_s = length_2(w)
+    speed_m_s = length_xy(w)
     if speed_m_s > _STANDING_M_S:
         return Vec2(COINCIDENT_M * (w.x / speed_m_s), COINCIDENT_M * (w.y / speed_m_s))
     return Vec2(COINCIDENT_M, 0.0)

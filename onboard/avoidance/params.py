@@ -18,7 +18,7 @@ from onboard.config.fleet import FleetConfig
 from onboard.config.flight_space import flight_space_of
 from onboard.config.law import QUICK_LAG_S, BuiltInLaw, LawConfig
 from onboard.constants import GRAVITY_M_S2, MAX_PLANNED_THRUST_FRAC
-from onboard.vectors import Vec2, cross_2
+from onboard.vectors import Vec2, cross_xy
 
 OPEN_FENCE = (-math.inf, math.inf, -math.inf, math.inf)  # x low, x high, y low, y high
 _BRAKE_SHARE = 0.6  # share of the largest horizontal acceleration for braking before static things
@@ -317,7 +317,7 @@ def _points_inwards(corners: Sequence[Vec2], index: int) -> bool:
     after = corners[(index + 1) % len(corners)]
     arriving = Vec2(here.x - before.x, here.y - before.y)
     leaving = Vec2(after.x - here.x, after.y - here.y)
-    return cross_2(arriving, leaving) < 0.0
+    return cross_xy(arriving, leaving) < 0.0
 
 
 def params_of(config: LawConfig, limits: VehicleLimits = QUICK_VEHICLE) -> LawParams:

@@ -31,7 +31,7 @@ from onboard.avoidance.half_planes import (
 )
 from onboard.avoidance.relaxation import least_slack
 from onboard.types import LawStatus
-from onboard.vectors import Vec2, dot_2, length_2
+from onboard.vectors import Vec2, dot_xy, length_xy
 
 # values of LawStatus, as plain numbers for compiled code
 INACTIVE = int(LawStatus.INACTIVE)
@@ -85,7 +85,7 @@ def project(u: Vec2, hard: list[HalfPlane], radius: float) -> Projection:
     Properties: rotation-equivariant; homogeneous; independent of the order of the rows; a point
     that satisfies everything is returned bit for bit.
     """
-    is_inside = dot_2(u, u) <= radius * radius * (1.0 + 1e-12)
+    is_inside = dot_xy(u, u) <= radius * radius * (1.0 + 1e-12)
     if is_inside and largest_violation(u, hard) <= _TOLERANCE:
         return Projection(u, INACTIVE, 0.0)
 
@@ -113,7 +113,7 @@ def pulled(u: Vec2, soft: list[HalfPlane], stiffness: float) -> Vec2:
     springs = [unit_row(row) for row in soft]
     x = u
     for _ in range(_MOST_PULLS):
-        pulling = [row for row in springs if dot_2(row.normal, x) < row.bound_m_s2]
+        pulling = [row for row in springs if dot_xy(row.normal, x) < row.bound_m_s2]
         aim = at_rest(u, pulling, stiffness)
         if aim.x == x.x and aim.y == x.y:
             break
@@ -140,7 +140,7 @@ def energy_of(x: Vec2, u: Vec2, springs: list[HalfPlane], stiffness: float) -> f
     """
     energy = (x.x - u.x) * (x.x - u.x) + (x.y - u.y) * (x.y - u.y)
     for normal, bound in springs:
-        missing = max(0.0, bound - dot_2(normal, x))
+        missing = max(0.0, bound - dot_xy(normal, x))
         energy += stiffness * missing * missing
     return energy
 
@@ -285,7 +285,7 @@ def nearest_of(u: Vec2, rows: list[HalfPlane], radius: float) -> Candidate:
         rows: half-planes with normals of unit length.
         radius: radius of the disc about the origin.
     """
-    share = min(1.0, radius / max(length_2(u), 1e-300))
+    share = min(1.0, radius / max(length_xy(u), 1e-300))
     clipped = Vec2(share * u.x, share * u.y)
     best = nearer(Candidate(False, clipped, math.inf), clipped, u, rows, radius)
 

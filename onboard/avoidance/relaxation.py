@@ -26,7 +26,7 @@ from onboard.avoidance.half_planes import (
     largest_violation,
     on_circle,
 )
-from onboard.vectors import Vec2, length_2
+from onboard.vectors import Vec2, length_xy
 
 _PARALLEL = 1e-12  # two normals whose difference is shorter than this are the same
 
@@ -94,12 +94,12 @@ def candidates(rows: list[HalfPlane], radius: float) -> list[Vec2]:
     for i in range(len(rows)):
         # on the circle, in the direction of one row
         normal = rows[i].normal
-        share = radius / max(length_2(normal), 1e-300)
+        share = radius / max(length_xy(normal), 1e-300)
         points.append(Vec2(share * normal.x, share * normal.y))
 
         for j in range(i):
             equal = difference(rows[j], rows[i])
-            size = length_2(equal.normal)
+            size = length_xy(equal.normal)
             if size <= _PARALLEL:
                 continue
 

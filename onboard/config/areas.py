@@ -299,10 +299,10 @@ def is_crossed(area: Area, begin_enu_m: Xyz, end_enu_m: Xyz) -> bool:
 
     # a line crosses a circle if its nearest point is inside and one of its ends is outside
     center_x, center_y = area.center_enu_m
-    length_2 = (x2 - x1) ** 2 + (y2 - y1) ** 2
+    squared_length_m2 = (x2 - x1) ** 2 + (y2 - y1) ** 2
     leg_share = 0.0  # nearest point of the line, as a share of its length
-    if length_2 > 0.0:
-        leg_share = ((center_x - x1) * (x2 - x1) + (center_y - y1) * (y2 - y1)) / length_2
+    if squared_length_m2 > 0.0:
+        leg_share = ((center_x - x1) * (x2 - x1) + (center_y - y1) * (y2 - y1)) / squared_length_m2
         leg_share = min(1.0, max(0.0, leg_share))
 
     nearest_x = x1 + leg_share * (x2 - x1)

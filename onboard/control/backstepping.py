@@ -78,11 +78,11 @@ def step(
     # does not weaken the height control. Horizontally s(e) = ratio e and s'(e) d = ratio (d -
     # radial e).
     radius = params.max_position_error_m
-    far_2 = e.x * e.x + e.y * e.y
-    if far_2 > radius * radius:
+    squared_error_m2 = e.x * e.x + e.y * e.y
+    if squared_error_m2 > radius * radius:
         # s'(e) = r/|e| (I - e e^T/|e|^2): a clamped reference moves only where e turns
-        ratio = radius / max(math.sqrt(far_2), 1e-12)
-        radial = (e.x * d.x + e.y * d.y) / max(far_2, 1e-12)
+        ratio = radius / max(math.sqrt(squared_error_m2), 1e-12)
+        radial = (e.x * d.x + e.y * d.y) / max(squared_error_m2, 1e-12)
     else:
         # s'(e) = I
         ratio = 1.0

@@ -15,7 +15,7 @@ from onboard.avoidance.pairs import design_distance, margin_2
 from onboard.avoidance.params import Capsule, Spacing
 from onboard.control.route_map import CORNERS_PER_END
 from onboard.types import Neighbour, State
-from onboard.vectors import Vec2, horizontal, length_2
+from onboard.vectors import Vec2, horizontal, length_xy
 
 STANDING_S = 8.0  # a vehicle that has stood for this time makes no progress
 STANDING_M_S = 0.3  # a slower vehicle counts as standing
@@ -39,7 +39,7 @@ def is_standing_away(state: State, goal: Vec2) -> bool:
         state: own estimate.
         goal: the goal; only its horizontal position counts.
     """
-    speed_m_s = length_2(horizontal(state.velocity_enu_m_s))
+    speed_m_s = length_xy(horizontal(state.velocity_enu_m_s))
     here = horizontal(state.position_enu_m)
     return speed_m_s < STANDING_M_S and math.dist(here, goal) > AWAY_M
 
@@ -94,6 +94,6 @@ def most_pillars(corner_count: int, thing_count: int) -> int:
 
 def _is_parked(neighbour: Neighbour) -> bool:
     """Whether a neighbour stands, and intends to stand."""
-    speed_m_s = length_2(horizontal(neighbour.velocity_enu_m_s))
-    intended_m_s = length_2(horizontal(neighbour.intent_enu_m_s))
+    speed_m_s = length_xy(horizontal(neighbour.velocity_enu_m_s))
+    intended_m_s = length_xy(horizontal(neighbour.intent_enu_m_s))
     return speed_m_s < _PARKED_M_S and intended_m_s < _PARKED_M_S

@@ -518,8 +518,10 @@ def _nearest_shares(points_m: Array, begins_m: Array, ends_m: Array) -> Array:
     along_y = ends_m[..., 1] - begins_m[..., 1]
     x = points_m[..., 0] - begins_m[..., 0]
     y = points_m[..., 1] - begins_m[..., 1]
-    length_2 = np.maximum(along_x * along_x + along_y * along_y, 1e-12)  # 0: the segment is a point
-    return np.asarray(np.clip((x * along_x + y * along_y) / length_2, 0.0, 1.0))
+    squared_length_m2 = np.maximum(
+        along_x * along_x + along_y * along_y, 1e-12
+    )  # 0: the segment is a point
+    return np.asarray(np.clip((x * along_x + y * along_y) / squared_length_m2, 0.0, 1.0))
 
 
 def _nearest_points(points_m: Array, begins_m: Array, ends_m: Array) -> Array:

@@ -22,7 +22,7 @@ from onboard.avoidance.pairs import design_distance, margin_2
 from onboard.avoidance.params import Spacing
 from onboard.control.route_map import RouteMap
 from onboard.types import Neighbour, State
-from onboard.vectors import Vec2, dot_2, horizontal, length_2
+from onboard.vectors import Vec2, dot_xy, horizontal, length_xy
 
 MEETING_S = 4.0  # two vehicles have met when they have stood face to face for this time
 REFUSED_S = 12.0  # after this time the vehicle further east goes back
@@ -67,7 +67,7 @@ def opponent_of(
         neighbours: the known neighbours.
         spacing: distances to keep.
     """
-    if length_2(horizontal(state.velocity_enu_m_s)) > _STANDING_M_S:
+    if length_xy(horizontal(state.velocity_enu_m_s)) > _STANDING_M_S:
         return None
 
     own_margin_2_m2 = margin_2(state.position_std_m, state.velocity_std_m_s, spacing)
@@ -77,15 +77,15 @@ def opponent_of(
     for neighbour in neighbours:
         there = horizontal(neighbour.position_enu_m)
         towards = Vec2(there.x - here.x, there.y - here.y)
-        away_m = length_2(towards)
+        away_m = length_xy(towards)
         keep_m = design_distance(own_margin_2_m2, neighbour, spacing)
         intent = horizontal(neighbour.intent_enu_m_s)
-        intent_m_s = length_2(intent)
+        intent_m_s = length_xy(intent)
 
-        is_standing = length_2(horizontal(neighbour.velocity_enu_m_s)) <= _STANDING_M_S
+        is_standing = length_xy(horizontal(neighbour.velocity_enu_m_s)) <= _STANDING_M_S
         is_waiting = is_standing and intent_m_s > _SLOW_M_S
-        is_ahead = dot_2(direction, towards) > _FACING * away_m
-        is_coming = -dot_2(intent, towards) > _FACING * away_m * intent_m_s
+        is_ahead = dot_xy(direction, towards) > _FACING * away_m
+        is_coming = -dot_xy(intent, towards) > _FACING * away_m * intent_m_s
         is_facing = neighbour.is_cooperative and is_waiting and is_ahead and is_coming
         if is_facing and away_m < min(nearest_m, keep_m + _NEAR_M):
             nearest_m = away_m
@@ -105,7 +105,7 @@ def is_to_yield(here: Vec2, other: Vec2, met_s: float) -> bool:
         met_s: how long ago they met.
     """
     from_other = Vec2(here.x - other.x, here.y - other.y)
-    is_west = dot_2(from_other, _WEST) > 0.0
+    is_west = dot_xy(from_other, _WEST) > 0.0
     if is_west:
         return met_s >= MEETING_S
     return met_s >= REFUSED_S
@@ -150,11 +150,11 @@ def is_route_free(route: Sequence[Vec2], neighbours: Sequence[Neighbour], spacin
     unchecked_m = _REJOIN_M
     for begin, end in pairwise(route):
         piece = Vec2(end.x - begin.x, end.y - begin.y)
-        piece_m = length_2(piece)
+        piece_m = length_xy(piece)
         share = min(1.0, unchecked_m / max(piece_m, 1e-6))  # 1e-6: no division by zero
         until = Vec2(begin.x + share * piece.x, begin.y + share * piece.y)
         for neighbour in neighbours:
-            is_going = length_2(horizontal(neighbour.intent_enu_m_s)) > _SLOW_M_S
+            is_going = length_xy(horizontal(neighbour.intent_enu_m_s)) > _SLOW_M_S
             away_m = _piece_distance_m(horizontal(neighbour.position_enu_m), begin, until)
             if is_going and away_m < least_m:
                 return False
@@ -168,7 +168,7 @@ def _refuge_beside(corner: Vec2, opponent: Opponent, route_map: RouteMap) -> Vec
     """Return the point nearest to a corner that is far enough from the opponent's route."""
     left = Vec2(-opponent.direction.y, opponent.direction.x)
     offset = Vec2(corner.x - opponent.position_m.x, corner.y - opponent.position_m.y)
-    side = 1.0 if dot_2(offset, left) >= 0.0 else -1.0
+    side = 1.0 if dot_xy(offset, left) >= 0.0 else -1.0
     needed_m = opponent.distance_m + _BESIDE_M
 
     for aside_m in _ASIDE_M:
@@ -190,5 +190,5 @@ def _piece_distance_m(point: Vec2, begin: Vec2, end: Vec2) -> float:
     """Return the distance of a point from a straight piece."""
     along = Vec2(end.x - begin.x, end.y - begin.y)
     offset = Vec2(point.x - begin.x, point.y - begin.y)
-    share = min(max(dot_2(offset, along) / max(dot_2(along, along), 1e-12), 0.0), 1.0)
-    return length_2(Vec2(offset.x - share * along.x, offset.y - share * along.y))
+    share = min(max(dot_xy(offset, along) / max(dot_xy(along, along), 1e-12), 0.0), 1.0)
+    return length_xy(Vec2(offset.x - share * along.x, offset.y - share * along.y))

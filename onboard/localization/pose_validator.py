@@ -214,10 +214,10 @@ class PoseValidator:
         # The expected path continues with the last velocity. The miss is the distance to the
         # nearest point of the path, not to its end, because a vehicle that hits something stops at
         # once.
-        speed_2 = vx * vx + vy * vy + vz * vz
+        squared_speed_m2_s2 = vx * vx + vy * vy + vz * vz
         share_of_path = 1.0
-        if speed_2 > _LEAST_SPEED_2_M2_S2:
-            share_of_path = (dx * vx + dy * vy + dz * vz) / (gap_s * speed_2)
+        if squared_speed_m2_s2 > _LEAST_SPEED_2_M2_S2:
+            share_of_path = (dx * vx + dy * vy + dz * vz) / (gap_s * squared_speed_m2_s2)
         flown_s = gap_s * min(max(share_of_path, 0.0), 1.0)
         miss_m = math.hypot(dx - flown_s * vx, dy - flown_s * vy, dz - flown_s * vz)
 

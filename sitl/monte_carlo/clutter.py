@@ -81,8 +81,8 @@ class Outlines:
         self._begin = begin  # (O, 1, 1, 2)
         self._along = end - begin  # from end to end, (O, 1, 1, 2)
 
-        length_2 = np.matmul(self._along, self._along.mT)[..., 0]  # (O, 1, 1)
-        self._length_2 = np.maximum(length_2, 1e-12)  # avoids 0, the length of a pillar
+        squared_length = np.matmul(self._along, self._along.mT)[..., 0]  # (O, 1, 1)
+        self._length_2 = np.maximum(squared_length, 1e-12)  # avoids 0, the length of a pillar
         radius_m = np.array([obstacle.radius_m for obstacle in obstacles])
         self._radius_m = radius_m.reshape(-1, 1, 1)
 

@@ -599,10 +599,10 @@ ACCEPTED = (
         "avoidance/constraints.py",
         (
             ("is_violated = hard.violation_m_s2 > VIOLATED_M_S2", _LARGER),
-            ("if speed_m_s < _NO_INTENT_M_S or dot_2(e, intent_m_s) >= 0.0:", _SMALLER),
-            ("if speed_m_s < _NO_INTENT_M_S or dot_2(e, intent_m_s) >= 0.0:", "GtE becomes Gt"),
+            ("if speed_m_s < _NO_INTENT_M_S or dot_xy(e, intent_m_s) >= 0.0:", _SMALLER),
+            ("if speed_m_s < _NO_INTENT_M_S or dot_xy(e, intent_m_s) >= 0.0:", "GtE becomes Gt"),
             (
-                "return -1.0 if cross_2(e, deciding_m_s) < clearly_clockwise else 1.0",
+                "return -1.0 if cross_xy(e, deciding_m_s) < clearly_clockwise else 1.0",
                 _SMALLER,
             ),
         ),
@@ -625,7 +625,7 @@ ACCEPTED = (
         _ROUNDING,
         "avoidance/projection.py",
         (
-            ("is_inside = dot_2(u, u) <= radius * radius * (1.0 + 1e-12)", "LtE becomes Lt"),
+            ("is_inside = dot_xy(u, u) <= radius * radius * (1.0 + 1e-12)", "LtE becomes Lt"),
             ("if is_inside and largest_violation(u, hard) <= _TOLERANCE:", "LtE becomes Lt"),
             ("scale = 1.0", _LARGER_1),
             ("scale = max(scale, 1.0 + abs(row.bound_m_s2))", _LARGER_1),
@@ -635,7 +635,7 @@ ACCEPTED = (
                 _LARGER_1,
             ),
             ("if violation > most:", _LARGER),
-            ("share = min(1.0, radius / max(length_2(u), 1e-300))", "1e-300 becomes larger"),
+            ("share = min(1.0, radius / max(length_xy(u), 1e-300))", "1e-300 becomes larger"),
             ("if not cost < best.cost or not in_disc(point, radius):", _SMALLER),
             (
                 "if normal.x * point.x + normal.y * point.y < bound - _TOLERANCE * "
@@ -674,7 +674,7 @@ ACCEPTED = (
             ("most = slack + EXACT * (1.0 + scale)", _LARGER_1),
             ("if missing > most:", _LARGER),
             ("if slack < best:", _SMALLER),
-            ("share = radius / max(length_2(normal), 1e-300)", "1e-300 becomes larger"),
+            ("share = radius / max(length_xy(normal), 1e-300)", "1e-300 becomes larger"),
             ("if size <= _PARALLEL:", "LtE becomes Lt"),
         ),
     ),
@@ -687,8 +687,8 @@ ACCEPTED = (
         _MEASURED,
         "avoidance/oist.py",
         (
-            ("if length_2(own.velocity_m_s) <= _STANDING_M_S:", "LtE becomes Lt"),
-            ("intends_to_move = intent_2 > _HELD_INTENT_2_M2_S2", _LARGER),
+            ("if length_xy(own.velocity_m_s) <= _STANDING_M_S:", "LtE becomes Lt"),
+            ("intends_to_move = squared_intent_m2_s2 > _HELD_SQUARED_INTENT_M2_S2", _LARGER),
         ),
     ),
     Accepted(
@@ -721,7 +721,7 @@ ACCEPTED = (
     Accepted(
         "on the line of an edge a vehicle is on the edge, or beyond a corner that decides",
         "avoidance/fence_edges.py",
-        (("is_allowed = cross_2(segment, offset) >= 0.0", "GtE becomes Gt"),),
+        (("is_allowed = cross_xy(segment, offset) >= 0.0", "GtE becomes Gt"),),
     ),
     Accepted(
         "any negative number but that of nobody says that it is no vehicle",
@@ -887,7 +887,7 @@ ACCEPTED = (
         (
             ("if pair.distance_2_m2 < COINCIDENT_M * COINCIDENT_M:", _SMALLER),
             (
-                "is_slow = dot_2(theirs, theirs) <= SETTLED_M_S * SETTLED_M_S",
+                "is_slow = dot_xy(theirs, theirs) <= SETTLED_M_S * SETTLED_M_S",
                 "LtE becomes Lt",
             ),
             ("is_near=distance_2_m2 < 4.0 * d_m * d_m and not is_settled,", _SMALLER),
@@ -898,7 +898,7 @@ ACCEPTED = (
         "avoidance/pairs.py",
         (
             (
-                "divisor = segment_2 if segment_2 > 0.0 else 1.0",
+                "divisor = squared_length_m2 if squared_length_m2 > 0.0 else 1.0",
                 _LARGER_1,
             ),
         ),

@@ -16,7 +16,7 @@ from onboard.avoidance.pairs import NeighbourPair
 from onboard.avoidance.params import params_of
 from onboard.config.fleet import load_fleet
 from onboard.config.law import LawConfig
-from onboard.vectors import ZERO_2, Vec2
+from onboard.vectors import ZERO_XY, Vec2
 from sitl.monte_carlo import scenarios
 from tests.bench.peers import arena, ideal_ring, pictures
 from tests.bench.peers.ablation import VARIANTS
@@ -63,7 +63,7 @@ def half_planes(path: Path) -> None:
             NeighbourPair(
                 e=e,
                 w=w,
-                command_m_s2=ZERO_2,
+                command_m_s2=ZERO_XY,
                 intent_m_s=w,
                 d_m=d,
                 distance_2_m2=0.0,

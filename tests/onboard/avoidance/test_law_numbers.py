@@ -24,7 +24,7 @@ from onboard.avoidance.projection import INACTIVE, RELAXED, SATURATED, project, 
 from onboard.avoidance.relaxation import least_slack
 from onboard.constants import GRAVITY_M_S2
 from onboard.types import Thrust
-from onboard.vectors import ZERO_2, ZERO_3, Vec2, Vec3
+from onboard.vectors import ZERO_3, ZERO_XY, Vec2, Vec3
 from tests.onboard.avoidance.law_cases import law_of, neighbour_of, state_of, thrust_of
 
 _NAN = math.nan
@@ -37,13 +37,13 @@ def _own(**changes: Any) -> Own:
     """A vehicle at rest at the origin that wants nothing."""
     own = Own(
         velocity_std_m_s=0.0,
-        position_m=ZERO_2,
-        velocity_m_s=ZERO_2,
-        intent_m_s=ZERO_2,
+        position_m=ZERO_XY,
+        velocity_m_s=ZERO_XY,
+        intent_m_s=ZERO_XY,
         margin_2_m2=0.0,
-        thrust_m_s2=ZERO_2,
+        thrust_m_s2=ZERO_XY,
         thrust_z_m_s2=9.81,
-        compensation_m_s2=ZERO_2,
+        compensation_m_s2=ZERO_XY,
         radius_m_s2=4.0,
         climb=Climb(2.0, 2.0, 0.0, 0.0, 0.0),
         has_motion=True,
@@ -56,9 +56,9 @@ def _pair(**changes: Any) -> NeighbourPair:
     """A cooperative neighbour, two metres to the west, to which nobody moves."""
     pair = NeighbourPair(
         e=Vec2(2.0, 0.0),
-        w=ZERO_2,
-        command_m_s2=ZERO_2,
-        intent_m_s=ZERO_2,
+        w=ZERO_XY,
+        command_m_s2=ZERO_XY,
+        intent_m_s=ZERO_XY,
         d_m=1.0,
         distance_2_m2=4.0,
         crowd_count=0.0,
@@ -166,7 +166,7 @@ def test_of_rows_that_contradict_each_other_the_margin_gives_way_before_the_limi
     pair = _pair()
     limit = HalfPlane(Vec2(-1.0, 0.0), 1.0)
     found = oist.nearest_thrust(
-        _own(), ZERO_2, [pair], [HalfPlane(Vec2(1.0, 0.0), 2.0)], limit, _PARAMS
+        _own(), ZERO_XY, [pair], [HalfPlane(Vec2(1.0, 0.0), 2.0)], limit, _PARAMS
     )
     assert found.status == RELAXED
     assert found.point.x == pytest.approx(-1.0 + 3.0 / 31.0)
@@ -177,7 +177,7 @@ def test_who_does_not_know_its_motion_flies_level() -> None:
     nowhere = prediction.Motion(Vec3(_NAN, _NAN, _NAN), ZERO_3)
     baseline = interface.Baseline(thrust_of((1.0, 2.0, 3.0)), ZERO_3, ZERO_3)
     own = interface.own_at(baseline, nowhere, state_of(ZERO_3, ZERO_3), _PARAMS)
-    assert (own.thrust_m_s2, own.thrust_z_m_s2) == (ZERO_2, GRAVITY_M_S2)
+    assert (own.thrust_m_s2, own.thrust_z_m_s2) == (ZERO_XY, GRAVITY_M_S2)
 
 
 # -- rows ------------------------------------------------------------------------------------------
@@ -332,7 +332,7 @@ def test_the_row_that_turns_a_pair_in_numbers(
     law = law_of(responsibility=responsibility, direction=direction)
     gains = law.gains._replace(v_perp_m_s=0.4, v_perp_crowd_m_s=0.7)
     pair = _pair(w=Vec2(0.1, 0.2), is_cooperative=is_cooperative)
-    row = constraints.rotation_row(pair, ZERO_2, is_crowded, law._replace(gains=gains))
+    row = constraints.rotation_row(pair, ZERO_XY, is_crowded, law._replace(gains=gains))
     bound = constraints.h_2(pair.e, pair.w, pair.w, 1.0, v_perp, 1.0, gains)
     assert row.normal == pytest.approx((0.0, 2.0))
     assert row.bound_m_s2 == pytest.approx(share * bound)
@@ -368,7 +368,7 @@ def test_a_pair_turns_from_the_least_conflict_on_and_faster_in_a_crowd() -> None
 def test_an_obstacle_is_turned_about_while_its_row_is_violated(
     rotation: str, is_towards_it: bool, is_turning: bool
 ) -> None:
-    surface = pairs.Surface(e=Vec2(1.0, 0.0), w=ZERO_2, d_m=0.9, gap_m=0.6)
+    surface = pairs.Surface(e=Vec2(1.0, 0.0), w=ZERO_XY, d_m=0.9, gap_m=0.6)
     thrust = Vec2(-3.9 if is_towards_it else 3.9, 0.0)
     law = law_of(rotation=rotation)
     found = constraints.obstacle_constraint(_own(thrust_m_s2=thrust), surface, law)
@@ -423,9 +423,9 @@ def test_the_distance_to_keep_in_numbers() -> None:
 
 def test_what_coincides_is_separated_along_the_relative_velocity() -> None:
     assert pairs.separated(Vec2(1e-6, 0.0), Vec2(0.0, 9.0)) == (1e-6, 0.0)
-    assert pairs.separated(ZERO_2, Vec2(0.0, 9.0)) == pytest.approx((0.0, 1e-6))
-    assert pairs.separated(ZERO_2, Vec2(-2e-6, 0.0)) == pytest.approx((-1e-6, 0.0))
-    assert pairs.separated(ZERO_2, Vec2(0.0, 1e-6)) == (1e-6, 0.0)
+    assert pairs.separated(ZERO_XY, Vec2(0.0, 9.0)) == pytest.approx((0.0, 1e-6))
+    assert pairs.separated(ZERO_XY, Vec2(-2e-6, 0.0)) == pytest.approx((-1e-6, 0.0))
+    assert pairs.separated(ZERO_XY, Vec2(0.0, 1e-6)) == (1e-6, 0.0)
 
 
 def test_the_nearest_come_first_and_equal_ones_as_they_come() -> None:
@@ -695,7 +695,7 @@ def test_half_planes_in_numbers() -> None:
     row = HalfPlane(Vec2(3.0, 4.0), 10.0)
     assert half_planes.unit_row(row) == (Vec2(0.6, 0.8), 2.0)
     assert half_planes.largest_violation(Vec2(1.0, 1.0), [row]) == 3.0
-    assert half_planes.foot(ZERO_2, half_planes.unit_row(row)) == pytest.approx((1.2, 1.6))
+    assert half_planes.foot(ZERO_XY, half_planes.unit_row(row)) == pytest.approx((1.2, 1.6))
     assert half_planes.foot(Vec2(9.0, 9.0), half_planes.unit_row(row)) == (9.0, 9.0)
 
     unit = HalfPlane(Vec2(1.0, 0.0), 3.0)
@@ -737,7 +737,7 @@ _NORTH = HalfPlane(Vec2(0.0, 1.0), 1.0)  # y >= 1
     ],
 )
 def test_soft_rows_pull_like_springs(soft: list[HalfPlane], point: tuple[float, float]) -> None:
-    assert pulled(ZERO_2, soft, 3.0) == pytest.approx(point)
+    assert pulled(ZERO_XY, soft, 3.0) == pytest.approx(point)
 
 
 def test_a_soft_row_that_holds_does_not_pull_and_one_that_is_pulled_past_stops() -> None:
@@ -746,7 +746,7 @@ def test_a_soft_row_that_holds_does_not_pull_and_one_that_is_pulled_past_stops()
 
     # Alone, the far row would move the point past the near one, which then does not pull.
     far = HalfPlane(Vec2(1.0, 0.0), 4.0)
-    assert pulled(ZERO_2, [_EAST, far], 3.0) == pytest.approx((3.0, 0.0))
+    assert pulled(ZERO_XY, [_EAST, far], 3.0) == pytest.approx((3.0, 0.0))
 
 
 def test_the_disc_binds_from_its_radius_on() -> None:
@@ -771,7 +771,7 @@ def test_the_smallest_slack_is_none_where_the_rows_agree() -> None:
 
 def test_the_smallest_slack_lies_where_it_can_be_seen_by_symmetry() -> None:
     opposed = HalfPlane(Vec2(-1.0, 0.0), 1.0)
-    assert least_slack([_EAST, opposed], 4.0) == (1.0, ZERO_2)
+    assert least_slack([_EAST, opposed], 4.0) == (1.0, ZERO_XY)
 
     far_east = HalfPlane(Vec2(1.0, 0.0), 3.0)
     far_north = HalfPlane(Vec2(0.0, 1.0), 3.0)

@@ -11,7 +11,7 @@ from onboard.avoidance.half_planes import HalfPlane
 from onboard.avoidance.oist_paper import PlanarState, saturate_thrust
 from onboard.avoidance.params import PaperParams
 from onboard.types import LawStatus
-from onboard.vectors import ZERO_2, Vec2
+from onboard.vectors import ZERO_XY, Vec2
 from tests.onboard.avoidance.law_cases import law_of, nearest_thrust, neighbour_of, run, thrust_of
 from tests.oracles.paper_law import saturated_thrust
 
@@ -40,7 +40,7 @@ def cases(count, seed=0):
 
 
 def saturated(p, v, f, q, w, a, params=PARAMS):
-    own = PlanarState(vec(p), vec(v), ZERO_2)
+    own = PlanarState(vec(p), vec(v), ZERO_XY)
     obstacle = PlanarState(vec(q), vec(w), vec(a))
     return saturate_thrust(own, vec(f), obstacle, params)
 

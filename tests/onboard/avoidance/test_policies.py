@@ -27,7 +27,7 @@ from onboard.config.fleet import load_fleet
 from onboard.config.law import LawConfig
 from onboard.control import pipeline
 from onboard.types import LawStatus
-from onboard.vectors import ZERO_2, ZERO_3, Vec2, Vec3
+from onboard.vectors import ZERO_3, ZERO_XY, Vec2, Vec3
 from tests.onboard.avoidance.law_cases import (
     horizontal,
     law_of,
@@ -60,7 +60,7 @@ def test_one_neighbour_the_papers_policies_and_no_limits_give_equation_22():
         q, w, b = rng.normal(size=(3, 3)) * np.array([[1.0], [0.5], [1.0]])
         a[2] = 0.0
         out = run(p, v, a, [neighbour_of(q, w, b)], params)
-        own = PlanarState(Vec2(*map(float, p[:2])), Vec2(*map(float, v[:2])), ZERO_2)
+        own = PlanarState(Vec2(*map(float, p[:2])), Vec2(*map(float, v[:2])), ZERO_XY)
         obstacle = PlanarState(*(Vec2(*map(float, x[:2])) for x in (q, w, b)))
         reference = saturate_thrust(own, Vec2(*map(float, a[:2])), obstacle, params.paper)
         error = np.abs(horizontal(out.thrust.thrust_enu_m_s2) - reference.thrust_m_s2)
@@ -129,7 +129,7 @@ def test_whole_numbers_in_a_fleet_file_make_no_other_kind_of_numbers():
     assert obstacles(fleet) == ()
 
 
-def pair_of(e, w, command=ZERO_2, d=0.9, **changes):
+def pair_of(e, w, command=ZERO_XY, d=0.9, **changes):
     made = NeighbourPair(
         e=Vec2(*e),
         w=Vec2(*w),

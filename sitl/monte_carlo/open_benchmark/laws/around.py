@@ -1,7 +1,6 @@
 """What the laws share: the bodies around a vehicle, the thrust for a velocity, and half-planes.
 
-A row is a half-plane of allowed velocities, accelerations or positions. ``length_2`` and ``dot_2``
-are length and scalar product of horizontal vectors.
+A row is a half-plane of allowed velocities, accelerations or positions.
 """
 
 from __future__ import annotations
@@ -13,7 +12,7 @@ from typing import NamedTuple
 from onboard.avoidance.own_law import LawInputs
 from onboard.avoidance.params import Capsule
 from onboard.types import Thrust
-from onboard.vectors import Vec2, dot_2, length_2
+from onboard.vectors import Vec2, dot_xy, length_xy
 
 SHARE_OF_PAIR = 0.5  # share of a correction that each vehicle of a cooperating pair makes
 _GAIN_1_S = 4.0  # a velocity error times this is an acceleration
@@ -63,7 +62,7 @@ def bodies(inputs: LawInputs) -> list[Body]:
 
 
 def _body(e_m: Vec2, w_m_s: Vec2, d_m: float, share: float) -> Body:
-    distance_m = max(length_2(e_m), _LEAST_DISTANCE_M)
+    distance_m = max(length_xy(e_m), _LEAST_DISTANCE_M)
     unit = Vec2(e_m.x / distance_m, e_m.y / distance_m)
     return Body(e_m=e_m, w_m_s=w_m_s, d_m=d_m, share=share, distance_m=distance_m, unit=unit)
 
@@ -72,8 +71,8 @@ def _nearest_point(obstacle: Capsule, x: float, y: float) -> Vec2:
     """Return the point of an obstacle's axis that is nearest to (x, y)."""
     begin, end = obstacle.begin_enu_m, obstacle.end_enu_m
     along = Vec2(end.x - begin.x, end.y - begin.y)
-    length_squared_m2 = max(dot_2(along, along), 1e-12)  # a pillar has length 0
-    share = dot_2(Vec2(x - begin.x, y - begin.y), along) / length_squared_m2
+    length_squared_m2 = max(dot_xy(along, along), 1e-12)  # a pillar has length 0
+    share = dot_xy(Vec2(x - begin.x, y - begin.y), along) / length_squared_m2
     share = min(1.0, max(0.0, share))
     return Vec2(begin.x + share * along.x, begin.y + share * along.y)
 
@@ -97,11 +96,11 @@ def preferred_velocity(inputs: LawInputs, around: Sequence[Body] = ()) -> Vec2:
     velocity = own_velocity(inputs)
     x_m_s2, y_m_s2, _ = inputs.baseline.thrust_enu_m_s2
     wanted_m_s2 = Vec2(x_m_s2, y_m_s2)
-    size_m_s2 = length_2(wanted_m_s2)
-    is_stuck = length_2(velocity) < _STUCK_M_S and size_m_s2 > _LEAST_BLOCKED_M_S2
+    size_m_s2 = length_xy(wanted_m_s2)
+    is_stuck = length_xy(velocity) < _STUCK_M_S and size_m_s2 > _LEAST_BLOCKED_M_S2
     for body in around:
         is_blocking = body.distance_m < _BLOCKED_FRAC * body.d_m
-        is_ahead = -dot_2(body.unit, wanted_m_s2) > _AHEAD_COS * size_m_s2
+        is_ahead = -dot_xy(body.unit, wanted_m_s2) > _AHEAD_COS * size_m_s2
         if is_blocking and is_ahead and is_stuck:
             wanted_m_s2 = turned_right(wanted_m_s2, math.radians(60.0))
             break
@@ -126,7 +125,7 @@ def turned_right(vector: Vec2, angle_rad: float) -> Vec2:
 
 def shortened(vector: Vec2, longest: float) -> Vec2:
     """Return a vector, shortened if it is longer."""
-    factor = min(1.0, longest / max(length_2(vector), 1e-12))  # avoids a division by 0
+    factor = min(1.0, longest / max(length_xy(vector), 1e-12))  # avoids a division by 0
     return Vec2(factor * vector.x, factor * vector.y)
 
 
@@ -153,19 +152,19 @@ def _nearest(point: Vec2, rows: Sequence[HalfPlane]) -> Vec2 | None:
     """
     found = point
     for index, (normal, bound) in enumerate(rows):
-        if dot_2(normal, found) >= bound - 1e-9:
+        if dot_xy(normal, found) >= bound - 1e-9:
             continue
 
         # the point of the edge that is nearest to the given point
-        missing = bound - dot_2(normal, point)
+        missing = bound - dot_xy(normal, point)
         foot = Vec2(point.x + missing * normal.x, point.y + missing * normal.y)
         # the part of the edge that the earlier rows allow, as distances along the edge from the
         # foot
         along = Vec2(-normal.y, normal.x)
         low, high = -math.inf, math.inf
         for other, other_bound in rows[:index]:
-            slope = dot_2(other, along)
-            gap = other_bound - dot_2(other, foot)
+            slope = dot_xy(other, along)
+            gap = other_bound - dot_xy(other, foot)
             if abs(slope) < 1e-9:  # the edges are parallel
                 if gap > 1e-9:
                     return None

@@ -13,7 +13,7 @@ from typing import Any
 
 from onboard.avoidance.own_law import LawInputs
 from onboard.types import Thrust
-from onboard.vectors import Vec2, dot_2
+from onboard.vectors import Vec2, dot_xy
 from sitl.monte_carlo.open_benchmark.laws.around import (
     Body,
     HalfPlane,
@@ -47,12 +47,12 @@ def law(memory: Any, inputs: LawInputs) -> tuple[Any, Thrust]:
 def certificate_row(body: Body) -> HalfPlane:
     """Return the half-plane of this vehicle's accelerations that keep the barrier."""
     together_m_s2 = _BRAKE_M_S2 / body.share  # a body that does not cooperate does not brake
-    radial_m_s = dot_2(body.unit, body.w_m_s)
+    radial_m_s = dot_xy(body.unit, body.w_m_s)
     room_m = max(body.distance_m - body.d_m, _LEAST_ROOM_M)
     root_m_s = math.sqrt(2.0 * together_m_s2 * room_m)
     barrier = root_m_s + radial_m_s
 
-    turning = (dot_2(body.w_m_s, body.w_m_s) - radial_m_s**2) / body.distance_m
+    turning = (dot_xy(body.w_m_s, body.w_m_s) - radial_m_s**2) / body.distance_m
     slowing = together_m_s2 * radial_m_s / root_m_s
     bound = -_GAMMA * barrier**3 - turning - slowing
     return HalfPlane(body.unit, body.share * bound)

@@ -14,7 +14,7 @@ from typing import Any
 
 from onboard.avoidance.own_law import LawInputs
 from onboard.types import Thrust
-from onboard.vectors import Vec2, dot_2, length_2
+from onboard.vectors import Vec2, dot_xy, length_xy
 from sitl.monte_carlo.open_benchmark.laws.around import (
     bodies,
     nearest,
@@ -43,11 +43,11 @@ def law(memory: Vec2 | None, inputs: LawInputs) -> tuple[Any, Thrust]:
     to_wall_m = math.inf
     for normal, bound in rows:
         # cosine of the angle between the goal and the direction straight to this wall
-        towards = -dot_2(normal, goal_m) / max(length_2(goal_m), 1e-9)
+        towards = -dot_xy(normal, goal_m) / max(length_xy(goal_m), 1e-9)
         if towards > 0.0:
             # distance to the wall in the direction of the goal
             to_wall_m = min(to_wall_m, max(0.0, -bound) / towards)
-    if to_wall_m < min(_SIDESTEP_M, length_2(goal_m)):
+    if to_wall_m < min(_SIDESTEP_M, length_xy(goal_m)):
         aside = turned_right(goal_m, 0.5 * math.pi)
         amount = (1.0 - to_wall_m / _SIDESTEP_M) ** 2
         goal_m = Vec2(goal_m.x + amount * aside.x, goal_m.y + amount * aside.y)

@@ -13,7 +13,7 @@ from typing import Any
 
 from onboard.avoidance.own_law import LawInputs
 from onboard.types import Thrust
-from onboard.vectors import Vec2, length_2
+from onboard.vectors import Vec2, length_xy
 from sitl.monte_carlo.open_benchmark.laws.around import (
     bodies,
     preferred_velocity,
@@ -40,7 +40,7 @@ def law(memory: Any, inputs: LawInputs) -> tuple[Any, Thrust]:
         x_m_s += repulsion_m_s * body.unit.x
         y_m_s += repulsion_m_s * body.unit.y
 
-        difference_m_s = length_2(body.w_m_s)
+        difference_m_s = length_xy(body.w_m_s)
         allowed_m_s = max(_SLACK_M_S, braking_curve_m_s(room_m))
         if difference_m_s > allowed_m_s:
             factor = _FRICTION * (1.0 - allowed_m_s / difference_m_s)

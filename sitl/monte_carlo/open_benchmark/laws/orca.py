@@ -12,7 +12,7 @@ from typing import Any
 
 from onboard.avoidance.own_law import LawInputs
 from onboard.types import Thrust
-from onboard.vectors import Vec2, dot_2, length_2
+from onboard.vectors import Vec2, dot_xy, length_xy
 from sitl.monte_carlo.open_benchmark.laws.around import (
     Body,
     HalfPlane,
@@ -55,17 +55,17 @@ def orca_row(body: Body, velocity: Vec2, share: float, horizon_s: float) -> Half
     normal, u_m_s = _out_of_disc(from_centre, radius_m_s)
     sin = min(1.0, body.d_m / body.distance_m)
     # whether the nearest edge of the velocity obstacle is a leg of the cone, and not the disc
-    is_at_cone = dot_2(from_centre, body.unit) < sin * length_2(from_centre)
+    is_at_cone = dot_xy(from_centre, body.unit) < sin * length_xy(from_centre)
     if body.distance_m > body.d_m and is_at_cone:
         normal, u_m_s = _out_of_cone(body, sin)
 
     # (v - (v_A + share u)) . n >= 0
-    return HalfPlane(normal, dot_2(velocity, normal) + share * u_m_s)
+    return HalfPlane(normal, dot_xy(velocity, normal) + share * u_m_s)
 
 
 def _out_of_disc(from_centre: Vec2, radius_m_s: float) -> tuple[Vec2, float]:
     """Return the direction out of the disc, and the distance to its edge; negative outside."""
-    size = max(length_2(from_centre), 1e-9)
+    size = max(length_xy(from_centre), 1e-9)
     return Vec2(from_centre.x / size, from_centre.y / size), radius_m_s - size
 
 
@@ -83,4 +83,4 @@ def _out_of_cone(body: Body, sin: float) -> tuple[Vec2, float]:
         -sin * along.x - side * cos * along.y,
         -sin * along.y + side * cos * along.x,
     )
-    return normal, -dot_2(normal, body.w_m_s)
+    return normal, -dot_xy(normal, body.w_m_s)

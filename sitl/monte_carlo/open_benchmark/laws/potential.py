@@ -10,7 +10,7 @@ from typing import Any
 
 from onboard.avoidance.own_law import LawInputs
 from onboard.types import Thrust
-from onboard.vectors import dot_2
+from onboard.vectors import dot_xy
 from sitl.monte_carlo.open_benchmark.laws.around import (
     bodies,
     own_velocity,
@@ -36,7 +36,7 @@ def law(memory: Any, inputs: LawInputs) -> tuple[Any, Thrust]:
         rho_m = max(body.distance_m - body.d_m, _LEAST_ROOM_M)
         if rho_m < _RHO_0_M:
             force_m_s2 = _ETA_M3_S2 * (1.0 / rho_m - 1.0 / _RHO_0_M) / rho_m**2
-            closing_m_s = min(0.0, dot_2(body.unit, body.w_m_s))
+            closing_m_s = min(0.0, dot_xy(body.unit, body.w_m_s))
             force_m_s2 -= _DAMPING_1_S * closing_m_s
             x_m_s2 += force_m_s2 * body.unit.x
             y_m_s2 += force_m_s2 * body.unit.y

@@ -18,7 +18,7 @@ import numpy as np
 
 from onboard.avoidance.own_law import LawInputs
 from onboard.types import Thrust
-from onboard.vectors import Vec2, length_2
+from onboard.vectors import Vec2, length_xy
 from sitl.monte_carlo.open_benchmark.laws.around import (
     bodies,
     preferred_velocity,
@@ -54,7 +54,7 @@ def law(memory: Rules | None, inputs: LawInputs) -> tuple[Rules, Thrust]:
     if rules is None:
         rules = Rules()
     preferred = preferred_velocity(inputs)
-    ahead_m = min(1.0, length_2(preferred) / inputs.vehicle.max_speed_m_s) * _RADIUS_M
+    ahead_m = min(1.0, length_xy(preferred) / inputs.vehicle.max_speed_m_s) * _RADIUS_M
     # a vector in the preferred direction, longer than ahead_m, is shortened to just this length
     straight = shortened(Vec2(1e3 * preferred.x, 1e3 * preferred.y), ahead_m)
     goal = np.array(turned_right(straight, rules.turn_rad))

@@ -14,7 +14,7 @@ from typing import Any
 
 from onboard.avoidance.own_law import LawInputs
 from onboard.types import Thrust
-from onboard.vectors import Vec2, dot_2
+from onboard.vectors import Vec2, dot_xy
 from sitl.monte_carlo.open_benchmark.laws.around import (
     HalfPlane,
     bodies,
@@ -38,7 +38,7 @@ def law(memory: Any, inputs: LawInputs) -> tuple[Any, Thrust]:
         for body in around:
             normal, bound = orca_row(body, velocity, body.share, _TAU_S - ahead_s)
             # n . (v + a t) >= b
-            rows.append(HalfPlane(normal, (bound - dot_2(normal, velocity)) / ahead_s))
+            rows.append(HalfPlane(normal, (bound - dot_xy(normal, velocity)) / ahead_s))
 
     preferred = preferred_velocity(inputs, around)
     wanted_m_s2 = Vec2(

@@ -12,7 +12,7 @@ from typing import Any
 
 from onboard.avoidance.own_law import LawInputs
 from onboard.types import Thrust
-from onboard.vectors import Vec2, length_2
+from onboard.vectors import Vec2, length_xy
 from sitl.monte_carlo.open_benchmark.laws.around import (
     bodies,
     own_velocity,
@@ -37,8 +37,8 @@ def law(memory: Any, inputs: LawInputs) -> tuple[Any, Thrust]:
         # as in later forms of the model, the step is relative to this vehicle
         step_m = Vec2(-_STEP_S * body.w_m_s.x, -_STEP_S * body.w_m_s.y)
         after_m = Vec2(body.e_m.x - step_m.x, body.e_m.y - step_m.y)
-        axes_m = body.distance_m + length_2(after_m)  # the distances to both foci
-        b_m = 0.5 * math.sqrt(max(0.0, axes_m**2 - length_2(step_m) ** 2))
+        axes_m = body.distance_m + length_xy(after_m)  # the distances to both foci
+        b_m = 0.5 * math.sqrt(max(0.0, axes_m**2 - length_xy(step_m) ** 2))
         # at most e^3 times the push at the distance to keep
         push_m_s2 = _PUSH_M_S2 * math.exp(min(3.0, (body.d_m - b_m) / _RANGE_M))
         x_m_s2 += push_m_s2 * body.unit.x
