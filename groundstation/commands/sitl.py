@@ -30,8 +30,8 @@ from sitl.emulator.mocap import MocapSettings
 from sitl.faults import catalogue
 from sitl.faults.catalogue import FaultError
 from sitl.mavlink.endpoints import GROUND_STATION, Address, StartError, ground_port_of, station_of
-from sitl.physics.contacts import SpawnError
 from sitl.physics.wind import WindSettings
+from sitl.physics.world import SpawnError
 from sitl.server import Server, run, simulator_bus
 
 _LARGEST = 30.0  # largest wind, gusts and scales

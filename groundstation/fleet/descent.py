@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from groundstation.fleet.state import FleetState, VehicleView
 from onboard.config.fleet import FleetConfig, Vehicle
-from onboard.control.vertical import vertical_s
+from onboard.control.climb_duration import climb_duration_s
 
 
 def descent_s(vehicle: Vehicle, view: VehicleView) -> float:
@@ -23,7 +23,7 @@ def descent_s(vehicle: Vehicle, view: VehicleView) -> float:
         return 0.0
 
     height_m = telemetry.position_enu_m[2] - vehicle.start_enu_m[2]
-    return vertical_s(height_m, vehicle.max_speed_m_s)
+    return climb_duration_s(height_m, vehicle.max_speed_m_s)
 
 
 def longest_descent_s(fleet: FleetConfig, state: FleetState) -> float:

@@ -48,9 +48,9 @@ from groundstation.orders.intents import (
 from groundstation.orders.plan import PlannedOrder, plan_order
 from groundstation.orders.reachable_goals import way_m
 from onboard.config.fleet import ConfigError, FleetConfig
+from onboard.control.climb_duration import climb_duration_s
 from onboard.control.path import Path, point_at
 from onboard.control.trajectory import TrajectoryParams, shortest_duration_s
-from onboard.control.vertical import vertical_s
 from onboard.tuples import Xyz
 
 _START_S = 3.0  # time of arming and spinning up before a climb
@@ -444,7 +444,7 @@ def _vertical_order_s(
     _, _, goal_z = goal
     across_s = _move_or_stay_s(fleet, name, (x, y, goal_z), goal, duration_s)
     height_m = max(z, goal_z, _LEAST_HEIGHT_M)
-    return across_s + (_START_S + vertical_s(height_m, fleet.vehicles[name].max_speed_m_s))
+    return across_s + (_START_S + climb_duration_s(height_m, fleet.vehicles[name].max_speed_m_s))
 
 
 def _move_or_stay_s(

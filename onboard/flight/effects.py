@@ -9,8 +9,8 @@ from __future__ import annotations
 import math
 
 from onboard.bus.schema import Order
+from onboard.control.climb_duration import climb_duration_s
 from onboard.control.path import point_at
-from onboard.control.vertical import vertical_s
 from onboard.flight.arrival import stop_point
 from onboard.flight.context import FlightContext
 from onboard.flight.types import FlightView
@@ -185,7 +185,7 @@ def descend(flight: FlightContext, view: FlightView) -> None:
     goal_z_m = _end_of_descent_m(flight, view)
     _, _, own_z_m = view.position_enu_m
     height_m = own_z_m - max(flight.ground_z_m, goal_z_m)
-    down_s = vertical_s(height_m, flight.vehicle.max_speed_m_s)
+    down_s = climb_duration_s(height_m, flight.vehicle.max_speed_m_s)
     speed_m_s = math.hypot(*view.velocity_enu_m_s)
     braking_s = 2.0 * speed_m_s / flight.vehicle.max_acceleration_m_s2
     duration_s = max(_LEAST_DESCENT_S, down_s) + braking_s
@@ -311,7 +311,7 @@ def _climb_above(
     """Go to a height above a position."""
     x, y, _ = position_enu_m
     _, _, own_z_m = view.position_enu_m
-    up_s = vertical_s(top_m - own_z_m, flight.vehicle.max_speed_m_s)
+    up_s = climb_duration_s(top_m - own_z_m, flight.vehicle.max_speed_m_s)
     _set_goal(flight, (x, y, top_m), max(_LEAST_CLIMB_S, up_s))
 
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
-from onboard.safety.held import Held
+from onboard.safety.condition_timer import ConditionTimer
 from onboard.safety.limits import AUTOPILOT_SILENT_S
 
 FROZEN_S = 0.3  # PX4 is frozen if its clock has not advanced for longer than this
@@ -48,7 +48,7 @@ class AutopilotMonitor:
     _rebooted_until_ns: int = 0
     _back_until_ns: int = 0
     # counts attitudes in a row whose clock offset differs from _offset_ns
-    _shifted: Held = field(default_factory=Held)
+    _shifted: ConditionTimer = field(default_factory=ConditionTimer)
 
     def update(
         self, now_ns: int, *, packet_ns: int, attitude_ns: int, heartbeat_ns: int, boot_ms: int

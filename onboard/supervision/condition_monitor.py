@@ -10,8 +10,8 @@ import math
 from collections.abc import Iterable
 
 from onboard.config.fleet import FleetSection
+from onboard.safety.condition_timer import ConditionTimer
 from onboard.safety.failsafe_table import Condition
-from onboard.safety.held import Held
 from onboard.supervision.condition_table import ROWS, Cause, ConditionRow
 from onboard.supervision.tick_facts import TickFacts
 
@@ -31,7 +31,7 @@ class _Watched:
         self.fact = cause.fact
         self.above = cause.above
         self.equals = cause.equals
-        self.held = Held()
+        self.held = ConditionTimer()
         # condition, cause, and the time [s] that the fact's duration must exceed
         self.causes: list[tuple[Condition, Cause, float]] = []
 
@@ -107,7 +107,9 @@ def _holding(all_watched: Iterable[_Watched], facts: TickFacts) -> dict[Conditio
 
         held = watched.held
         if not holds:
-            held.checks = 0  # like Held.end, but inlined for speed, because most facts do not hold
+            held.checks = (
+                0  # like ConditionTimer.end, but inlined for speed, because most facts do not hold
+            )
             continue
 
         held.see(facts.now_ns)

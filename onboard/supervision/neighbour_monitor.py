@@ -19,8 +19,8 @@ from onboard.flight.types import FlightView
 from onboard.neighbours.plausibility import PlausibilityMonitor
 from onboard.neighbours.state_arrays import NeighbourRow
 from onboard.neighbours.table import NeighbourTable
+from onboard.safety.condition_timer import ConditionTimer
 from onboard.safety.failsafe_table import Condition
-from onboard.safety.held import Held
 from onboard.safety.limits import NEIGHBOUR_BLIND_S
 from onboard.safety.separation_monitor import PredictionMonitor, smallest_distance_m
 from onboard.supervision.condition_table import NEIGHBOUR_CHECKS
@@ -92,7 +92,9 @@ class NeighbourMonitor:
             for name in table.names
         }
 
-        self._silence = Held()  # counts the ticks in a row in which any neighbour was silent
+        self._silence = (
+            ConditionTimer()
+        )  # counts the ticks in a row in which any neighbour was silent
         self._confirmed_silent: tuple[str, ...] = ()  # silent in enough ticks in a row
         self._heard_again: tuple[str, ...] = ()
         self._heard_again_ns = 0

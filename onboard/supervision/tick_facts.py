@@ -83,7 +83,7 @@ class TickFacts(Struct, frozen=True, kw_only=True):
     has_position: bool = True  # known from poses or by dead reckoning
     position_age_s: float = 0.0  # age of the newest sample that was used
     position_stale_s: float = 0.0  # how long the position has been stale
-    # time for which it was stale recently, summed over all gaps (onboard/safety/held.py)
+    # time for which it was stale recently, summed over all gaps (onboard/safety/condition_timer.py)
     position_flicker_s: float = 0.0
     height_above_floor_m: float = 0.0  # above the lowest ground in the fleet file
     height_m: float = 0.0  # above the ground where it took off

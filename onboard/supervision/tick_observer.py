@@ -13,7 +13,7 @@ from onboard.config.fleet import FleetConfig, Vehicle
 from onboard.config.flight_space import flight_space_of
 from onboard.config.ground import floor_m
 from onboard.control.allocation import MAX_THRUST_FRAC
-from onboard.control.vertical import vertical_s
+from onboard.control.climb_duration import climb_duration_s
 from onboard.corrections import fix
 from onboard.flight import contact
 from onboard.flight.context import FlightContext
@@ -22,9 +22,9 @@ from onboard.localization.own_state import OwnState
 from onboard.neighbours.table import NeighbourTable
 from onboard.safety.autopilot_monitor import AutopilotMonitor
 from onboard.safety.battery_monitor import BatteryMonitor
+from onboard.safety.condition_timer import ConditionTimer, Recurring
 from onboard.safety.failsafe_table import Situation
 from onboard.safety.geofence import FenceStatus, fence_of
-from onboard.safety.held import Held, Recurring
 from onboard.safety.limits import FLICKER_FORGOTTEN_SHARE, POSITION_STALE_S
 from onboard.safety.report_confirmation import ReportConfirmation
 from onboard.safety.tracking_monitor import TrackingMonitor
@@ -86,7 +86,7 @@ class TickObserver:
         # is breached, so this is not larger than that distance.
         self._touching_m = min(fleet.fleet.body_diameter_m, fleet.fleet.safety_distance_m)
 
-        self._stale = Held()
+        self._stale = ConditionTimer()
         self._flicker = Recurring(FLICKER_FORGOTTEN_SHARE)
         self._autopilot = AutopilotMonitor()
         self._offboard = OffboardMonitor()
@@ -323,7 +323,7 @@ class TickObserver:
                 battery_frac,
                 battery_voltage_v,
                 land_frac=0.01 * self._limits.battery_land_pct,
-                descent_s=vertical_s(height_m, self._vehicle.max_speed_m_s),
+                descent_s=climb_duration_s(height_m, self._vehicle.max_speed_m_s),
                 floor_frac=context.battery_floor_frac,
             )
 

@@ -18,11 +18,12 @@ from msgspec.structs import replace
 from sitl.emulator.fault_effects import Disturbances
 from sitl.faults.catalogue import FAULT_KINDS, Fault, FaultError, check
 from sitl.physics import frames
-from sitl.physics.contacts import Collision, Downwash, World
+from sitl.physics.contacts import Collision, Downwash
 from sitl.physics.earth import ZURICH, EarthPoint
 from sitl.physics.frames import Array
 from sitl.physics.vehicle import STEP_S, VehicleProfile
 from sitl.physics.wind import WindSettings
+from sitl.physics.world import World
 from sitl.px4 import setpoints
 from sitl.px4.commander import EmulatedPx4
 from sitl.px4.estimator import (

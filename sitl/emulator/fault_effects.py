@@ -17,8 +17,8 @@ import numpy as np
 from sitl.faults.catalogue import FAULT_KINDS, Fault, FaultPlan
 from sitl.faults.lossy_channel import NO_FAULTS, ChannelFaults, LossyChannel
 from sitl.faults.pose_faults import PoseFault, PoseFaults
-from sitl.physics.contacts import World
 from sitl.physics.random_streams import Stream
+from sitl.physics.world import World
 from sitl.px4.commander import EmulatedPx4
 from sitl.px4.estimator import Estimator
 from sitl.px4.modes import Mode

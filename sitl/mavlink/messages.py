@@ -102,7 +102,7 @@ def heartbeat(v: View) -> Values:
 def current_mode(v: View) -> Values:
     px4 = v.autopilot
     shown = MODES[px4.shown_mode]
-    intended = MODES[px4.intent]
+    intended = MODES[px4.requested_mode]
     return (shown.custom_mode, intended.custom_mode, shown.standard_mode)
 
 

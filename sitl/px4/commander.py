@@ -1,8 +1,7 @@
 """One PX4 commander: arming, mode requests, failsafes, landing.
 
-PX4 distinguishes two modes: `intent` is the requested mode, and `mode` is the active mode. A
-failsafe changes only `mode`. When the cause of the failsafe is over, PX4 returns to `intent`
-without a new request.
+PX4 distinguishes the requested mode and the active mode, `mode`. A failsafe changes only the
+active one. When its cause is over, PX4 returns to the requested mode without a new request.
 
 The commander makes the decisions, and uses these modules:
 
@@ -52,7 +51,7 @@ class EmulatedPx4:
     params: Parameters = field(default_factory=Parameters)  # kept by a restart
     boot_time_s: float = 0.0  # time of the last start
     battery: Battery = field(default_factory=Battery)
-    intent: Mode = Mode.LOITER  # the mode that was requested
+    requested_mode: Mode = Mode.LOITER  # the mode that was requested
     mode: Mode = Mode.LOITER  # the mode that is flown
     is_armed: bool = False
     setpoint: Setpoint | None = None  # newest setpoint for OFFBOARD
@@ -68,7 +67,7 @@ class EmulatedPx4:
     sticks: Sticks = field(default_factory=Sticks)
     # Positions of the sticks of an emulated pilot, which every tick uses; None without a pilot.
     held_sticks: Axes | None = None
-    _mode_after_disarming: Mode = Mode.LOITER  # intent that disarming restores
+    _mode_after_disarming: Mode = Mode.LOITER  # requested mode that disarming restores
     _armed_time_s: float = 0.0  # time of the last arming
     _refused_time_s: float = -math.inf  # time of the last text about a refused mode
     _tilted_since_s: float = math.inf  # start of a tilt beyond the limits
@@ -89,7 +88,7 @@ class EmulatedPx4:
     def shown_mode(self) -> Mode:
         """The mode that HEARTBEAT shows."""
         if self.mode is Mode.TERMINATION and not self.version.shows_termination:
-            return self.intent
+            return self.requested_mode
         return self.mode
 
     @property
@@ -105,7 +104,7 @@ class EmulatedPx4:
     @property
     def is_failsafe(self) -> bool:
         """Whether a failsafe has taken the vehicle out of its mode."""
-        return self.is_armed and (self.failsafe.is_active or self.mode is not self.intent)
+        return self.is_armed and (self.failsafe.is_active or self.mode is not self.requested_mode)
 
     def has_fresh_setpoint(self, now_s: float) -> bool:
         """Return whether the newest setpoint for OFFBOARD is recent, and the estimate allows it."""
@@ -123,7 +122,7 @@ class EmulatedPx4:
         if self._inputs is not None:
             since_boot_s = now_s - self.boot_time_s
 
-        needs = MODES[self.intent].needs
+        needs = MODES[self.requested_mode].needs
         if self.failsafe.is_terminated:
             needs = MODES[Mode.TERMINATION].needs
         readiness = Readiness(
@@ -231,7 +230,7 @@ class EmulatedPx4:
         if text is not None:
             self.journal.say(now_s, text)
 
-        self._intend(mode)
+        self._request_mode(mode)
         self.failsafe.mode_requested()
         self._select_mode(now_s)
         return CommandResult.ACCEPTED
@@ -266,7 +265,7 @@ class EmulatedPx4:
         if not self.is_armed:
             return CommandResult.DENIED
 
-        self.intent = Mode.TERMINATION
+        self.requested_mode = Mode.TERMINATION
         self._select_mode(now_s)
         self.mode_control.terminate()
         return CommandResult.ACCEPTED
@@ -359,7 +358,7 @@ class EmulatedPx4:
             inputs, self.mode, self.landed, self.params, self.setpoint, sticks
         )
         if has_taken_off:
-            self._intend(Mode.LOITER)
+            self._request_mode(Mode.LOITER)
 
     def _available(self, now_s: float) -> ModeCondition:
         """Return the conditions of modes that are met now."""
@@ -372,8 +371,8 @@ class EmulatedPx4:
             available |= ModeCondition.SETPOINTS
         return available
 
-    def _intend(self, mode: Mode) -> None:
-        self.intent = mode
+    def _request_mode(self, mode: Mode) -> None:
+        self.requested_mode = mode
         # Disarming does not restore a mode in which the vehicle cannot be armed.
         if ModeCondition.ARMING not in MODES[mode].needs:
             self._mode_after_disarming = mode
@@ -390,7 +389,7 @@ class EmulatedPx4:
 
         reason_text, number = REASONS["command"]
         self.journal.say(now_s, "armed", number, why=reason_text)
-        if self.intent is Mode.TAKEOFF:
+        if self.requested_mode is Mode.TAKEOFF:
             self._say_takeoff_height(now_s)
 
         self._select_mode(now_s)
@@ -411,7 +410,7 @@ class EmulatedPx4:
         self.is_armed = False
         self.land_detector.disarmed()
         self.failsafe.reset()
-        self.intent = self._mode_after_disarming
+        self.requested_mode = self._mode_after_disarming
 
         reason_text, number = REASONS[reason]
         self.journal.say(now_s, "disarmed", number, why=reason_text)
@@ -423,8 +422,8 @@ class EmulatedPx4:
     # -- the mode that is flown --------------------------------------------------------------------
 
     def _select_mode(self, now_s: float) -> None:
-        """Enter the mode that is flown: the intent, a failsafe's mode, or a fallback of either."""
-        mode = self.intent
+        """Enter the active mode: the requested one, a failsafe's, or a fallback of either."""
+        mode = self.requested_mode
 
         if self.is_armed:
             self._step_failsafe(now_s)
@@ -433,7 +432,7 @@ class EmulatedPx4:
                 return
 
             mode = ACTION_MODE.get(self.failsafe.action, mode)
-            if self.intent is Mode.TERMINATION:
+            if self.requested_mode is Mode.TERMINATION:
                 mode = Mode.TERMINATION
 
             # a fallback mode is announced when it begins
@@ -464,7 +463,7 @@ class EmulatedPx4:
     def _step_failsafe(self, now_s: float) -> None:
         """Advance the failsafes with the present inputs, and announce a new action."""
         has_offboard_signal = True  # other modes do not need one
-        if self.intent is Mode.OFFBOARD:
+        if self.requested_mode is Mode.OFFBOARD:
             has_offboard_signal = self.has_fresh_setpoint(now_s)
         inputs = FailsafeInputs(
             has_offboard_signal=has_offboard_signal,
@@ -480,7 +479,7 @@ class EmulatedPx4:
         if not self.failsafe.step(now_s, inputs, self.params):
             return
 
-        shown = MODES[ACTION_MODE.get(self.failsafe.action, self.intent)].custom_mode
+        shown = MODES[ACTION_MODE.get(self.failsafe.action, self.requested_mode)].custom_mode
         if self.failsafe.delayed is FailsafeAction.NONE:
             self.journal.say(now_s, "failsafe", shown, self.failsafe.action)
             return

@@ -236,7 +236,7 @@ def meet(
     push: Array,
     pairs: NDArray[np.int64],
 ) -> int:
-    """See :func:`sitl.physics.contacts.meet`."""
+    """See :func:`sitl.physics.contacts.find_collisions_and_downwash`."""
     half_height_m = 0.5 * diameter_m
     on_ground = motion["on_ground"]
 

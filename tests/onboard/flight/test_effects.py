@@ -12,9 +12,9 @@ from onboard.autopilot import Snapshot
 from onboard.avoidance.params import Capsule, params_of
 from onboard.bus.schema import Order, OrderKind, PathOrder
 from onboard.config.law import LawConfig
+from onboard.control.climb_duration import climb_duration_s
 from onboard.control.path import path_of
 from onboard.control.router import surroundings
-from onboard.control.vertical import vertical_s
 from onboard.flight import effects, state_machine
 from onboard.flight.context import FlightContext
 from onboard.flight.path_flight import PathFlight
@@ -82,7 +82,7 @@ def test_it_lifts_off_to_a_metre_above_the_ground_at_most(ordered_m: float, top_
     assert flight.ground_z_m == 0.2
     assert flight.goal.position_enu_m == pytest.approx((0.5, -0.5, top_m))
     assert flight.goal.sequence == 2
-    up_s = vertical_s(top_m - 0.2, _VEHICLE.max_speed_m_s)
+    up_s = climb_duration_s(top_m - 0.2, _VEHICLE.max_speed_m_s)
     assert flight.goal.duration_s == pytest.approx(max(1.5, up_s))
 
 
@@ -218,7 +218,7 @@ def test_a_failsafe_asks_for_a_slow_second() -> None:
 def test_a_landing_ends_a_decimetre_below_the_ground_within_three_times_its_plan() -> None:
     flight = _flight(ground_z_m=0.5)
     effects.descend(flight, _view(z=2.5, velocity_enu_m_s=(0.6, 0.8, 0.0)))
-    down_s = vertical_s(2.0, _VEHICLE.max_speed_m_s)
+    down_s = climb_duration_s(2.0, _VEHICLE.max_speed_m_s)
     brakes_s = 2.0 / _VEHICLE.max_acceleration_m_s2
     assert flight.goal.position_enu_m[2] == pytest.approx(0.4)
     assert flight.goal.duration_s == pytest.approx(down_s + brakes_s)

@@ -13,8 +13,8 @@ from typing import Any, NamedTuple
 import pytest
 from msgspec.structs import replace
 
+from onboard.safety.condition_timer import ConditionTimer
 from onboard.safety.failsafe_table import Condition
-from onboard.safety.held import Held
 from onboard.supervision.condition_monitor import ANY_TIME_S, ConditionMonitor, time_limit_s
 from onboard.supervision.condition_table import ROWS, Cause, ConditionRow
 from onboard.supervision.tick_facts import ModeLoss, SlowFacts, TickFacts
@@ -430,7 +430,7 @@ def test_the_detail_is_that_of_the_last_cause_that_holds() -> None:
 
 
 def test_held_begins_at_its_first_check_and_ends_with_the_first_that_sees_nothing() -> None:
-    held = Held()
+    held = ConditionTimer()
     assert held.seconds(5) == 0.0
     held.see(10**9)
     assert (held.checks, held.seconds(10**9)) == (1, 0.0)

@@ -90,7 +90,7 @@ def test_a_terminated_flight_shows_the_mode_that_this_version_of_px4_shows(paper
         }
         simulation = Simulation(msgspec.structs.replace(paper, vehicles=vehicles), seed=1)
         autopilot = simulation.emulator.autopilots[0]
-        autopilot.intent = Mode.OFFBOARD
+        autopilot.requested_mode = Mode.OFFBOARD
         autopilot.mode = Mode.TERMINATION
         assert simulation.links.heartbeat(0)["mode"] == shown, px4
 

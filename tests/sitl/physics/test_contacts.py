@@ -11,10 +11,10 @@ import pytest
 from onboard.config.fleet import load_fleet
 from sitl.emulator.emulator import Emulator
 from sitl.physics import contacts, frames
-from sitl.physics.contacts import SpawnError, World
 from sitl.physics.jit import records
 from sitl.physics.step import MOTION
 from sitl.physics.wind import Wind, WindSettings
+from sitl.physics.world import SpawnError, World
 from sitl.px4.modes import Mode
 from sitl.server import Broadcast
 from tests.oracles import emulated_vehicles
@@ -122,7 +122,7 @@ def test_collisions_and_downwash_of_pairs_are_those_of_the_oracle() -> None:
         motion["on_ground"] = rng.random(n) < 0.3
         touched = np.triu(rng.random((n, n)) < 0.3, k=1)
         results = []
-        for function in (contacts.meet, emulated_vehicles.meet):
+        for function in (contacts.find_collisions_and_downwash, emulated_vehicles.meet):
             met = touched.copy()
             push = np.ones((n, 3))
             pairs = np.zeros((200, 2), dtype=np.int64)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from onboard.control.vertical import vertical_s
+from onboard.control.climb_duration import climb_duration_s
 
 PEAK_OF_MEAN = 1.875  # of a quintic
 HEIGHTS_M = np.arange(0.0, 120.0, 0.1)
@@ -15,7 +15,7 @@ HEIGHTS_M = np.arange(0.0, 120.0, 0.1)
 def test_near_the_ground_it_is_slow_and_above_within_the_limits_of_the_vehicle_and_of_px4(
     max_speed_m_s: float,
 ) -> None:
-    times_s = np.array([vertical_s(float(height_m), max_speed_m_s) for height_m in HEIGHTS_M])
+    times_s = np.array([climb_duration_s(float(height_m), max_speed_m_s) for height_m in HEIGHTS_M])
     low = HEIGHTS_M <= 4.0
     np.testing.assert_allclose(times_s[low], HEIGHTS_M[low] / min(0.4, 0.5 * max_speed_m_s))
     peaks_m_s = PEAK_OF_MEAN * HEIGHTS_M[1:] / times_s[1:]
@@ -27,4 +27,4 @@ def test_near_the_ground_it_is_slow_and_above_within_the_limits_of_the_vehicle_a
 
 
 def test_below_the_ground_there_is_no_way() -> None:
-    assert vertical_s(-3.0, 1.0) == 0.0
+    assert climb_duration_s(-3.0, 1.0) == 0.0

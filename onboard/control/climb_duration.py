@@ -16,7 +16,7 @@ _FAST_M_S = 0.8
 _SPEED_SHARE = 0.5
 
 
-def vertical_s(height_m: float, max_speed_m_s: float) -> float:
+def climb_duration_s(height_m: float, max_speed_m_s: float) -> float:
     """Return the duration [s] of a climb from the ground or of a descent to it.
 
     Args:

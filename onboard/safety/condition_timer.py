@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 
 @dataclass(slots=True)
-class Held:
+class ConditionTimer:
     """Memory of one condition.
 
     Call :meth:`see` at every check at which it holds, and :meth:`end` at every other check.

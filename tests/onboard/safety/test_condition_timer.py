@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import pytest
 
-from onboard.safety.held import Held
+from onboard.safety.condition_timer import ConditionTimer
 
 MS = 1_000_000
 
 
 def test_a_condition_is_counted_from_the_first_check_at_which_it_holds() -> None:
-    held = Held()
+    held = ConditionTimer()
     assert (held.checks, held.since_ns) == (0, 0)
     assert held.seconds(7_000 * MS) == 0.0
 
@@ -26,7 +26,7 @@ def test_a_condition_is_counted_from_the_first_check_at_which_it_holds() -> None
 
 
 def test_a_check_without_it_begins_the_count_anew() -> None:
-    held = Held()
+    held = ConditionTimer()
     held.see(1_000 * MS)
     held.end()
     assert held.checks == 0
