@@ -20,7 +20,7 @@ from groundstation.client.direct_mavlink import send_direct
 from groundstation.client.fault_orders import order_fault
 from groundstation.client.ground_node import session, user_name
 from groundstation.client.open_orders import OpenOrders, SendDirect
-from groundstation.client.world_clock import WorldClock
+from groundstation.client.wall_clock import WallClock
 from groundstation.fleet.loop_lateness import LoopLateness
 from groundstation.fleet.operator_control import Control
 from groundstation.fleet.own_stall import (
@@ -134,7 +134,7 @@ class FleetClient:
         self._order_count = itertools.count(1)
         self._held = HeldFormation(default_formation(fleet))  # kept by moves of several vehicles
         self._control_due_ns = 0
-        self.world = WorldClock(lambda: self._feed.clocks, clock_ns)
+        self.wall_clock = WallClock(lambda: self._feed.clocks, clock_ns)
         self.control = Control(
             bus,
             self.author,

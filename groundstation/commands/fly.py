@@ -39,7 +39,7 @@ from groundstation.flights.simulation_settings import (
 )
 from groundstation.mission_files.loading import load_mission
 from groundstation.mission_files.mission import Mission
-from groundstation.mission_files.world_time import WorldTime, local_now, world_time
+from groundstation.mission_files.wall_time import WallTime, local_now, wall_time
 from onboard.config.fleet import ConfigError
 
 _NO_OPTIONS = FlightOptions()
@@ -144,7 +144,7 @@ def _refuse_misplaced(
         raise ConfigError(f"{world.given[0]} is for simulated flights. Add --sitl or --lockstep.")
 
 
-def _begin_of(at: str, options: FlightOptions) -> WorldTime | None:
+def _begin_of(at: str, options: FlightOptions) -> WallTime | None:
     """Return the time of day at which the mission begins; None if the option is not given.
 
     Raises:
@@ -159,7 +159,7 @@ def _begin_of(at: str, options: FlightOptions) -> WorldTime | None:
         )
 
     try:
-        return world_time(at, local_now(time.time_ns()))
+        return wall_time(at, local_now(time.time_ns()))
     except ConfigError as error:
         raise ConfigError(f"--at: {error}") from None
 

@@ -20,7 +20,7 @@ from groundstation.flights.simulation_settings import SimulationSettings, write_
 from groundstation.mission_files.loading import load_mission, with_fleet
 from groundstation.mission_files.mission import Mission
 from groundstation.mission_files.mission_findings import refuse_unflyable
-from groundstation.mission_files.world_time import WorldTime
+from groundstation.mission_files.wall_time import WallTime
 from groundstation.missions.python_check import check_python
 from groundstation.processes.free_ports import (
     busy_ports,
@@ -44,7 +44,7 @@ class FlightSettings:
     is_simulated: bool  # whether the flight starts emulator and agents itself
     is_headless: bool  # whether it runs without the console
     simulation: SimulationSettings  # settings of a simulated flight
-    at: WorldTime | None = None  # start of the mission; None: when the vehicles are ready
+    at: WallTime | None = None  # start of the mission; None: when the vehicles are ready
 
 
 def prepare(
@@ -59,7 +59,7 @@ def prepare(
     simulation: SimulationSettings = _CALM,
     needs_ports: bool = True,
     arguments: Mapping[str, str] = MappingProxyType({}),
-    at: WorldTime | None = None,
+    at: WallTime | None = None,
 ) -> FlightSettings:
     """Check a flight before anything starts, and write the files that are flown into its folder.
 

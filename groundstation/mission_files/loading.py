@@ -32,7 +32,7 @@ from groundstation.mission_files.steps import (
     WaitStep,
     file_keys,
 )
-from groundstation.mission_files.world_time import check_world_time
+from groundstation.mission_files.wall_time import check_wall_time
 from groundstation.orders.intents import Intent
 from groundstation.paths.path_files import load_path
 from groundstation.verdict.expectations import EXPECT_MOST_M, Expect
@@ -312,7 +312,7 @@ def _check_time(step: MissionStep, key: str, path: str) -> None:
     written = getattr(step, "at", "")
     if written:
         try:
-            check_world_time(written)
+            check_wall_time(written)
         except ConfigError as error:
             raise ConfigError(f"{path}: '{key}.at': {error}") from None
 

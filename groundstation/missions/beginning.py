@@ -24,7 +24,7 @@ from groundstation.mission_files.steps import (
     ReactStep,
     RepeatStep,
 )
-from groundstation.mission_files.world_time import WorldTime, time_words, world_time
+from groundstation.mission_files.wall_time import WallTime, time_words, wall_time
 from groundstation.orders.intents import Intent
 from onboard.config.fleet import ConfigError, FleetConfig
 
@@ -90,7 +90,7 @@ def _without(fleet: FleetConfig, disabled: Collection[str]) -> FleetConfig:
     return structs.replace(fleet, vehicles=vehicles)
 
 
-def step_times(mission: Mission, now: datetime.datetime) -> dict[str, WorldTime]:
+def step_times(mission: Mission, now: datetime.datetime) -> dict[str, WallTime]:
     """Return the wall-clock times in a mission; the keys are the times as written.
 
     Args:
@@ -106,13 +106,13 @@ def step_times(mission: Mission, now: datetime.datetime) -> dict[str, WorldTime]
         if not written:
             continue
         try:
-            times[written] = world_time(written, now)
+            times[written] = wall_time(written, now)
         except ConfigError as error:
             raise ConfigError(f"{mission.path}: {step.do} at {written}: {error}") from None
     return times
 
 
-def time_refusal(mission: Mission, times: Mapping[str, WorldTime], begin_ns: int) -> str:
+def time_refusal(mission: Mission, times: Mapping[str, WallTime], begin_ns: int) -> str:
     """Return why a mission reaches a timed step too late; empty when it reaches all in time.
 
     Steps that are flown side by side are not judged.
@@ -135,7 +135,7 @@ def time_refusal(mission: Mission, times: Mapping[str, WorldTime], begin_ns: int
         written = getattr(step, "at", "")
         is_side_by_side = ".branches" in course_step.key
         if written and not is_side_by_side:
-            start_s = (times[written].world_ns - begin_ns) * 1e-9
+            start_s = (times[written].wall_ns - begin_ns) * 1e-9
             earliest_start_s = reached_s + course_step.expected_s - paths_s
             if start_s < earliest_start_s:
                 return (

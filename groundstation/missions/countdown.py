@@ -14,8 +14,8 @@ from __future__ import annotations
 import asyncio
 from collections.abc import Callable, Sequence
 
-from groundstation.client.world_clock import WorldClock
-from groundstation.mission_files.world_time import WorldTime, local_now, time_words
+from groundstation.client.wall_clock import WallClock
+from groundstation.mission_files.wall_time import WallTime, local_now, time_words
 from onboard.plain_text import listed
 
 APART_S = 0.5  # largest permitted difference between the clocks of two computers
@@ -43,17 +43,17 @@ class Countdown:
     """One countdown; call :meth:`look` several times a second.
 
     Args:
-        world: the clocks.
+        clock: the clocks.
         at: time of the start.
         names: vehicles whose computers must have the same time.
     """
 
-    def __init__(self, world: WorldClock, at: WorldTime, names: Sequence[str]) -> None:
+    def __init__(self, clock: WallClock, at: WallTime, names: Sequence[str]) -> None:
         self.at = at
-        self._world = world
+        self._clock = clock
         self._names = tuple(names)
-        self._offset_ns = world.offset_ns()  # wall clock minus monotonic clock, at the start
-        self._begin_ns = world.now_ns
+        self._offset_ns = clock.offset_ns()  # wall clock minus monotonic clock, at the start
+        self._begin_ns = clock.now_ns
         self._ended = ""  # reason for an end without a start, as a sentence
         self._steps_seen = 0  # checks in a row that saw this computer's clock set
         self._apart_seen: dict[str, int] = {}  # vehicle -> checks in a row that saw another time
@@ -62,12 +62,12 @@ class Countdown:
     @property
     def start_ns(self) -> int:
         """The start on the ground's monotonic clock [ns]."""
-        return self.at.world_ns - self._offset_ns
+        return self.at.wall_ns - self._offset_ns
 
     @property
     def left_s(self) -> float:
         """Time until the start [s]."""
-        return (self.start_ns - self._world.now_ns) * 1e-9
+        return (self.start_ns - self._clock.now_ns) * 1e-9
 
     @property
     def line(self) -> str:
@@ -110,12 +110,12 @@ class Countdown:
             return ended
         for name in self._names:
             if name not in self._agreed:
-                return clock_problem(self._world, name)
+                return clock_problem(self._clock, name)
         return ""
 
     def _look_for_step(self) -> str:
         """Check whether this computer's clock was set; return a sentence if it was."""
-        step_s = (self._world.offset_ns() - self._offset_ns) * 1e-9
+        step_s = (self._clock.offset_ns() - self._offset_ns) * 1e-9
         if abs(step_s) <= STEP_S:
             self._steps_seen = 0
             return ""
@@ -132,9 +132,9 @@ class Countdown:
 
     def _look_for_other_times(self) -> str:
         """Compare the vehicles' clocks with this computer's; return a sentence if one differs."""
-        since_begin_s = (self._world.now_ns - self._begin_ns) * 1e-9
+        since_begin_s = (self._clock.now_ns - self._begin_ns) * 1e-9
         for name in self._names:
-            problem = clock_problem(self._world, name)
+            problem = clock_problem(self._clock, name)
             if not problem:
                 self._agreed.add(name)
                 self._apart_seen.pop(name, None)
@@ -181,16 +181,16 @@ async def count_down(
         raise CountdownEnded(ended)
 
 
-def clock_problem(world: WorldClock, vehicle: str) -> str:
+def clock_problem(clock: WallClock, vehicle: str) -> str:
     """Return why a vehicle's clock forbids a start at a wall-clock time.
 
     The reason is a sentence; it is empty if the clock agrees.
 
     Args:
-        world: the clocks.
+        clock: the clocks.
         vehicle: vehicle whose computer is compared with this one.
     """
-    compared = world.ahead_s(vehicle)
+    compared = clock.ahead_s(vehicle)
     if compared is None:
         return (
             f"{vehicle}'s computer does not tell what time it has, or its clock is not measured "
@@ -208,23 +208,23 @@ def clock_problem(world: WorldClock, vehicle: str) -> str:
     side = "ahead of" if ahead_s > 0.0 else "behind"
     return (
         f"{vehicle}'s computer is {time_words(abs(ahead_s))} {side} this one, which has "
-        f"{local_now(world.world_ns):%Y-%m-%d %H:%M:%S}; at most {APART_S:g} s is right. Set both "
+        f"{local_now(clock.wall_ns):%Y-%m-%d %H:%M:%S}; at most {APART_S:g} s is right. Set both "
         "by one time server, and order the start again."
     )
 
 
-def clock_words(world: WorldClock, names: Sequence[str]) -> str:
+def clock_words(clock: WallClock, names: Sequence[str]) -> str:
     """Return which clocks agree with this computer's, and how well, in sentences.
 
     Args:
-        world: the clocks.
+        clock: the clocks.
         names: names of vehicles.
     """
     agreeing: dict[str, float] = {}  # vehicle -> largest possible difference of its clock [s]
     others = []
     for name in names:
-        compared = world.ahead_s(name)
-        if compared is not None and not clock_problem(world, name):
+        compared = clock.ahead_s(name)
+        if compared is not None and not clock_problem(clock, name):
             ahead_s, error_s = compared
             agreeing[name] = abs(ahead_s) + error_s
         else:

@@ -19,7 +19,7 @@ from msgspec.structs import replace
 from groundstation.client.client import FleetClient
 from groundstation.fleet.places import out_of_service
 from groundstation.fleet.state import FleetState
-from groundstation.mission_files.world_time import WorldTime, time_words
+from groundstation.mission_files.wall_time import WallTime, time_words
 from groundstation.missions.countdown import Countdown, CountdownEnded, clock_words, count_down
 from groundstation.missions.follow_pause import FollowPause
 from groundstation.missions.hover_check import hover_check
@@ -175,7 +175,7 @@ class MissionGround:
         return results
 
     @contextlib.contextmanager
-    def counting(self, at: WorldTime, names: Sequence[str]) -> Iterator[Countdown]:
+    def counting(self, at: WallTime, names: Sequence[str]) -> Iterator[Countdown]:
         """Begin a countdown, which ends with the block.
 
         Args:
@@ -185,7 +185,7 @@ class MissionGround:
         Raises:
             CountdownEnded: the time has passed.
         """
-        countdown = Countdown(self.client.world, at, names)
+        countdown = Countdown(self.client.wall_clock, at, names)
         if countdown.left_s <= 0.0:
             late_s = -countdown.left_s
             raise CountdownEnded(
@@ -193,7 +193,7 @@ class MissionGround:
                 "then. Give a later time."
             )
 
-        clocks = clock_words(self.client.world, names)
+        clocks = clock_words(self.client.wall_clock, names)
         self.say(f"Starts at {at.words}, in {time_words(countdown.left_s)}. {clocks}".rstrip())
         self.countdown = countdown
         try:
@@ -201,7 +201,7 @@ class MissionGround:
         finally:
             self.countdown = None
 
-    async def wait_for_time(self, at: WorldTime, names: Sequence[str]) -> None:
+    async def wait_for_time(self, at: WallTime, names: Sequence[str]) -> None:
         """Wait until a wall-clock time.
 
         Args:
@@ -213,7 +213,7 @@ class MissionGround:
         """
         with self.counting(at, names) as countdown:
             await count_down(countdown, self.say)
-            self.say(f"{at.words}. {clock_words(self.client.world, names)}")
+            self.say(f"{at.words}. {clock_words(self.client.wall_clock, names)}")
 
     @property
     def live_line(self) -> str:

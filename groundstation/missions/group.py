@@ -19,11 +19,11 @@ from groundstation.fleet.places import by_vehicle, out_of_service, vehicles_at
 from groundstation.fleet.state import FleetState
 from groundstation.fleet.stoppable import stoppable
 from groundstation.formations.slots import formation_names, formation_slots
-from groundstation.mission_files.world_time import (
-    WorldTime,
-    check_world_time,
+from groundstation.mission_files.wall_time import (
+    WallTime,
+    check_wall_time,
     local_now,
-    world_time,
+    wall_time,
 )
 from groundstation.missions.conditions import ConditionTimeout, FleetMoment, WaitCondition
 from groundstation.missions.following import follow, present_offsets
@@ -500,7 +500,7 @@ class Group:
         *,
         lights: Lights | None = None,
         on_lag: OnLag = "land",
-        at: str | WorldTime = "",
+        at: str | WallTime = "",
         timeout_s: float | None = None,
     ) -> Results:
         """Let each vehicle follow its own path; all start at the same instant.
@@ -632,7 +632,7 @@ class Group:
         _check_duration(duration_s, "wait")
         await asyncio.sleep(duration_s)
 
-    async def countdown(self, at: str | WorldTime) -> None:
+    async def countdown(self, at: str | WallTime) -> None:
         """Wait until a wall-clock time; in simulated time, return at once.
 
         Args:
@@ -647,18 +647,18 @@ class Group:
         if start is not None:
             await self.ground.wait_for_time(start, self.names)
 
-    def _time_of(self, at: str | WorldTime) -> WorldTime | None:
+    def _time_of(self, at: str | WallTime) -> WallTime | None:
         """Return a wall-clock time; None if there is no wait for it."""
-        if isinstance(at, WorldTime):
+        if isinstance(at, WallTime):
             return at
         if not at:
             return None
 
-        check_world_time(at)
-        if self.client.world.is_simulated:
+        check_wall_time(at)
+        if self.client.wall_clock.is_simulated:
             self.ground.say(f"Simulated time has no wall clock: {at} counts as now.")
             return None
-        return world_time(at, local_now(self.client.world.world_ns))
+        return wall_time(at, local_now(self.client.wall_clock.wall_ns))
 
     async def until(self, condition: WaitCondition, timeout_s: float = 60.0) -> None:
         """Wait until a condition of :mod:`groundstation.missions.conditions` holds.

@@ -18,7 +18,7 @@ from groundstation.fleet.state import FleetState
 from groundstation.mission_files.loading import load_mission, mission_from_mapping
 from groundstation.mission_files.mission_findings import refuse_unflyable
 from groundstation.mission_files.names import mission_names
-from groundstation.mission_files.world_time import WorldTime, local_now, time_words, world_time
+from groundstation.mission_files.wall_time import WallTime, local_now, time_words, wall_time
 from groundstation.missions.beginning import begin_refusal, without_empty_places
 from groundstation.missions.countdown import clock_problem, clock_words
 from groundstation.missions.mission_words import USAGE
@@ -157,7 +157,7 @@ class MissionOrders:
 
             at = None
             if written_time:
-                at = world_time(written_time, local_now(client.world.world_ns))
+                at = wall_time(written_time, local_now(client.wall_clock.wall_ns))
         except ConfigError as error:
             return str(error)
 
@@ -173,7 +173,7 @@ class MissionOrders:
         self._ask(lambda: self._question(run, at), lambda: self._begin_asked(run))
         return ""
 
-    def _question(self, run: MissionRun, at: WorldTime) -> CountdownQuestion:
+    def _question(self, run: MissionRun, at: WallTime) -> CountdownQuestion:
         """Return the question before a countdown, with this ground's own reasons against it.
 
         These are another mission that flies, and vehicles that were killed and not reset.
@@ -293,7 +293,7 @@ def _without_time(words: Sequence[str]) -> tuple[list[str], str | None]:
     return other_words, words[index + 1]
 
 
-def countdown_question(run: MissionRun, at: WorldTime) -> CountdownQuestion:
+def countdown_question(run: MissionRun, at: WallTime) -> CountdownQuestion:
     """Return the present content of the question before a countdown.
 
     Args:
@@ -302,15 +302,15 @@ def countdown_question(run: MissionRun, at: WorldTime) -> CountdownQuestion:
     """
     client = run.client
     names = run.fleet.names
-    left_s = (at.world_ns - client.world.world_ns) * 1e-9
+    left_s = (at.wall_ns - client.wall_clock.wall_ns) * 1e-9
     lines = [f"Begins in {time_words(max(0.0, left_s))}, when all are still ready."]
 
     steps = list(run.mission.course())
     if steps:
         takes_s = sum(step.times * step.expected_s for step in steps)
         lines.append(f"Takes about {time_words(takes_s)}, in {len(run.mission.steps)} steps.")
-    if not client.world.is_simulated:
-        lines.append(clock_words(client.world, names))
+    if not client.wall_clock.is_simulated:
+        lines.append(clock_words(client.wall_clock, names))
 
     charges = {}
     for name in names:
@@ -324,8 +324,8 @@ def countdown_question(run: MissionRun, at: WorldTime) -> CountdownQuestion:
     reasons = []
     if left_s <= 0.0:
         reasons.append(f"{at.words} has passed.")
-    if not client.world.is_simulated:
-        problems = [clock_problem(client.world, name) for name in names]
+    if not client.wall_clock.is_simulated:
+        problems = [clock_problem(client.wall_clock, name) for name in names]
         reasons += [problem for problem in problems if problem][:_MOST_PROBLEMS]
     return CountdownQuestion(f"{run.mission.name} at {at.words}", lines, reasons)
 

@@ -21,7 +21,7 @@ from typing import Protocol
 
 from groundstation.client.client import FleetClient
 from groundstation.fleet.state import FleetState
-from groundstation.mission_files.world_time import WorldTime
+from groundstation.mission_files.wall_time import WallTime
 from groundstation.missions.countdown import Countdown, CountdownEnded, count_down
 from groundstation.missions.ground import step_result
 from groundstation.missions.pause_watch import PauseWatch
@@ -69,7 +69,7 @@ class PathGround(Protocol):
     async def end_of(self, order: OrderResult, timeout_s: float) -> Results:
         """Wait for the end of an order, and send it again when this ground's link was lost."""
 
-    def counting(self, at: WorldTime, names: Sequence[str]) -> AbstractContextManager[Countdown]:
+    def counting(self, at: WallTime, names: Sequence[str]) -> AbstractContextManager[Countdown]:
         """Begin a countdown, which ends with the block."""
 
     def add_arrival(self, step: str, name: str, goal: Xyz) -> None:
@@ -85,7 +85,7 @@ async def follow_paths(
     *,
     lights: Lights,
     on_lag: OnLag,
-    at: WorldTime | None = None,
+    at: WallTime | None = None,
     timeout_s: float | None,
 ) -> Results:
     """Let each vehicle follow its path; all start at the same instant.
@@ -256,7 +256,7 @@ def _away_from(state: FleetState, begins: Mapping[str, Xyz]) -> list[str]:
     return away
 
 
-async def _start_at(ground: PathGround, paths: Paths, on_lag: OnLag, at: WorldTime) -> OrderResult:
+async def _start_at(ground: PathGround, paths: Paths, on_lag: OnLag, at: WallTime) -> OrderResult:
     """Order the start for a wall-clock time; an operator may stop it until then."""
     client = ground.client
     with ground.counting(at, tuple(paths)) as countdown:

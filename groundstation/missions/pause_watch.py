@@ -13,7 +13,7 @@ from collections.abc import Callable, Sequence
 from typing import Protocol
 
 from groundstation.client.client import FleetClient
-from groundstation.mission_files.world_time import time_words
+from groundstation.mission_files.wall_time import time_words
 from groundstation.orders.battery_reserve import Discharge, Reserve, weakest
 from groundstation.orders.intents import BringHome, Intent
 from groundstation.orders.result import Results

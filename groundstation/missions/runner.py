@@ -19,7 +19,7 @@ from groundstation.client.preflight_page import advice_of
 from groundstation.fleet.state import FleetState
 from groundstation.mission_files.mission import Mission, with_shapes
 from groundstation.mission_files.python_file import load_function
-from groundstation.mission_files.world_time import WorldTime, local_now
+from groundstation.mission_files.wall_time import WallTime, local_now
 from groundstation.missions.api import Fleet, NotReady, OrderFailed
 from groundstation.missions.beginning import begin_refusal, step_times, time_refusal
 from groundstation.missions.conditions import ConditionTimeout
@@ -92,7 +92,7 @@ class MissionRun:
         say: Callable[[str], None] = lambda line: None,
         ready_timeout_s: float = 60.0,
         stays: bool = False,
-        at: WorldTime | None = None,
+        at: WallTime | None = None,
     ) -> None:
         self.mission = mission
         self.client = client
@@ -400,24 +400,24 @@ class MissionRun:
                 "Look at the vehicles, then start the mission again."
             )
 
-    def _step_times(self) -> dict[str, WorldTime]:
+    def _step_times(self) -> dict[str, WallTime]:
         """Return the times at which steps start; none in simulated time.
 
         Raises:
             _NotBegun: a time is not valid, or the mission would come too late to a step.
         """
-        if self.client.world.is_simulated:
+        if self.client.wall_clock.is_simulated:
             return {}
 
-        world_ns = self.client.world.world_ns
+        wall_ns = self.client.wall_clock.wall_ns
         try:
-            times = step_times(self.mission, local_now(world_ns))
+            times = step_times(self.mission, local_now(wall_ns))
         except ConfigError as error:
             raise _NotBegun(str(error)) from None
 
-        begin_ns = world_ns
+        begin_ns = wall_ns
         if self._at is not None:
-            begin_ns = self._at.world_ns
+            begin_ns = self._at.wall_ns
         if times:
             refusal = time_refusal(self.mission, times, begin_ns)
             if refusal:

@@ -33,7 +33,7 @@ from groundstation.mission_files.steps import (
     Until,
     WaitStep,
 )
-from groundstation.mission_files.world_time import WorldTime
+from groundstation.mission_files.wall_time import WallTime
 from groundstation.missions import conditions
 from groundstation.missions.api import Fleet
 from groundstation.missions.conditions import WaitCondition
@@ -58,7 +58,7 @@ class StepRunner:
             time it is empty.
     """
 
-    def __init__(self, mission: Mission, fleet: Fleet, times: Mapping[str, WorldTime]) -> None:
+    def __init__(self, mission: Mission, fleet: Fleet, times: Mapping[str, WallTime]) -> None:
         self._mission = mission
         self._fleet = fleet
         self._times = times
@@ -162,7 +162,7 @@ class StepRunner:
         if step.until is not None:
             await self._fleet.until(condition(step.until, self._fleet), step.timeout_s)
 
-    def _start_of(self, step: WaitStep | FollowPathStep | FlyFormationStep) -> WorldTime | str:
+    def _start_of(self, step: WaitStep | FollowPathStep | FlyFormationStep) -> WallTime | str:
         """Return the time at which a step starts; in simulated time, as it is written."""
         return self._times.get(step.at, step.at)
 

@@ -10,7 +10,7 @@ import pytest
 from groundstation.client.client import FleetClient
 from groundstation.flights.flight_settings import open_folder, simulated_fleet
 from groundstation.mission_files.loading import mission_from_mapping
-from groundstation.mission_files.world_time import local_now, world_time
+from groundstation.mission_files.wall_time import local_now, wall_time
 from groundstation.missions.api import Fleet
 from groundstation.missions.runner import MissionRun
 from groundstation.processes.fleet_processes import start_fleet
@@ -44,9 +44,9 @@ async def test_a_mission_waits_for_its_time_and_sets_out_then(tmp_path: Path) ->
         await Fleet(client).ready(READY_S)
 
         # all that may be slow is over: from here on a few messages are exchanged
-        now = local_now(client.world.world_ns)
+        now = local_now(client.wall_clock.wall_ns)
         text = time.strftime("%H:%M:%S", time.localtime(time.time() + AHEAD_S + 1.0))
-        at = world_time(text, now)
+        at = wall_time(text, now)
         run = MissionRun(mission, client, say=lambda line: said.append((time.time(), line)), at=at)
         verdict = await run.run()
     finally:
@@ -57,4 +57,4 @@ async def test_a_mission_waits_for_its_time_and_sets_out_then(tmp_path: Path) ->
     assert verdict.passed, f"{verdict.summary}\n{lines}"
     assert "Starts at" in lines
     set_out_s = next(at_s for at_s, line in said if line.startswith("[1/2] takeoff"))
-    assert set_out_s >= at.world_ns * 1e-9 - 0.1
+    assert set_out_s >= at.wall_ns * 1e-9 - 0.1

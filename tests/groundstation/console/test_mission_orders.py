@@ -12,14 +12,14 @@ import pytest
 
 from groundstation.mission_files.loading import load_mission
 from groundstation.mission_files.names import mission_names
-from groundstation.mission_files.world_time import local_now
+from groundstation.mission_files.wall_time import local_now
 from groundstation.missions.mission_orders import MissionOrders
 from groundstation.missions.mission_words import are_of_mission
 from groundstation.missions.runner import MissionRun
 from groundstation.recording.writer import RecordWriter
 from groundstation.verdict.final_verdict import final_verdict
 from groundstation.verdict.verdict import Verdict
-from tests.groundstation.missions.worlds import World
+from tests.groundstation.missions.wall_clocks import MovableClock
 
 MISSION = """
 schema = 1
@@ -262,8 +262,8 @@ async def test_a_mission_at_a_time_is_shown_first_counted_down_and_stopped(
     asked: list[Any] = []
     worker = Worker()
     orders = MissionOrders(client, worker.begin, ask=lambda *both: asked.append(both))
-    client.world = World(client.now_ns)
-    now = local_now(client.world.world_ns)
+    client.wall_clock = MovableClock(client.now_ns)
+    now = local_now(client.wall_clock.wall_ns)
     later = (now + datetime.timedelta(minutes=20)).strftime("%Y-%m-%dT%H:%M:%S")
 
     assert "At which time?" in orders.take(["mission", str(path), "at"])
@@ -282,9 +282,9 @@ async def test_a_mission_at_a_time_is_shown_first_counted_down_and_stopped(
     assert "mav0, mav1, mav2" in shown
     assert "weakest battery is mav0's, with 90 %" in shown
     assert not question().reasons
-    client.world.ahead["mav1"] = (3.0, 0.01)
+    client.wall_clock.ahead["mav1"] = (3.0, 0.01)
     assert "mav1's computer is 3.0 s ahead" in question().reasons[0]
-    del client.world.ahead["mav1"]
+    del client.wall_clock.ahead["mav1"]
 
     begin()
     assert worker.task is not None

@@ -8,109 +8,109 @@ from typing import Any
 import numpy as np
 import pytest
 
-from groundstation.client.world_clock import WorldClock
+from groundstation.client.wall_clock import WallClock
 from groundstation.mission_files.loading import mission_from_mapping
-from groundstation.mission_files.world_time import local_now
+from groundstation.mission_files.wall_time import local_now
 from groundstation.missions.api import Fleet
 from groundstation.missions.countdown import Countdown, CountdownEnded, clock_words, count_down
 from groundstation.missions.runner import MissionRun
 from groundstation.paths.pieces import through
 from onboard.config.fleet import ConfigError, FleetConfig
-from tests.groundstation.missions.worlds import NOW_NS, World
+from tests.groundstation.missions.wall_clocks import NOW_NS, MovableClock
 
 
-def looks(countdown: Countdown, world: World, seconds: float) -> str:
+def looks(countdown: Countdown, clock: MovableClock, seconds: float) -> str:
     """Look as a countdown does for some time; return why it has ended."""
     for _ in range(round(seconds / 0.2)):
         ended = countdown.look()
         if ended:
             return ended
-        world.pass_time(0.2)
+        clock.pass_time(0.2)
     return countdown.last_look()
 
 
 def test_a_countdown_over_computers_with_the_same_time_goes_to_its_end() -> None:
-    world = World()
-    countdown = Countdown(world, world.after(12.0), ("mav0", "mav1"))
+    clock = MovableClock()
+    countdown = Countdown(clock, clock.after(12.0), ("mav0", "mav1"))
     assert countdown.left_s == pytest.approx(12.0, abs=1e-6)
-    assert looks(countdown, world, 12.0) == ""
+    assert looks(countdown, clock, 12.0) == ""
     assert countdown.left_s == pytest.approx(0.0, abs=1e-6)
 
 
 @pytest.mark.parametrize(("shift_s", "words"), [(3.0, "3.0 s forwards"), (-7200.0, "2 h back")])
 def test_a_clock_that_is_set_during_the_countdown_ends_it(shift_s: float, words: str) -> None:
-    world = World()
-    countdown = Countdown(world, world.after(60.0), ("mav0",))
-    assert looks(countdown, world, 10.0) == ""
-    world.shift_ns = round(shift_s * 1e9)
-    ended = looks(countdown, world, 1.0)
+    clock = MovableClock()
+    countdown = Countdown(clock, clock.after(60.0), ("mav0",))
+    assert looks(countdown, clock, 10.0) == ""
+    clock.shift_ns = round(shift_s * 1e9)
+    ended = looks(countdown, clock, 1.0)
     assert f"was set {words}" in ended
 
 
 def test_a_process_that_waits_between_two_readings_is_no_step() -> None:
-    world = World()
-    countdown = Countdown(world, world.after(60.0), ())
-    world.shift_ns = 1_000_000_000
+    clock = MovableClock()
+    countdown = Countdown(clock, clock.after(60.0), ())
+    clock.shift_ns = 1_000_000_000
     assert countdown.look() == ""
-    world.shift_ns = 0
-    assert looks(countdown, world, 5.0) == ""
+    clock.shift_ns = 0
+    assert looks(countdown, clock, 5.0) == ""
 
 
 def test_a_computer_with_another_time_ends_the_countdown() -> None:
-    world = World()
-    countdown = Countdown(world, world.after(60.0), ("mav0", "mav1"))
-    assert looks(countdown, world, 5.0) == ""
-    world.ahead["mav1"] = (-3.25, 0.002)
-    ended = looks(countdown, world, 3.0)
+    clock = MovableClock()
+    countdown = Countdown(clock, clock.after(60.0), ("mav0", "mav1"))
+    assert looks(countdown, clock, 5.0) == ""
+    clock.ahead["mav1"] = (-3.25, 0.002)
+    ended = looks(countdown, clock, 3.0)
     assert "mav1's computer is 3.2 s behind this one" in ended
     assert "time server" in ended
 
 
 def test_a_computer_that_thinks_it_is_1970_is_named() -> None:
-    world = World()
-    world.ahead["mav1"] = (-NOW_NS * 1e-9, 0.002)
+    clock = MovableClock()
+    clock.ahead["mav1"] = (-NOW_NS * 1e-9, 0.002)
     assert "56.9 years behind" in looks(
-        Countdown(world, world.after(60.0), ("mav0", "mav1")), world, 9.0
+        Countdown(clock, clock.after(60.0), ("mav0", "mav1")), clock, 9.0
     )
 
 
 def test_a_single_message_with_another_time_ends_nothing() -> None:
-    world = World()
-    countdown = Countdown(world, world.after(60.0), ("mav0",))
-    assert looks(countdown, world, 5.0) == ""
-    world.ahead["mav0"] = (1.0, 0.002)
-    assert looks(countdown, world, 0.8) == ""
-    del world.ahead["mav0"]
-    assert looks(countdown, world, 5.0) == ""
+    clock = MovableClock()
+    countdown = Countdown(clock, clock.after(60.0), ("mav0",))
+    assert looks(countdown, clock, 5.0) == ""
+    clock.ahead["mav0"] = (1.0, 0.002)
+    assert looks(countdown, clock, 0.8) == ""
+    del clock.ahead["mav0"]
+    assert looks(countdown, clock, 5.0) == ""
 
 
 def test_a_computer_that_tells_no_time_or_is_known_badly_starts_nothing() -> None:
-    world = World()
-    world.ahead["mav0"] = None
-    assert "does not tell" in looks(Countdown(world, world.after(60.0), ("mav0",)), world, 9.0)
+    clock = MovableClock()
+    clock.ahead["mav0"] = None
+    assert "does not tell" in looks(Countdown(clock, clock.after(60.0), ("mav0",)), clock, 9.0)
     # also when the time comes before it can have been measured
-    assert "does not tell" in looks(Countdown(world, world.after(0.4), ("mav0",)), world, 0.4)
+    assert "does not tell" in looks(Countdown(clock, clock.after(0.4), ("mav0",)), clock, 0.4)
 
-    world.ahead["mav0"] = (0.0, 0.8)
-    assert "0.8 s only" in looks(Countdown(world, world.after(60.0), ("mav0",)), world, 9.0)
+    clock.ahead["mav0"] = (0.0, 0.8)
+    assert "0.8 s only" in looks(Countdown(clock, clock.after(60.0), ("mav0",)), clock, 9.0)
 
 
 def test_whose_clocks_agree_is_said() -> None:
-    world = World()
-    world.ahead = {"mav1": (-0.2, 0.01), "mav2": (7.0, 0.01)}
-    assert clock_words(world, ("mav0", "mav1", "mav2")) == (
+    clock = MovableClock()
+    clock.ahead = {"mav1": (-0.2, 0.01), "mav2": (7.0, 0.01)}
+    assert clock_words(clock, ("mav0", "mav1", "mav2")) == (
         "Same time within 0.210 s: mav0, mav1. The clock differs, or is not reported: mav2."
     )
 
 
 async def test_a_countdown_says_how_long_it_is_and_an_operator_stops_it() -> None:
-    world = World()
-    countdown = Countdown(world, world.after(61.0), ())
+    clock = MovableClock()
+    countdown = Countdown(clock, clock.after(61.0), ())
     assert "in 0:01:01" in countdown.line
     lines: list[str] = []
     counting = asyncio.create_task(count_down(countdown, lines.append))
     await asyncio.sleep(0)
-    world.pass_time(2.0)
+    clock.pass_time(2.0)
     await asyncio.sleep(0.25)
     countdown.stop("Stopped.")
     with pytest.raises(CountdownEnded, match="Stopped"):
@@ -130,20 +130,20 @@ def make(fleet: FleetConfig, steps: list[dict[str, Any]]) -> Any:
 async def test_a_mission_begins_at_its_time_and_not_before(
     fleet: FleetConfig, client: Any, bus: Any
 ) -> None:
-    world = client.world = World(client.now_ns)
-    at = world.after(0.4)
+    clock = client.wall_clock = MovableClock(client.now_ns)
+    at = clock.after(0.4)
     run = MissionRun(make(fleet, HOP), client, at=at)
     verdict = await asyncio.wait_for(run.run(), 20.0)
     assert verdict.passed, verdict.summary
     first_ns = min(order.stamp_ns for _, order in bus.orders)
-    assert first_ns - client.now_ns() + client.world.world_ns >= at.world_ns
+    assert first_ns - client.now_ns() + client.wall_clock.wall_ns >= at.wall_ns
 
 
 async def test_a_countdown_that_is_stopped_starts_nothing(
     fleet: FleetConfig, client: Any, bus: Any
 ) -> None:
-    world = client.world = World(client.now_ns)
-    run = MissionRun(make(fleet, HOP), client, at=world.after(60.0))
+    clock = client.wall_clock = MovableClock(client.now_ns)
+    run = MissionRun(make(fleet, HOP), client, at=clock.after(60.0))
     flown = asyncio.create_task(run.run())
     assert await client.wait_for(lambda _: run.fleet.ground.countdown is not None, 5.0)
     assert run.fleet.ground.stop_countdown()
@@ -158,8 +158,8 @@ async def test_a_countdown_that_is_stopped_starts_nothing(
 async def test_a_vehicle_that_is_not_ready_any_more_when_the_time_comes_starts_nobody(
     fleet: FleetConfig, client: Any, bus: Any
 ) -> None:
-    world = client.world = World(client.now_ns)
-    run = MissionRun(make(fleet, HOP), client, at=world.after(0.4))
+    clock = client.wall_clock = MovableClock(client.now_ns)
+    run = MissionRun(make(fleet, HOP), client, at=clock.after(0.4))
     flown = asyncio.create_task(run.run())
     assert await client.wait_for(lambda _: run.fleet.ground.countdown is not None, 5.0)
     bus.tell("mav1", not_ready=("Its battery is low.",))
@@ -175,8 +175,8 @@ async def test_a_vehicle_that_is_not_ready_any_more_when_the_time_comes_starts_n
 async def test_a_step_whose_time_comes_too_early_refuses_the_whole_mission(
     fleet: FleetConfig, client: Any, bus: Any, ahead_s: float, words: str
 ) -> None:
-    world = client.world = World(client.now_ns)
-    time = local_now(world.world_ns + round(ahead_s * 1e9))
+    clock = client.wall_clock = MovableClock(client.now_ns)
+    time = local_now(clock.wall_ns + round(ahead_s * 1e9))
     steps = [HOP[0], {"do": "wait", "at": f"{time:%H:%M:%S}"}, HOP[1]]
     verdict = await asyncio.wait_for(MissionRun(make(fleet, steps), client).run(), 20.0)
     assert verdict.exit_status == 2
@@ -218,26 +218,26 @@ def paths_of(fleet: FleetConfig) -> dict[str, Any]:
 async def test_paths_start_at_that_instant_on_the_fleets_clock(
     fleet: FleetConfig, client: Any, bus: Any
 ) -> None:
-    world = client.world = World(client.now_ns)
+    clock = client.wall_clock = MovableClock(client.now_ns)
     flown = Fleet(client)
     await flown.takeoff(1.0)
-    at = world.after(4.0)
+    at = clock.after(4.0)
     await asyncio.wait_for(flown.follow_path(paths_of(fleet), at=at), 20.0)
 
     starts = [order.path.start_ns for _, order in bus.orders if order.kind == "follow_path"]
     assert len(starts) == 3
-    expected_ns = at.world_ns - world.offset_ns()
+    expected_ns = at.wall_ns - clock.offset_ns()
     assert all(abs(start_ns - expected_ns) < 2_000_000 for start_ns in starts)
 
 
 async def test_a_start_that_is_stopped_after_its_order_holds_all(
     fleet: FleetConfig, client: Any, bus: Any
 ) -> None:
-    world = client.world = World(client.now_ns)
+    clock = client.wall_clock = MovableClock(client.now_ns)
     bus.accept_only = {"follow_path"}
     flown = Fleet(client)
     await flown.takeoff(1.0)
-    following = asyncio.create_task(flown.follow_path(paths_of(fleet), at=world.after(3.6)))
+    following = asyncio.create_task(flown.follow_path(paths_of(fleet), at=clock.after(3.6)))
 
     def is_ordered(_: object) -> bool:
         return any(order.kind == "follow_path" for _, order in bus.orders)
@@ -252,19 +252,19 @@ async def test_a_start_that_is_stopped_after_its_order_holds_all(
 async def test_vehicles_that_come_too_late_to_their_paths_do_not_start(
     fleet: FleetConfig, client: Any, bus: Any
 ) -> None:
-    world = client.world = World(client.now_ns)
+    clock = client.wall_clock = MovableClock(client.now_ns)
     flown = Fleet(client)
     await flown.takeoff(1.0)
     with pytest.raises(CountdownEnded, match="too late to the begins of their paths"):
-        await asyncio.wait_for(flown.follow_path(paths_of(fleet), at=world.after(1.0)), 20.0)
+        await asyncio.wait_for(flown.follow_path(paths_of(fleet), at=clock.after(1.0)), 20.0)
     with pytest.raises(CountdownEnded, match="the vehicles came too late"):
-        await asyncio.wait_for(flown.countdown(world.after(-1.0)), 20.0)
+        await asyncio.wait_for(flown.countdown(clock.after(-1.0)), 20.0)
 
 
 def test_the_quickest_of_three_readings_counts() -> None:
     """This process may have to wait between reading one clock and the other."""
     mono = iter([0, 500, 1000, 1002, 2000, 2400])
-    world = iter([10_000, 11_001, 12_700])
-    clock = WorldClock(lambda: None, lambda: next(mono), lambda: next(world))
+    clock = iter([10_000, 11_001, 12_700])
+    clock = WallClock(lambda: None, lambda: next(mono), lambda: next(clock))
     assert clock.offset_ns() == 10_000
     assert clock.is_simulated

@@ -8,7 +8,7 @@ from collections.abc import Iterator
 
 import pytest
 
-from groundstation.mission_files.world_time import local_now, time_words, world_time
+from groundstation.mission_files.wall_time import local_now, time_words, wall_time
 from onboard.config.fleet import ConfigError
 
 ZONE = datetime.timezone(datetime.timedelta(hours=1), "CET")
@@ -35,12 +35,12 @@ def at(hours: int, minutes: int = 0, seconds: int = 0, *, day: int = 26) -> date
 def test_a_time_is_the_nearest_one_to_come(
     written: str, now: datetime.datetime, meant: datetime.datetime
 ) -> None:
-    assert world_time(written, now).world_ns == round(meant.timestamp() * 1e9)
+    assert wall_time(written, now).wall_ns == round(meant.timestamp() * 1e9)
 
 
 def test_the_words_name_the_zone_and_another_day() -> None:
-    assert world_time("21:30", at(21)).words == "21:30:00 CET"
-    assert world_time("00:10", at(23, 50)).words == "2026-11-27 00:10:00 CET"
+    assert wall_time("21:30", at(21)).words == "21:30:00 CET"
+    assert wall_time("00:10", at(23, 50)).words == "2026-11-27 00:10:00 CET"
 
 
 @pytest.fixture
@@ -69,12 +69,12 @@ def central_europe(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
 def test_a_time_in_a_night_in_which_the_clocks_change_counts_by_its_own_offset(
     central_europe: None, now_utc: str, written: str, meant_utc: str, words: str
 ) -> None:
-    def world_ns(text: str) -> int:
+    def wall_ns(text: str) -> int:
         instant = datetime.datetime.fromisoformat(text).replace(tzinfo=datetime.UTC)
         return round(instant.timestamp() * 1e9)
 
-    meant = world_time(written, local_now(world_ns(now_utc)))
-    assert meant == (words, world_ns(meant_utc))
+    meant = wall_time(written, local_now(wall_ns(now_utc)))
+    assert meant == (words, wall_ns(meant_utc))
 
 
 @pytest.mark.parametrize("written", ["0001-01-01 00:00", "9999-12-31 23:59"])
@@ -82,7 +82,7 @@ def test_the_first_and_the_last_day_are_refused_in_words(
     central_europe: None, written: str
 ) -> None:
     with pytest.raises(ConfigError):
-        world_time(written, local_now(1_795_000_000 * 10**9))
+        wall_time(written, local_now(1_795_000_000 * 10**9))
 
 
 @pytest.mark.parametrize(
@@ -110,7 +110,7 @@ def test_the_first_and_the_last_day_are_refused_in_words(
 )
 def test_what_is_no_time_to_come_is_refused_in_words(written: str, sentence: str) -> None:
     with pytest.raises(ConfigError) as caught:
-        world_time(written, at(21, 17))
+        wall_time(written, at(21, 17))
     assert sentence in str(caught.value)
     assert len(str(caught.value)) < 200
 

@@ -63,14 +63,14 @@ def _with_system_offset(instant: datetime.datetime | None) -> datetime.datetime:
         return instant.replace(tzinfo=standard)
 
 
-class WorldTime(NamedTuple):
+class WallTime(NamedTuple):
     """An instant of the wall clock."""
 
     words: str  # the time for people, with its time zone
-    world_ns: int  # time since 1970 [ns]
+    wall_ns: int  # time since 1970 [ns]
 
 
-def check_world_time(written: str) -> None:
+def check_wall_time(written: str) -> None:
     """Refuse a text that is not a time.
 
     Args:
@@ -82,7 +82,7 @@ def check_world_time(written: str) -> None:
     _parsed(written)
 
 
-def world_time(written: str, now: datetime.datetime) -> WorldTime:
+def wall_time(written: str, now: datetime.datetime) -> WallTime:
     """Return the instant that a person has written.
 
     Args:
@@ -115,16 +115,16 @@ def world_time(written: str, now: datetime.datetime) -> WorldTime:
             f"{words} is {time_words(ahead_s)} from now; a start is at most "
             f"{time_words(LONGEST_S)} ahead. Give the order later."
         )
-    return WorldTime(words, round(instant.timestamp() * 1e9))
+    return WallTime(words, round(instant.timestamp() * 1e9))
 
 
-def local_now(world_ns: int) -> datetime.datetime:
+def local_now(wall_ns: int) -> datetime.datetime:
     """Return a wall-clock time in this computer's time zone.
 
     Args:
-        world_ns: time since 1970 [ns].
+        wall_ns: time since 1970 [ns].
     """
-    utc = datetime.datetime.fromtimestamp(world_ns * 1e-9, datetime.UTC)
+    utc = datetime.datetime.fromtimestamp(wall_ns * 1e-9, datetime.UTC)
     return utc.astimezone(_ThisZone())
 
 

@@ -4,15 +4,15 @@ from __future__ import annotations
 
 from typing import Any
 
-from groundstation.client.world_clock import WorldClock
-from groundstation.mission_files.world_time import WorldTime, local_now
+from groundstation.client.wall_clock import WallClock
+from groundstation.mission_files.wall_time import WallTime, local_now
 from onboard.bus.clock_offsets import Clocks
 
 _S = 1_000_000_000
 NOW_NS = 1_795_000_000 * _S  # of the wall clock
 
 
-class World(WorldClock):
+class MovableClock(WallClock):
     """Clocks that a test sets; the vehicles' computers have the same time unless it says so."""
 
     def __init__(self, now_ns: Any = None) -> None:
@@ -31,7 +31,7 @@ class World(WorldClock):
     def pass_time(self, seconds: float) -> None:
         self.mono_ns += round(seconds * 1e9)
 
-    def after(self, seconds: float) -> WorldTime:
+    def after(self, seconds: float) -> WallTime:
         """A time so long from now."""
-        world_ns = self.world_ns + round(seconds * 1e9)
-        return WorldTime(f"{local_now(world_ns):%H:%M:%S}", world_ns)
+        wall_ns = self.wall_ns + round(seconds * 1e9)
+        return WallTime(f"{local_now(wall_ns):%H:%M:%S}", wall_ns)

@@ -17,24 +17,24 @@ from onboard.bus.clock_offsets import Clocks
 _READING_COUNT = 3
 
 
-class WorldClock:
+class WallClock:
     """Reads the wall clock of this computer, and compares it with those of other computers.
 
     Args:
         clocks: function that returns the clocks of the other nodes; None in simulated time.
         now_ns: the ground's monotonic clock [ns].
-        world_ns: this computer's time since 1970 [ns].
+        wall_ns: this computer's time since 1970 [ns].
     """
 
     def __init__(
         self,
         clocks: Callable[[], Clocks | None],
         now_ns: Callable[[], int],
-        world_ns: Callable[[], int] = time.time_ns,
+        wall_ns: Callable[[], int] = time.time_ns,
     ) -> None:
         self._clocks = clocks
         self._now_ns = now_ns
-        self._world_ns = world_ns
+        self._wall_ns = wall_ns
 
     @property
     def is_simulated(self) -> bool:
@@ -47,19 +47,19 @@ class WorldClock:
         return self._now_ns()
 
     @property
-    def world_ns(self) -> int:
+    def wall_ns(self) -> int:
         """This computer's time since 1970 [ns]."""
-        return self._world_ns()
+        return self._wall_ns()
 
     def offset_ns(self) -> int:
         """Return the wall clock minus the monotonic clock [ns], by the quickest reading."""
         readings = []  # duration and offset of each reading
         for _ in range(_READING_COUNT):
             before_ns = self._now_ns()
-            world_ns = self._world_ns()
+            wall_ns = self._wall_ns()
             after_ns = self._now_ns()
             middle_ns = (before_ns + after_ns) // 2
-            readings.append((after_ns - before_ns, world_ns - middle_ns))
+            readings.append((after_ns - before_ns, wall_ns - middle_ns))
         _, offset_ns = min(readings)
         return offset_ns
 
