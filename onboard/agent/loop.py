@@ -168,13 +168,13 @@ class AgentProcess:
             self._bus.serve_orders(self._name, self._order_on_bus_thread)
             self._core.preflight.is_warm = True
 
-            realtime.settle()  # no garbage collection in flight
+            realtime.stop_garbage_collection()  # none in flight
             if self._is_realtime:
                 self._upkeep.start_threads()
                 self._executor.start_threads()
                 if self._fleet.own_law is not None:  # a user's law may never return
                     realtime.end_when_hung()
-                log.info("%s", realtime.take_precedence())
+                log.info("%s", realtime.set_realtime_priority())
 
             self._ticker.start(loop)
             self._upkeep.start()
@@ -283,7 +283,7 @@ class AgentProcess:
 
         flight = self._core.flight
         if self._ticks % _TIDY_TICKS == 0 and flight.step.situation is Situation.GROUND:
-            realtime.tidy()
+            realtime.collect_garbage()
 
         # submit returns False if its queue is full; then the next tick tries again
         if not self._has_said_ready and flight.state == "ready":
@@ -382,7 +382,7 @@ def run_agent(
     Returns:
         The exit status.
     """
-    log_listener = realtime.log_elsewhere(name, os.environ.get("COVEY_LOG", "INFO"))
+    log_listener = realtime.log_in_thread(name, os.environ.get("COVEY_LOG", "INFO"))
     agent = AgentProcess(
         fleet, name, apply_params=apply_params, is_realtime=is_realtime, has_bus_mocap=has_bus_mocap
     )

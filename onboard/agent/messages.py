@@ -281,7 +281,7 @@ def telemetry(
         operator=sources.roles.operator,
         roles=sources.roles.others,
         avoids=neighbour_name(avoided, sources.neighbours),
-        doubles=sources.duplicates.doubled(now_ns),
+        doubles=sources.duplicates.names(now_ns),
         refused_orders=dict(sources.orders.refused),
         is_flown_by_hand=view.is_flown_by_hand,
         wind_enu_m_s=sources.own.wind_enu_m_s,

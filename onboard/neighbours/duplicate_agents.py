@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
-_DOUBLED_FOR_NS = 2_000_000_000  # a name counts as doubled for this time
+_DUPLICATE_FOR_NS = 2_000_000_000  # a name counts as that of two agents for this time
 _MAX_BOOT_IDS = 16  # number of remembered earlier boot ids per name
 
 
@@ -21,7 +21,7 @@ class DuplicateAgents:
     _newest: dict[str, int] = field(default_factory=dict)  # name -> newest boot id
     _before: dict[str, list[int]] = field(default_factory=dict)  # name -> earlier boot ids
     # name -> when an earlier boot id was last heard again
-    _doubled_ns: dict[str, int] = field(default_factory=dict)
+    _repeated_ns: dict[str, int] = field(default_factory=dict)
 
     def hear(self, name: str, boot_id: int, received_ns: int) -> None:
         """Note the boot id of a message."""
@@ -35,15 +35,15 @@ class DuplicateAgents:
 
         before = self._before.setdefault(name, [])
         if boot_id in before:
-            self._doubled_ns[name] = received_ns  # the earlier agent publishes again, so both run
+            self._repeated_ns[name] = received_ns  # the earlier agent publishes again, so both run
         if newest not in before:
             before.append(newest)
             del before[:-_MAX_BOOT_IDS]
 
-    def doubled(self, now_ns: int) -> tuple[str, ...]:
+    def names(self, now_ns: int) -> tuple[str, ...]:
         """Return the names that two agents currently use, sorted."""
         names = []
-        for name, doubled_ns in self._doubled_ns.items():
-            if now_ns - doubled_ns < _DOUBLED_FOR_NS:
+        for name, repeated_ns in self._repeated_ns.items():
+            if now_ns - repeated_ns < _DUPLICATE_FOR_NS:
                 names.append(name)
         return tuple(sorted(names))

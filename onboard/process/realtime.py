@@ -43,7 +43,7 @@ class _LinesHandler(logging.handlers.QueueHandler):
             self.queue.put_nowait(record)
 
 
-def log_elsewhere(name: str, level: str) -> logging.handlers.QueueListener:
+def log_in_thread(name: str, level: str) -> logging.handlers.QueueListener:
     """Return a listener that writes the log to stderr in a separate thread.
 
     Its ``stop()`` writes the remaining lines.
@@ -65,13 +65,13 @@ def log_elsewhere(name: str, level: str) -> logging.handlers.QueueListener:
     return listener
 
 
-def settle() -> None:
+def stop_garbage_collection() -> None:
     """Collect garbage once after everything is loaded, and switch automatic collections off.
 
     A collection in flight would delay ticks. Without collections, only objects in reference cycles
     stay in memory, and the agent's ticks do not create such objects. Later collections do not
-    examine the objects that exist now. :func:`tidy` collects newer objects while the vehicle is on
-    the ground.
+    examine the objects that exist now. :func:`collect_garbage` collects newer objects while the
+    vehicle is on the ground.
     """
     sys.setswitchinterval(_SWITCH_S)
     gc.collect()
@@ -79,8 +79,8 @@ def settle() -> None:
     gc.disable()
 
 
-def tidy() -> None:
-    """Collect the garbage since :func:`settle`. Call this only on the ground."""
+def collect_garbage() -> None:
+    """Collect the garbage since :func:`stop_garbage_collection`. Call this only on the ground."""
     gc.collect()
 
 
@@ -99,7 +99,7 @@ def is_disk_full() -> bool:
     return disk.f_bavail * disk.f_frsize < _LEAST_FREE_BYTES
 
 
-def take_precedence() -> str:
+def set_realtime_priority() -> str:
     """Give the calling thread real-time priority, and return a sentence about the result.
 
     The other threads of the process get a lower real-time priority. Otherwise such a thread could

@@ -71,7 +71,7 @@ def test_no_command_prints_what_a_file_has_put_into_its_words(
 
 
 def test_an_agents_log_is_plain(capsys: pytest.CaptureFixture[str]) -> None:
-    lines = realtime.log_elsewhere("mav0", "INFO")
+    lines = realtime.log_in_thread("mav0", "INFO")
     logging.getLogger("covey.agent").info("order %s of %s", "arm", f"me{_ESCAPE}")
     lines.stop()
     said = capsys.readouterr().err

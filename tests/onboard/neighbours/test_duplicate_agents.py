@@ -36,12 +36,12 @@ def test_a_restart_is_one_agent_after_the_other_and_an_earlier_one_that_comes_ba
     duplicates = DuplicateAgents()
     for boot_id in (1, 1, 2, 2, 3, 3):
         duplicates.hear("mav1", boot_id, 5 * S)
-    assert duplicates.doubled(5 * S) == ()
+    assert duplicates.names(5 * S) == ()
     duplicates.hear("mav1", 2, 6 * S)
-    assert duplicates.doubled(6 * S) == ("mav1",)
+    assert duplicates.names(6 * S) == ("mav1",)
     duplicates.hear("mav1", 3, 7 * S)
-    assert duplicates.doubled(8 * S) == ("mav1",)
-    assert duplicates.doubled(10 * S) == ()
+    assert duplicates.names(8 * S) == ("mav1",)
+    assert duplicates.names(10 * S) == ()
 
 
 def test_a_thousand_boot_ids_are_not_kept() -> None:
@@ -50,7 +50,7 @@ def test_a_thousand_boot_ids_are_not_kept() -> None:
         duplicates.hear("mav1", boot_id, S)
     assert len(pickle.dumps(duplicates)) < 1000
     duplicates.hear("mav1", 0, S)  # long forgotten, so it counts as new
-    assert duplicates.doubled(S) == ()
+    assert duplicates.names(S) == ()
 
 
 def test_a_third_agent_that_hears_both_tells_them() -> None:

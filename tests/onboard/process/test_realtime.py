@@ -153,8 +153,8 @@ def test_a_background_queue_keeps_the_order_drops_what_is_too_much_and_survives_
 def test_a_reader_of_the_log_that_hangs_does_not_hold_up_who_logs() -> None:
     program = (
         "import logging, time\n"
-        "from onboard.process.realtime import log_elsewhere\n"
-        "lines = log_elsewhere('mav0', 'INFO')\n"
+        "from onboard.process.realtime import log_in_thread\n"
+        "lines = log_in_thread('mav0', 'INFO')\n"
         # a megabyte; a pipe holds 64 kB
         "for _ in range(5000): logging.getLogger('covey').info('x' * 200)\n"
         "print('done', flush=True)\n"
@@ -180,7 +180,7 @@ from onboard.process import realtime as process
 there, end = threading.Event(), threading.Event()
 before = threading.Thread(target=lambda: (there.set(), end.wait()))
 before.start(); there.wait()
-said, found = process.take_precedence(), []
+said, found = process.set_realtime_priority(), []
 after = threading.Thread(target=lambda: found.append(os.sched_getscheduler(0)))
 after.start(); after.join()
 own = os.sched_getscheduler(0) & ~os.SCHED_RESET_ON_FORK
@@ -205,7 +205,7 @@ def test_a_loop_that_goes_first_and_never_pauses_is_ended_and_its_log_says_where
 import time
 from onboard.process import realtime as process
 process.end_when_hung()
-if "without" not in process.take_precedence():
+if "without" not in process.set_realtime_priority():
     end_s = time.monotonic() + 10.0
     while time.monotonic() < end_s: pass
     print("still there")
