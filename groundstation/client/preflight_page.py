@@ -24,7 +24,7 @@ from onboard.config.law import BUILT_IN
 from onboard.exit_status import EXIT_FAILED, EXIT_NO_ANSWER, EXIT_OK
 from onboard.plain_text import plain_line
 from onboard.security.certificate_ends import end_of
-from onboard.security.certificate_times import SOON_S, left_words, longest_flight_s
+from onboard.security.certificate_times import SOON_S, left_words, longest_required_validity_s
 from onboard.security.credentials import files_of
 from onboard.security.node_roles import NodeRole
 
@@ -261,7 +261,7 @@ def _ground_key_lines(fleet: FleetConfig) -> list[PageLine]:
         return []
 
     left_s = end_s - time.time()
-    required_s = longest_flight_s(fleet)
+    required_s = longest_required_validity_s(fleet)
     if left_s >= SOON_S:
         return []
 

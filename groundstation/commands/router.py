@@ -29,7 +29,7 @@ from onboard.bus.zenoh_settings import nested
 from onboard.config.fleet import FleetConfig, load_fleet
 from onboard.exit_status import EXIT_FAILED, EXIT_OK
 from onboard.security.certificate_ends import first_end
-from onboard.security.certificate_times import longest_flight_s
+from onboard.security.certificate_times import longest_required_validity_s
 from onboard.security.credentials import router_credentials
 from onboard.security.node_roles import ROUTER
 
@@ -83,7 +83,7 @@ def _links_left_s(fleets: Sequence[FleetConfig]) -> float | None:
     end = first_end(fleets[0], ROUTER)  # a router has one certificate for all fleets
     if end is None:
         return None
-    left_s = end.left_s(time.time()) + max(longest_flight_s(fleet) for fleet in fleets)
+    left_s = end.left_s(time.time()) + max(longest_required_validity_s(fleet) for fleet in fleets)
     return min(left_s, threading.TIMEOUT_MAX)
 
 

@@ -36,7 +36,7 @@ from onboard.process.systemd import Notifier
 from onboard.px4.mavsdk_link import Px4Link
 from onboard.safety.failsafe_table import Situation
 from onboard.security.certificate_ends import first_end
-from onboard.security.certificate_times import longest_flight_s
+from onboard.security.certificate_times import longest_required_validity_s
 from onboard.security.credentials import credentials_of
 from onboard.security.mavlink_key import mavlink_key
 from onboard.types import TICK_S
@@ -342,7 +342,7 @@ class AgentProcess:
         self._core.handle(agent_inputs.CertificateChecked(end.node, left_s), now_ns)
 
         expired_s = -left_s
-        is_long_expired = expired_s > longest_flight_s(self._fleet)
+        is_long_expired = expired_s > longest_required_validity_s(self._fleet)
         is_on_ground = self._core.flight.step.situation is Situation.GROUND
         if is_long_expired and is_on_ground and not self._ends_links:
             self._ends_links = True

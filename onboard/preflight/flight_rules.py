@@ -14,7 +14,7 @@ import math
 from onboard.config.fleet import FleetConfig, Vehicle
 from onboard.preflight.preflight_facts import PreflightFacts
 from onboard.preflight.preflight_rule import NO_PX4, OK, PASSED, SKIP, Judgement, rules
-from onboard.security.certificate_times import SOON_S, flight_s, left_words
+from onboard.security.certificate_times import SOON_S, left_words, required_validity_s
 
 HOVER_SHARE = 0.25  # a larger difference of the hover throttle refuses a take-off
 HOVER_ADVICE_SHARE = 0.10  # a larger difference of the hover throttle is reported as advice
@@ -95,7 +95,7 @@ def _certificates(facts: PreflightFacts, fleet: FleetConfig, vehicle: Vehicle) -
         return SKIP, {"reason": "for a bus without keys"}
 
     node, left_s = facts.certificate_left
-    required_s = flight_s(vehicle)
+    required_s = required_validity_s(vehicle)
     words = {
         "node": node,
         "left": left_words(left_s),

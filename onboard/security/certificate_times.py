@@ -23,7 +23,7 @@ SOON_S = 30.0 * 86400.0  # a certificate that expires within this time should be
 _IN_HOURS_S = 2.0 * 86400.0  # a shorter time is printed in hours
 
 
-def flight_s(vehicle: Vehicle) -> float:
+def required_validity_s(vehicle: Vehicle) -> float:
     """Return how long [s] a certificate must still be valid when a vehicle takes off.
 
     Args:
@@ -36,12 +36,13 @@ def flight_s(vehicle: Vehicle) -> float:
     return vehicle.hover_time_s + _SPARE_S
 
 
-def longest_flight_s(fleet: FleetConfig) -> float:
-    """Return the longest :func:`flight_s` of a fleet.
+def longest_required_validity_s(fleet: FleetConfig) -> float:
+    """Return the longest :func:`required_validity_s` of a fleet.
 
-    Links are closed this long after a certificate expires.
+    Links stay open for as long after a certificate has expired, so that they outlast every flight
+    that was allowed to begin.
     """
-    return max((flight_s(vehicle) for vehicle in fleet.vehicles.values()), default=0.0)
+    return max((required_validity_s(vehicle) for vehicle in fleet.vehicles.values()), default=0.0)
 
 
 def left_words(left_s: float) -> str:

@@ -19,7 +19,7 @@ from onboard.config.endpoints import host_of
 from onboard.config.file_reading import KEY_FILE, read_bytes
 from onboard.config.fleet import ConfigError, FleetConfig
 from onboard.security.access_control import access_control
-from onboard.security.certificate_times import longest_flight_s
+from onboard.security.certificate_times import longest_required_validity_s
 from onboard.security.node_roles import ROUTER, NodeRole
 from onboard.security.private_files import refuse_open_to_others
 
@@ -34,16 +34,14 @@ class Credentials:
     # zenoh's ``access_control``: the messages accepted from the holder of each certificate
     access: dict[str, object]
     # after a certificate expires, links stay open and orders in flight stay valid for this time
-    longest_flight_s: float = 0.0
+    grace_s: float = 0.0
 
     def order_signatures(self) -> OrderSignatures:
         """Return the object that signs orders of this node, and checks those that it receives."""
         # Imported here, because it loads ten megabytes that a fleet without keys does not need.
         from onboard.security.order_signature import NodeSignatures
 
-        return NodeSignatures(
-            self.authority, self.certificate, self.key, longest_flight_s=self.longest_flight_s
-        )
+        return NodeSignatures(self.authority, self.certificate, self.key, grace_s=self.grace_s)
 
 
 class NodeFiles(NamedTuple):
@@ -103,7 +101,7 @@ def credentials_of(
         certificate=certificate,
         key=key,
         access=access,
-        longest_flight_s=longest_flight_s(fleet),
+        grace_s=longest_required_validity_s(fleet),
     )
 
 

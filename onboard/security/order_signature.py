@@ -53,14 +53,12 @@ class NodeSignatures:
         authority: path of the certificate of the fleet's certificate authority.
         certificate: path of the node's certificate.
         key: path of the node's private key.
-        longest_flight_s: see :class:`SealCheck`.
+        grace_s: see :class:`SealCheck`.
     """
 
-    def __init__(
-        self, authority: str, certificate: str, key: str, *, longest_flight_s: float = 0.0
-    ) -> None:
+    def __init__(self, authority: str, certificate: str, key: str, *, grace_s: float = 0.0) -> None:
         self._signer = OrderSigner(certificate, key)
-        self._check = SealCheck(authority, longest_flight_s)
+        self._check = SealCheck(authority, grace_s)
 
     def seal(self, key_expression: str, order: bytes) -> bytes:
         """Return the seal of an order, like :meth:`OrderSigner.seal`."""
@@ -104,13 +102,13 @@ class SealCheck:
 
     Args:
         authority: path of the certificate of the fleet's certificate authority.
-        longest_flight_s: time [s] for which a ground's orders stay valid after its certificate has
+        grace_s: time [s] for which a ground's orders stay valid after its certificate has
             expired, except orders that start a flight.
     """
 
-    def __init__(self, authority: str, longest_flight_s: float = 0.0) -> None:
+    def __init__(self, authority: str, grace_s: float = 0.0) -> None:
         self._authority = read_certificate(authority)
-        self._longest_flight = datetime.timedelta(seconds=longest_flight_s)
+        self._grace = datetime.timedelta(seconds=grace_s)
 
         # DER bytes -> certificate that the authority has issued
         self._issued_certificates: dict[bytes, x509.Certificate] = {}
@@ -212,7 +210,7 @@ class SealCheck:
         last = certificate.not_valid_after_utc
         usable_until = last
         if not _begins_flight(order):
-            usable_until = last + self._longest_flight
+            usable_until = last + self._grace
         if not first <= now <= usable_until:
             return "foreign", (
                 f"was signed with a certificate of '{signer}' that is valid from "

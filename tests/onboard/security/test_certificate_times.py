@@ -24,7 +24,12 @@ from onboard.bus.session import BusSession
 from onboard.bus.topics import Topic
 from onboard.config.fleet import ConfigError, FleetConfig, load_fleet
 from onboard.security.certificate_ends import CertificateEnd, first_end
-from onboard.security.certificate_times import end_words, flight_s, left_words, longest_flight_s
+from onboard.security.certificate_times import (
+    end_words,
+    left_words,
+    longest_required_validity_s,
+    required_validity_s,
+)
 from onboard.security.credentials import credentials_of
 from onboard.security.order_signature import OrderSigner, SealCheck
 from tests.onboard.bus.sessions import started, until
@@ -119,7 +124,7 @@ def test_a_ground_whose_certificate_has_ended_orders_who_flies_and_begins_no_fli
     signer = OrderSigner(f"{folder}/ground.pem", f"{folder}/ground.key")
 
     def code(kind: str, now: datetime.datetime) -> str:
-        check = SealCheck(f"{folder}/ca.pem", longest_flight_s=7200.0)
+        check = SealCheck(f"{folder}/ca.pem", grace_s=7200.0)
         order = Order(
             order_id="g-1",
             author="ann",
@@ -156,8 +161,8 @@ def test_the_first_certificate_of_this_computer_that_ends_is_found(fleet: FleetC
 
 def test_a_flight_takes_the_hover_time_and_an_hour_or_two_hours() -> None:
     vehicle = load_fleet(PAPER).vehicles["mav0"]
-    assert flight_s(replace(vehicle, hover_time_s=600.0)) == 4200.0
-    assert flight_s(replace(vehicle, hover_time_s=None)) == 7200.0
+    assert required_validity_s(replace(vehicle, hover_time_s=600.0)) == 4200.0
+    assert required_validity_s(replace(vehicle, hover_time_s=None)) == 7200.0
 
 
 def test_less_than_two_days_are_said_in_hours(
@@ -199,7 +204,7 @@ def test_an_agent_on_the_ground_ends_its_links_one_flight_and_an_hour_after_the_
 ) -> None:
     agent = AgentProcess(fleet, "mav0", apply_params=False)
     for over_s, ends in ((-60.0, False), (60.0, True)):
-        end_s = time.time() - longest_flight_s(fleet) - over_s
+        end_s = time.time() - longest_required_validity_s(fleet) - over_s
         agent._certificate_end = CertificateEnd("mav0", end_s)
         for _ in range(2):
             agent._check_certificate(1)
