@@ -33,6 +33,7 @@ from onboard.control.control_mode import ControlMode
 from onboard.control.pipeline_numbers import PipelineParams as PipelineParams
 from onboard.control.pipeline_numbers import pipeline_params as pipeline_params
 from onboard.estimation import disturbance_observer, hover_thrust
+from onboard.frames import wrap_rad
 from onboard.types import (
     AttitudeSetpoint,
     Goal,
@@ -475,10 +476,7 @@ def _turned(yaw_rad: float, goal: Goal, params: PipelineParams, dt_s: float) -> 
     if not math.isfinite(goal.yaw_rad):
         return yaw_rad
 
-    # wrapped to [-pi, pi): the shorter way
-    turn_rad = goal.yaw_rad - yaw_rad
-    turn_rad -= 2.0 * math.pi * math.floor(turn_rad / (2.0 * math.pi) + 0.5)
-
+    turn_rad = wrap_rad(goal.yaw_rad - yaw_rad)  # the shorter way
     most_rad = params.max_yaw_rate_rad_s * dt_s
     return yaw_rad + min(max(turn_rad, -most_rad), most_rad)
 

@@ -16,7 +16,7 @@ from typing import NamedTuple
 
 from onboard.avoidance.prediction import Motion
 from onboard.constants import GRAVITY_M_S2
-from onboard.control.trajectory import TrajectoryMemory
+from onboard.control.trajectory import TrajectoryMemory, leg_begun_with
 from onboard.types import Goal, TrajectorySetpoint
 from onboard.vectors import Vec3
 
@@ -153,19 +153,5 @@ def step(
     )
     acceleration = Vec3(-braking_1_s * last_velocity.x, -braking_1_s * last_velocity.y, rise_m_s2)
 
-    # a leg that has just started with this motion, so that the next leg continues it
-    after = TrajectoryMemory(
-        start_position_enu_m=position,
-        start_velocity_enu_m_s=velocity,
-        start_acceleration_enu_m_s2=acceleration,
-        via_position_enu_m=position,
-        goal_position_enu_m=position,
-        first_duration_s=1.0,
-        second_duration_s=0.0,
-        elapsed_s=0.0,
-        clock_rate=1.0,
-        sequence=goal.sequence,
-        rise_m=0.0,
-        rise_s=0.0,
-    )
+    after = leg_begun_with(position, velocity, acceleration, goal.sequence, 1.0)
     return after, TrajectorySetpoint(position, velocity, acceleration)

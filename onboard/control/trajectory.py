@@ -30,6 +30,8 @@ from typing import NamedTuple
 from onboard.types import Goal, TrajectorySetpoint
 from onboard.vectors import ZERO_3, Vec3, add, add_scaled, is_finite, length, scaled, subtract
 
+# Duration of a leg that has just begun: not 0, so that its setpoint is the motion of its start.
+_ANY_DURATION_S = 1.0
 _NO_SEQUENCE = -(1 << 53)  # no goal has this sequence
 
 # factors of D/T and D/T^2 that give the peak speed and acceleration of a quintic from rest to rest
@@ -110,25 +112,42 @@ def initial(position_enu_m: Vec3) -> TrajectoryMemory:
     )
 
 
+def leg_begun_with(
+    position_enu_m: Vec3,
+    velocity_enu_m_s: Vec3,
+    acceleration_enu_m_s2: Vec3,
+    sequence: int,
+    clock_rate: float,
+) -> TrajectoryMemory:
+    """Return a leg that has just begun with a motion, so that the next leg continues it.
+
+    Args:
+        position_enu_m, velocity_enu_m_s, acceleration_enu_m_s2: the motion.
+        sequence: sequence of the goal.
+        clock_rate: rate of the path's clock, from 0 to 1.
+    """
+    return TrajectoryMemory(
+        start_position_enu_m=position_enu_m,
+        start_velocity_enu_m_s=velocity_enu_m_s,
+        start_acceleration_enu_m_s2=acceleration_enu_m_s2,
+        via_position_enu_m=position_enu_m,
+        goal_position_enu_m=position_enu_m,
+        first_duration_s=_ANY_DURATION_S,
+        second_duration_s=0.0,
+        elapsed_s=0.0,
+        clock_rate=clock_rate,
+        sequence=sequence,
+        rise_m=0.0,
+        rise_s=0.0,
+    )
+
+
 def moving(position_enu_m: Vec3, velocity_enu_m_s: Vec3) -> TrajectoryMemory:
     """Return the memory of a vehicle in motion, ENU [m, m/s], that has no leg yet.
 
     The leg to the next goal begins with this motion.
     """
-    return TrajectoryMemory(
-        start_position_enu_m=position_enu_m,
-        start_velocity_enu_m_s=velocity_enu_m_s,
-        start_acceleration_enu_m_s2=ZERO_3,
-        via_position_enu_m=position_enu_m,
-        goal_position_enu_m=position_enu_m,
-        first_duration_s=1.0,  # any but 0: at time 0 the setpoint is the motion of the start
-        second_duration_s=0.0,
-        elapsed_s=0.0,
-        clock_rate=1.0,
-        sequence=_NO_SEQUENCE,
-        rise_m=0.0,
-        rise_s=0.0,
-    )
+    return leg_begun_with(position_enu_m, velocity_enu_m_s, ZERO_3, _NO_SEQUENCE, 1.0)
 
 
 def step(
@@ -183,19 +202,12 @@ def step(
 
 def _on_path(goal: Goal) -> tuple[TrajectoryMemory, TrajectorySetpoint]:
     """Return the path's motion, as a leg that has just started with it."""
-    memory = TrajectoryMemory(
-        start_position_enu_m=goal.position_enu_m,
-        start_velocity_enu_m_s=goal.velocity_enu_m_s,
-        start_acceleration_enu_m_s2=goal.acceleration_enu_m_s2,
-        via_position_enu_m=goal.position_enu_m,
-        goal_position_enu_m=goal.position_enu_m,
-        first_duration_s=1.0,  # as in :func:`moving`
-        second_duration_s=0.0,
-        elapsed_s=0.0,
-        clock_rate=min(max(goal.clock_rate_frac, 0.0), 1.0),
-        sequence=goal.sequence,
-        rise_m=0.0,
-        rise_s=0.0,
+    memory = leg_begun_with(
+        goal.position_enu_m,
+        goal.velocity_enu_m_s,
+        goal.acceleration_enu_m_s2,
+        goal.sequence,
+        min(max(goal.clock_rate_frac, 0.0), 1.0),
     )
     return memory, setpoint(memory)
 
