@@ -264,7 +264,7 @@ async def test_vehicles_that_come_too_late_to_their_paths_do_not_start(
 def test_the_quickest_of_three_readings_counts() -> None:
     """This process may have to wait between reading one clock and the other."""
     mono = iter([0, 500, 1000, 1002, 2000, 2400])
-    clock = iter([10_000, 11_001, 12_700])
-    clock = WallClock(lambda: None, lambda: next(mono), lambda: next(clock))
+    wall = iter([10_000, 11_001, 12_700])
+    clock = WallClock(lambda: None, lambda: next(mono), lambda: next(wall))
     assert clock.offset_ns() == 10_000
     assert clock.is_simulated
