@@ -16,10 +16,10 @@ from dataclasses import replace
 from msgspec import structs
 
 from groundstation.client.bus_feed import DELIVERY_PERIOD_S, FOLDED, BusFeed, Sink
-from groundstation.client.direct_mavlink import send_direct
+from groundstation.client.direct_mavlink import SendDirect, send_in_thread
 from groundstation.client.fault_orders import order_fault
 from groundstation.client.ground_node import session, user_name
-from groundstation.client.open_orders import OpenOrders, SendDirect
+from groundstation.client.open_orders import OpenOrders
 from groundstation.client.wall_clock import WallClock
 from groundstation.fleet.loop_lateness import LoopLateness
 from groundstation.fleet.operator_control import Control
@@ -87,7 +87,7 @@ class FleetClient:
         operates: bool = True,
         bus: Bus | None = None,
         extra_topics: Sequence[Topic] = (),
-        send: SendDirect = send_direct,
+        send: SendDirect = send_in_thread,
         clock_ns: Callable[[], int] = time.monotonic_ns,
     ) -> None:
         self.fleet = fleet

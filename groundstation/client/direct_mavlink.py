@@ -1,12 +1,15 @@
 """The direct path: lands or kills a vehicle by a command straight to PX4, over its ground link.
 
-It is used when the vehicle's agent does not answer. The functions block, so call them in a thread.
+It is used when the vehicle's agent does not answer. :func:`send_direct` blocks;
+:func:`send_in_thread` does not.
 """
 
 from __future__ import annotations
 
+import asyncio
 import math
 import time
+from collections.abc import Awaitable, Callable
 from dataclasses import dataclass
 from typing import Any, Literal
 
@@ -68,6 +71,45 @@ class DirectResult:
     sentence: str  # without a capital letter and a full stop
     has_answered: bool = True  # whether PX4 has acknowledged the command or shown its effect
     is_flown_by_hand: bool = False  # whether nothing was sent, because a pilot flies
+
+
+@dataclass(frozen=True, slots=True)
+class DirectCommand:
+    """One command straight to PX4; its fields are the arguments of :func:`send_direct`."""
+
+    endpoint: str
+    system_id: int
+    kind: DirectKind
+    key: bytes | None = None
+    timeout_s: float = 3.0
+    watch_s: float = 0.0
+    spares_pilot: bool = False
+    was_flown_by_hand: bool = False
+
+
+SendDirect = Callable[[DirectCommand], Awaitable[DirectResult]]
+
+
+async def send_in_thread(command: DirectCommand) -> DirectResult:
+    """Send a command by :func:`send_direct` in a thread, so that the event loop goes on.
+
+    Args:
+        command: the command.
+
+    Returns:
+        PX4's answer.
+    """
+    return await asyncio.to_thread(
+        send_direct,
+        command.endpoint,
+        command.system_id,
+        command.kind,
+        key=command.key,
+        timeout_s=command.timeout_s,
+        watch_s=command.watch_s,
+        spares_pilot=command.spares_pilot,
+        was_flown_by_hand=command.was_flown_by_hand,
+    )
 
 
 def send_direct(

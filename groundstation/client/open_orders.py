@@ -22,10 +22,9 @@ from __future__ import annotations
 import asyncio
 import contextlib
 from collections.abc import Callable, Collection, Mapping
-from typing import Any
 
 from groundstation.client.bus_feed import BusFeed
-from groundstation.client.direct_mavlink import DirectKind, DirectResult
+from groundstation.client.direct_mavlink import DirectCommand, DirectKind, SendDirect
 from groundstation.client.scheduled_wait import LONGEST_LATE_S, wait_scheduled
 from groundstation.fleet.descent import descent_s
 from groundstation.fleet.own_stall import OwnStall
@@ -64,7 +63,6 @@ _WITHOUT_GROUND = (
     "Its agent goes on without the ground; one that hangs has left the landing to PX4."
 )
 
-SendDirect = Callable[..., DirectResult]  # a function like direct_mavlink.send_direct
 PublishEvent = Callable[[str, str, str, str], None]  # severity, code, sentence, vehicle
 
 
@@ -74,7 +72,7 @@ class OpenOrders:
     Args:
         fleet: the fleet file.
         feed: the client's side of the bus.
-        send_direct: function that sends a land or kill command straight to PX4.
+        send_direct: coroutine function that sends a command straight to PX4.
         publish_event: function that publishes an event of the ground.
         views: function that returns the vehicles as known now.
         stall_clock_ns: a clock that keeps running while this computer sleeps [ns].
@@ -606,24 +604,20 @@ class OpenOrders:
         watch_s = _WATCH_KILL_S
         if kind == "land":
             watch_s = _WATCH_LAND_S + descent_s(vehicle, self._view(name))
-        options: dict[str, Any] = {}
-        if name in self._mavlink_keys:
-            options["key"] = self._mavlink_keys[name]
-        if kind == "land" and result.planned.orders[name].reason:
-            # The order is from a mission, or to all. Only a person who names the vehicle lands it
-            # although a pilot flies it.
-            options["spares_pilot"] = True
-            telemetry = self._view(name).telemetry
-            options["was_flown_by_hand"] = telemetry is not None and telemetry.is_flown_by_hand
-        answer = await asyncio.to_thread(
-            self._send_direct,
-            vehicle.direct,
-            vehicle.system_id,
-            kind,
-            **options,
+        # A landing with a reason is from a mission, or to all. Only a person who names the vehicle
+        # lands it although a pilot flies it.
+        telemetry = self._view(name).telemetry
+        command = DirectCommand(
+            endpoint=vehicle.direct,
+            system_id=vehicle.system_id,
+            kind=kind,
+            key=self._mavlink_keys.get(name),
             timeout_s=_SEND_S,
             watch_s=watch_s,
+            spares_pilot=kind == "land" and bool(result.planned.orders[name].reason),
+            was_flown_by_hand=telemetry is not None and telemetry.is_flown_by_hand,
         )
+        answer = await self._send_direct(command)
 
         sentence = f"{problem}; {kind} was sent straight to PX4: {answer.sentence}."
         phase: Phase

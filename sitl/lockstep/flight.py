@@ -14,12 +14,12 @@ import gc
 import math
 from collections.abc import AsyncIterator, Callable, Coroutine, Sequence
 from pathlib import Path
-from typing import Any, TypeVar, cast
+from typing import Any, TypeVar
 
 from msgspec.structs import replace
 
 from groundstation.client.client import FleetClient
-from groundstation.client.direct_mavlink import PILOT_MODES, DirectKind, DirectResult
+from groundstation.client.direct_mavlink import PILOT_MODES, DirectCommand, DirectResult
 from groundstation.fleet.state import FleetState
 from groundstation.fleet.touchdown import Touchdown
 from groundstation.flights.left_tasks import end_other_tasks
@@ -123,8 +123,7 @@ class Lockstep:
             config,
             bus=self.simulation.bus.node(GROUND),
             extra_topics=extra_topics,
-            # a coroutine; a real ground station makes a blocking call in a thread instead
-            send=cast(Any, self._send_directly),
+            send=self._send_directly,
             clock_ns=self.simulation.clock_ns,
         )
 
@@ -400,27 +399,19 @@ class Lockstep:
     def __exit__(self, *_: object) -> None:
         self.close()
 
-    async def _send_directly(
-        self,
-        endpoint: str,
-        system_id: int,
-        kind: DirectKind,
-        *,
-        timeout_s: float = 3.0,
-        watch_s: float = 0.0,
-        spares_pilot: bool = False,
-        was_flown_by_hand: bool = False,
-    ) -> DirectResult:
+    async def _send_directly(self, command: DirectCommand) -> DirectResult:
         """Land or disarm a vehicle directly; see ``groundstation.client.direct_mavlink``."""
         emulator = self.simulation.emulator
         system_ids = [spec.system_id for spec in emulator.specs]
-        index = system_ids.index(system_id)
+        index = system_ids.index(command.system_id)
         is_hung = emulator.disturbances.is_hung
 
         await asyncio.sleep(_DIRECT_DELAY_S)
         if is_hung[index]:
-            await asyncio.sleep(timeout_s)
-            sentence = f"PX4 did not answer at {endpoint} within {timeout_s:g} s either"
+            await asyncio.sleep(command.timeout_s)
+            sentence = (
+                f"PX4 did not answer at {command.endpoint} within {command.timeout_s:g} s either"
+            )
             return DirectResult(
                 is_accepted=False, is_disarmed=False, sentence=sentence, has_answered=False
             )
@@ -429,7 +420,7 @@ class Lockstep:
         now_s = emulator.clock_s(index)
         is_pilots_mode = MODES[px4.shown_mode].main in PILOT_MODES
         is_flown_by_hand = is_pilots_mode and px4.has_sticks(now_s)
-        if spares_pilot and px4.is_armed and is_flown_by_hand:
+        if command.spares_pilot and px4.is_armed and is_flown_by_hand:
             return DirectResult(
                 is_accepted=False,
                 is_disarmed=False,
@@ -437,14 +428,14 @@ class Lockstep:
                 is_flown_by_hand=True,
             )
 
-        if kind == "land":
+        if command.kind == "land":
             answer = px4.request(now_s, Mode.LAND)
         else:
             answer = px4.request_arm(now_s, arm=False, magic=_FORCE)
         is_accepted = answer is CommandResult.ACCEPTED
 
         if is_accepted:
-            end_s = emulator.time_s + watch_s
+            end_s = emulator.time_s + command.watch_s
             while px4.is_armed and emulator.time_s < end_s:
                 await asyncio.sleep(1.0)  # PX4 reports once a second whether it is armed
                 px4 = emulator.autopilots[index]  # another object if PX4 was restarted meanwhile

@@ -6,7 +6,6 @@ import asyncio
 import itertools
 import socket
 import threading
-import time
 import tomllib
 from collections.abc import Callable
 from typing import Any
@@ -16,7 +15,7 @@ import pytest
 
 from groundstation.client import bus_feed, open_orders
 from groundstation.client.client import FleetClient
-from groundstation.client.direct_mavlink import DirectResult, send_direct
+from groundstation.client.direct_mavlink import DirectCommand, DirectResult, send_direct
 from groundstation.client.mavlink_port import mavutil_address
 from groundstation.orders.grammar import OrderError
 from groundstation.processes.free_ports import with_free_ports
@@ -32,6 +31,10 @@ from tests.groundstation.recorded import tick
 @pytest.fixture
 def private_fleet(fleet: FleetConfig) -> FleetConfig:
     return fleet_from_mapping(with_free_ports(tomllib.loads(fleet.text), fleet))
+
+
+async def _never(command: DirectCommand) -> DirectResult:
+    pytest.fail(f"{command.kind} went straight to PX4")
 
 
 async def test_a_bus_that_could_not_be_opened_is_not_started_and_is_opened_by_a_second_call(
@@ -302,8 +305,8 @@ async def test_kill_and_land_go_straight_to_px4_when_the_agent_is_silent(
 ) -> None:
     sent: list[tuple[Any, ...]] = []
 
-    def send(endpoint: str, system_id: int, kind: str, **limits: float) -> DirectResult:
-        sent.append((endpoint, system_id, kind))
+    async def send(command: DirectCommand) -> DirectResult:
+        sent.append((command.endpoint, command.system_id, command.kind))
         return DirectResult(True, True, "PX4 accepted it, and it is disarmed")
 
     bus.misbehave["mav1"] = "silent"
@@ -339,8 +342,8 @@ async def test_a_kill_that_is_accepted_but_shows_no_effect_goes_straight_to_px4(
 ) -> None:
     sent: list[str] = []
 
-    def send(endpoint: str, system_id: int, kind: str, **limits: float) -> DirectResult:
-        sent.append(kind)
+    async def send(command: DirectCommand) -> DirectResult:
+        sent.append(command.kind)
         return DirectResult(True, True, "PX4 accepted it, and it is disarmed")
 
     bus.misbehave["mav1"] = "stuck"
@@ -359,8 +362,8 @@ async def test_an_order_accepted_by_an_agent_that_does_not_hear_px4_goes_straigh
 ) -> None:
     sent: list[str] = []
 
-    def send(endpoint: str, system_id: int, kind: str, **limits: float) -> DirectResult:
-        sent.append(kind)
+    async def send(command: DirectCommand) -> DirectResult:
+        sent.append(command.kind)
         return DirectResult(True, True, "PX4 accepted it, and it is disarmed")
 
     bus.misbehave["mav1"] = "stuck"
@@ -385,8 +388,8 @@ async def test_an_order_that_an_agent_ends_because_its_px4_is_gone_goes_straight
 ) -> None:
     sent: list[str] = []
 
-    def send(endpoint: str, system_id: int, kind: str, **limits: float) -> DirectResult:
-        sent.append(kind)
+    async def send(command: DirectCommand) -> DirectResult:
+        sent.append(command.kind)
         return DirectResult(True, True, "PX4 accepted it, and it is disarmed")
 
     bus.misbehave["mav1"] = "fail"
@@ -405,13 +408,17 @@ async def test_a_mission_that_lands_again_past_an_agent_says_the_same_once(
     fleet: FleetConfig, bus: Any, is_by_mission: bool, said: int
 ) -> None:
     bus.misbehave["mav1"] = "fail"
-    no_answer = DirectResult(False, False, "PX4 did not answer")
-    client = FleetClient(fleet, bus=bus, send=lambda *_, **__: no_answer)
+
+    async def send(_: DirectCommand) -> DirectResult:
+        return DirectResult(False, False, "PX4 did not answer")
+
+    client = FleetClient(fleet, bus=bus, send=send)
     await client.start()
     bus.tell("mav1", is_armed=True, is_airborne=True, autopilot_age_s=2.5)
     for _ in range(3):
         handle = client.send(client.plan("land mav1"), is_by_mission=is_by_mission)
         await handle.wait(5.0)
+    await asyncio.sleep(0.2)  # events are delivered a few times a second
     events = [logged.event for logged in client.state.events]
     await client.stop()
     assert len([event for event in events if "straight to PX4" in event.sentence]) == said
@@ -421,7 +428,7 @@ async def test_a_landing_that_fails_although_px4_is_heard_has_failed(
     fleet: FleetConfig, bus: Any
 ) -> None:
     bus.misbehave["mav1"] = "fail"
-    client = FleetClient(fleet, bus=bus, send=lambda *_, **__: pytest.fail("straight to PX4"))
+    client = FleetClient(fleet, bus=bus, send=_never)
     await client.start()
     bus.tell("mav1", is_armed=True, is_airborne=True, autopilot_age_s=0.02)
     results = await client.order("land mav1", 5.0)
@@ -448,7 +455,7 @@ async def test_a_landing_that_takes_its_time_is_left_to_its_agent(
     fleet: FleetConfig, bus: Any
 ) -> None:
     bus.misbehave["mav1"] = "stuck"
-    client = FleetClient(fleet, bus=bus, send=lambda *_, **__: pytest.fail("straight to PX4"))
+    client = FleetClient(fleet, bus=bus, send=_never)
     await client.start()
     handle = await client.submit("land mav1")
     for _ in range(100):
@@ -461,8 +468,8 @@ async def test_a_landing_that_takes_its_time_is_left_to_its_agent(
 async def test_what_an_agent_that_comes_back_says_does_not_end_an_order_that_went_straight_to_px4(
     fleet: FleetConfig, bus: Any
 ) -> None:
-    def send(endpoint: str, system_id: int, kind: str, **limits: float) -> DirectResult:
-        time.sleep(0.4)
+    async def send(_: DirectCommand) -> DirectResult:
+        await asyncio.sleep(0.4)
         return DirectResult(True, True, "PX4 accepted it, and it is disarmed")
 
     bus.misbehave["mav1"] = "silent"
@@ -493,7 +500,7 @@ async def test_what_an_agent_that_comes_back_says_does_not_end_an_order_that_wen
 async def test_accepted_without_a_heartbeat_that_shows_it_is_not_done(
     fleet: FleetConfig, bus: Any, verb: str
 ) -> None:
-    def send(endpoint: str, system_id: int, kind: str, **limits: float) -> DirectResult:
+    async def send(_: DirectCommand) -> DirectResult:
         return DirectResult(True, False, "PX4 accepted it")
 
     bus.misbehave["mav1"] = "silent"

@@ -13,7 +13,7 @@ import pytest
 from groundstation.cli import main
 from groundstation.client import one_order
 from groundstation.client.client import FleetClient
-from groundstation.client.direct_mavlink import DirectResult
+from groundstation.client.direct_mavlink import DirectCommand, DirectResult
 from groundstation.commands import order as give
 from onboard.config.fleet import FleetConfig
 from tests.groundstation.conftest import FakeBus
@@ -41,10 +41,13 @@ def order(
     """
     column_m = heights_m or {}
 
+    async def send(_: DirectCommand) -> DirectResult:
+        return NOBODY
+
     def client(fleet: FleetConfig, **_: Any) -> FleetClient:
         bus: Any = FakeBus(fleet, has_truth=True)
         bus.misbehave = dict(misbehave or {})
-        found = FleetClient(fleet, author="script", bus=bus, send=lambda *_, **__: NOBODY)
+        found = FleetClient(fleet, author="script", bus=bus, send=send)
         start = found.start
 
         def tell_later(tell: Callable[[], None]) -> None:

@@ -13,7 +13,7 @@ import pytest
 from groundstation.alarms.alarm_table import GroundCondition
 from groundstation.alarms.alarms import conditions
 from groundstation.client.client import FleetClient
-from groundstation.client.direct_mavlink import DirectResult
+from groundstation.client.direct_mavlink import DirectCommand, DirectResult
 from groundstation.client.one_order import order_once
 from groundstation.fleet import state as fleet_state
 from groundstation.mission_files.loading import mission_from_mapping
@@ -74,8 +74,11 @@ async def _ordered_once(intent: Land | Kill, *, is_heard: bool) -> tuple[Vehicle
     """Give mav2 one order; return how it ended, and how long mav2 had been heard before [s]."""
     loop = asyncio.get_running_loop()
     bus: Any = FakeBus(load_fleet("configs/fleets/paper.toml"))
-    nobody = DirectResult(False, False, "PX4 did not answer", has_answered=False)
-    client = FleetClient(_fleet(), author="script", bus=bus, send=lambda *_, **__: nobody)
+
+    async def send(_: DirectCommand) -> DirectResult:
+        return DirectResult(False, False, "PX4 did not answer", has_answered=False)
+
+    client = FleetClient(_fleet(), author="script", bus=bus, send=send)
     if is_heard:
         loop.call_later(0.2, lambda: bus.tell("mav2", state="flying", is_airborne=True))
     else:

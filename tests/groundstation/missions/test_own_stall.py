@@ -8,7 +8,7 @@ from typing import Any
 from groundstation.alarms.alarm_table import GroundCondition
 from groundstation.alarms.alarms import conditions
 from groundstation.client.client import FleetClient
-from groundstation.client.direct_mavlink import DirectResult
+from groundstation.client.direct_mavlink import DirectCommand, DirectResult
 from groundstation.fleet.own_stall import AFTER_STALL_S
 from groundstation.mission_files.loading import mission_from_mapping
 from groundstation.missions.runner import MissionRun
@@ -80,10 +80,8 @@ async def test_a_landing_whose_reply_a_stall_swallowed_goes_to_px4_only_when_the
         clock = Clock()
         sent: list[str] = []
 
-        def send(
-            endpoint: str, system_id: int, kind: str, sent: list[str] = sent, **options: Any
-        ) -> DirectResult:
-            sent.append(kind)
+        async def send(command: DirectCommand, sent: list[str] = sent) -> DirectResult:
+            sent.append(command.kind)
             return DirectResult(True, True, "PX4 accepted it")
 
         client = FleetClient(fleet, bus=bus, clock_ns=clock, send=send)

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 
+from groundstation.client.direct_mavlink import DirectCommand
 from groundstation.mission_files.loading import load_mission
 from groundstation.missions.api import OrderFailed
 from onboard.config.fleet import FleetConfig
@@ -93,7 +94,8 @@ def test_the_direct_path_sees_that_a_px4_that_has_restarted_is_disarmed(
     system_id = paper.vehicles["mav1"].system_id
     begin_s = flight.time_s
     flight.inject(Fault("autopilot_reboot", "mav1", at_s=begin_s + 1.0))
-    answer = flight.wait_for(flight._send_directly("", system_id, "land", watch_s=20.0))
+    land = DirectCommand("", system_id, "land", watch_s=20.0)
+    answer = flight.wait_for(flight._send_directly(land))
     assert answer.is_disarmed
     assert flight.time_s - begin_s < 5.0
 
@@ -107,5 +109,6 @@ def test_a_descent_without_a_position_is_landed_though_sticks_are_heard(
     px4 = flight.simulation.emulator.autopilots[flight.simulation.names.index("mav1")]
     px4.mode = Mode.DESCEND  # shown as AUTO.LAND
     px4.take_sticks(flight.time_s, CENTRED)
-    answer = flight.wait_for(flight._send_directly("", system_id, "land", spares_pilot=True))
+    land = DirectCommand("", system_id, "land", spares_pilot=True)
+    answer = flight.wait_for(flight._send_directly(land))
     assert not answer.is_flown_by_hand
