@@ -35,6 +35,7 @@ from groundstation.mission_files.steps import (
 from groundstation.orders.grammar import default_formation
 from groundstation.orders.held_formation import HeldFormation, held_slots, slots_of
 from groundstation.orders.intents import (
+    LONGEST_MOVE_S,
     Formation,
     GoalIntent,
     Goto,
@@ -58,7 +59,6 @@ _SETTLE_S = 1.0  # time from the end of a move until the vehicle counts as arriv
 _PATH_SETTLE_S = 5.0  # time from the arrival at the first points of paths to their start
 _SHORT_ORDER_S = 1.0  # duration of an order that does not move a vehicle
 _PEAK_OF_MEAN = 1.875  # peak speed divided by mean speed of a quintic from rest to rest
-_LONGEST_MOVE_S = 600.0
 _LEAST_HEIGHT_M = 1.0  # smallest height that is assumed for a climb or a descent
 _VerticalIntent = Takeoff | Land | Home  # orders with a climb or a descent
 
@@ -211,7 +211,7 @@ def with_speed(
     if not ways_m:
         return intent
 
-    duration_s = min(_LONGEST_MOVE_S, _PEAK_OF_MEAN * max(ways_m) / intent.speed_m_s)
+    duration_s = min(LONGEST_MOVE_S, _PEAK_OF_MEAN * max(ways_m) / intent.speed_m_s)
     return structs.replace(intent, duration_s=duration_s)
 
 

@@ -158,8 +158,8 @@ def _speed_finding(
         value=speed_m_s,
         bound=fleet.vehicles[slowest].max_speed_m_s,
         unit="m/s",
-        sentence=f"{_capitalised(step_name)}: it asks for {{value}}, {slowest} flies at most "
-        "{bound}, and takes longer",
+        sentence=f"{_capitalised(step_name)}: it asks for <value>, {slowest} flies at most "
+        "<bound>, and takes longer",
         remedy="Lower speed_m_s, or leave it out: then all fly as fast as they may.",
         refuse_above=math.inf,
     )
@@ -204,7 +204,7 @@ def _way_findings(fleet: FleetConfig, course_step: CourseStep, step_name: str) -
         value=beyond_m[farthest],
         bound=0.0,
         unit="m",
-        sentence=f"{_capitalised(step_name)}: {{value}} of the straight way of {farthest} lie "
+        sentence=f"{_capitalised(step_name)}: <value> of the straight way of {farthest} lie "
         "beyond a fence or in its buffer; it is led around, which takes longer",
         remedy="Put a goal between, from which both ways are free.",
         refuse_above=math.inf,
@@ -225,9 +225,9 @@ def _time_limit(timeout_s: float, name: str, alone_s: float, step_name: str) -> 
         value=timeout_s,
         bound=_DETOUR_FACTOR * alone_s,
         unit="s",
-        sentence=f"{_capitalised(step_name)}: timeout_s is {{value}}; {name} needs {alone_s:.1f} s "
-        "alone, so {relation} {bound} leaves room for detours",
-        remedy="Raise its timeout_s by {difference}.",
+        sentence=f"{_capitalised(step_name)}: timeout_s is <value>; {name} needs {alone_s:.1f} s "
+        "alone, so <relation> <bound> leaves room for detours",
+        remedy="Raise its timeout_s by <difference>.",
         refuse_below=alone_s,
     )
 
@@ -243,8 +243,8 @@ def _separation_expectation(mission: Mission) -> Iterator[Finding]:
         value=expected_m,
         bound=mission.fleet.fleet.safety_distance_m,
         unit="m",
-        sentence="The mission expects vehicles to stay {value} apart; fleet.safety_distance_m "
-        "promises {bound}",
+        sentence="The mission expects vehicles to stay <value> apart; fleet.safety_distance_m "
+        "promises <bound>",
         remedy="Lower expect.min_separation_m, or raise fleet.safety_distance_m.",
     )
 
@@ -261,9 +261,9 @@ def _arrival_expectation(mission: Mission, errors: ErrorClass | None) -> Iterato
         value=within_m,
         bound=_ARRIVAL_M + 2.0 * accuracy.position_std_m,
         unit="m",
-        sentence=f"The mission expects arrivals within {{value}}; with the accuracy of "
-        f"'{accuracy.name}', expect {{relation}} {{bound}}: nearly every arrival is within that",
-        remedy="Raise expect.arrived_within_m by {difference}, or fly on a better position.",
+        sentence=f"The mission expects arrivals within <value>; with the accuracy of "
+        f"'{accuracy.name}', expect <relation> <bound>: nearly every arrival is within that",
+        remedy="Raise expect.arrived_within_m by <difference>, or fly on a better position.",
         refuse_below=0.0,
     )
 
@@ -285,7 +285,7 @@ def _endurance(mission: Mission) -> Iterator[Finding]:
             bound=fleet.fleet.battery_land_pct + _SPARE_PCT,
             unit="%",
             sentence=f"The mission takes about {needed_s:.0f} s, after which {name}'s battery of "
-            f"{hover_s:.0f} s has {{value}} left; it needs {{relation}} {{bound}}, the level at "
+            f"{hover_s:.0f} s has <value> left; it needs <relation> <bound>, the level at "
             "which it lands by itself and some to spare",
             remedy="Make the mission shorter, or split it.",
             refuse_below=fleet.fleet.battery_land_pct,

@@ -35,19 +35,18 @@ from __future__ import annotations
 import math
 
 from groundstation.formations.slots import formation_names, formation_slots
-from groundstation.orders.intents import INTENTS, Intent, LineWords
+from groundstation.orders.intents import INTENTS, LONGEST_MOVE_S, Intent, LineWords
 from onboard.config.fleet import ConfigError, FleetConfig
 from onboard.plain_text import meant_words
 from onboard.tuples import Xyz
 
 _OPTION_MEANINGS = {
-    "in": "duration between 0 and 600 s",
+    "in": f"duration between 0 and {LONGEST_MOVE_S:g} s",
     "yaw": "heading in degrees",
     "turned": "angle in degrees",
     "by": "number of vehicles in a wave, 1 or more",
-    "every": "time between two waves, 0 to 600 s",
+    "every": f"time between two waves, 0 to {LONGEST_MOVE_S:g} s",
 }
-_LONGEST_S = 600.0
 _MOST_QUOTED = 40  # characters of a wrong word that a sentence repeats
 
 
@@ -200,11 +199,11 @@ def _take_options(words: list[str], kind: type[Intent]) -> tuple[dict[str, float
 def _may_follow(option: str, value: float) -> bool:
     """Return whether a number may follow an option."""
     if option == "in":
-        return 0.0 < value <= _LONGEST_S
+        return 0.0 < value <= LONGEST_MOVE_S
     if option == "by":
         return value >= 1.0 and value.is_integer()
     if option == "every":
-        return 0.0 <= value <= _LONGEST_S
+        return 0.0 <= value <= LONGEST_MOVE_S
     return math.isfinite(value)
 
 

@@ -31,6 +31,7 @@ from onboard.tuples import Xyz
 
 DEFAULT_HEIGHT_M = 1.0
 DEFAULT_EVERY_S = 3.0  # time between two waves of a take-off
+LONGEST_MOVE_S = 600.0  # longest duration of a move, and longest time between two waves
 
 # "all", names or indices: "mav0,mav2", "0-1"; or a list of names
 Names = str | tuple[str, ...]

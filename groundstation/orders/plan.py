@@ -22,7 +22,16 @@ from groundstation.fleet.state import FleetState
 from groundstation.fleet.stoppable import stoppable
 from groundstation.orders.goals import GoalFacts, goals_of
 from groundstation.orders.held_formation import HeldFormation, held_after, held_slots
-from groundstation.orders.intents import Formation, Goto, Intent, Move, Rotate, Swap, Takeoff
+from groundstation.orders.intents import (
+    LONGEST_MOVE_S,
+    Formation,
+    Goto,
+    Intent,
+    Move,
+    Rotate,
+    Swap,
+    Takeoff,
+)
 from groundstation.orders.reachable_goals import unreachable
 from groundstation.orders.swap import names_that_hear, swap_refusals, with_place
 from onboard.bus.schema import BY_MISSION, ON_PATHS, Order
@@ -39,7 +48,6 @@ from onboard.config.pair_separation import separation_m
 from onboard.tuples import Xyz
 
 ORDER_LIFE_S = 2.0  # time from an order to its deadline
-_LONGEST_MOVE_S = 600.0  # longest duration of a move, and longest time between two waves
 _MOST_SPACING_M = 1000.0
 _MIN_HEIGHT_M = 0.2  # of a take-off
 _OTHER_HEIGHT_M = 0.3  # difference from which a refusal says that heights do not count
@@ -366,15 +374,15 @@ def _bad_number(intent: Intent) -> str | None:
         )
 
     duration_s = intent.message_values().duration_s
-    if not 0.0 <= duration_s <= _LONGEST_MOVE_S:
-        return f"A duration of {duration_s:g} s is outside 0 to 600 s."
+    if not 0.0 <= duration_s <= LONGEST_MOVE_S:
+        return f"A duration of {duration_s:g} s is outside 0 to {LONGEST_MOVE_S:g} s."
 
     if isinstance(intent, Takeoff):
-        is_period_valid = 0.0 <= intent.every_s <= _LONGEST_MOVE_S
+        is_period_valid = 0.0 <= intent.every_s <= LONGEST_MOVE_S
         if intent.by < 0 or not is_period_valid:
             return (
                 f"Waves of {intent.by} vehicles every {intent.every_s:g} s: "
-                "give 1 or more, and 0 to 600 s."
+                f"give 1 or more, and 0 to {LONGEST_MOVE_S:g} s."
             )
 
     spacing_m = intent.spacing_m if isinstance(intent, Formation) else None

@@ -330,8 +330,8 @@ def _limit_finding(
         value=float(values[step, index]),
         bound=bound,
         unit=unit,
-        sentence=f"{_capitalised(where)}: on {name}'s path {noun} is {{value}} at "
-        f"{time_s:.1f} s; {{relation}} {{bound}} can be flown",
+        sentence=f"{_capitalised(where)}: on {name}'s path {noun} is <value> at "
+        f"{time_s:.1f} s; <relation> <bound> can be flown",
         remedy="Slow the path, or raise the vehicle's limit: 'covey import' slows a show by "
         "itself.",
         refuse_above=_LIMIT_FACTOR * bound,
@@ -381,7 +381,7 @@ def _room(fleet: FleetConfig, flown: SampledPaths, where: str) -> list[Finding]:
                 bound=bound,
                 unit="m",
                 sentence=f"{_capitalised(where)}: on {flown.names[index]}'s path {noun} is "
-                f"{{value}} at {flown.times_s[step]:.1f} s; {{relation}} {{bound}} is needed",
+                f"<value> at {flown.times_s[step]:.1f} s; <relation> <bound> is needed",
                 remedy="Move the path, or the fence of the fleet file.",
             )
         )
@@ -410,8 +410,8 @@ def _spacing(fleet: FleetConfig, flown: SampledPaths, where: str) -> Finding:
         value=pairs[0].distance_m,
         bound=least_m,
         unit="m",
-        sentence=f"{_capitalised(where)}: the paths come to {{value}} ({listed}); the law "
-        f"'{fleet.law.name}' needs {{relation}} {{bound}}{how}",
+        sentence=f"{_capitalised(where)}: the paths come to <value> ({listed}); the law "
+        f"'{fleet.law.name}' needs <relation> <bound>{how}",
         remedy=remedy,
     )
 

@@ -253,7 +253,7 @@ def airtime_finding(fleet: FleetConfig, radio: RadioConfig, near: int) -> Findin
             f"at {radio.states_hz} Hz to {near} near ones, the record included), "
             f"{packets_1_s:.0f} in all. Over {link_words} at {radio.rate_mbit_s:g} Mbit/s"
             f"{twice_words} they "
-            "take {value} of one channel's time, of which the fleet may take {bound}"
+            "take <value> of one channel's time, of which the fleet may take <bound>"
         ),
         remedy=(
             "Lower [radio] states_hz or law.max_neighbours, stand farther apart, use a faster "

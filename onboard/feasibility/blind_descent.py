@@ -58,7 +58,7 @@ def _finding(fleet: FleetConfig, name: str, spot: Xyz, label: str) -> Finding:
         unit="s",
         sentence=(
             f"{label[0].upper()}{label[1:]}: when all poses stop, {name} is down from "
-            f"{height_m:.1f} m after {{value}}; dead reckoning keeps vehicles apart for {{bound}}"
+            f"{height_m:.1f} m after <value>; dead reckoning keeps vehicles apart for <bound>"
         ),
         remedy="Fly lower, or let vehicles that fly high keep away from the others.",
         refuse_above=_REFUSED_S,

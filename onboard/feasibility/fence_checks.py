@@ -72,8 +72,8 @@ def braking_in_wind(fleet: FleetConfig, vehicle: Vehicle) -> Finding:
         bound=braking_room_m(fleet, vehicle),
         unit="m",
         sentence=(
-            f"The law brakes {{value}} before the edge of the fence '{narrowest.name}' (buffer_m "
-            f"and law.fence_margin_m); {air} {vehicle.name} needs {{relation}} {{bound}}"
+            f"The law brakes <value> before the edge of the fence '{narrowest.name}' (buffer_m "
+            f"and law.fence_margin_m); {air} {vehicle.name} needs <relation> <bound>"
         ),
         remedy="Widen buffer_m, or lower max_wind_m_s or max_speed_m_s.",
         refuse_below=_NEVER_REFUSED_M,

@@ -76,8 +76,8 @@ def at_least(
         value: value of the quantity.
         bound: bound of the quantity.
         unit: unit of value and bound.
-        sentence: template without a full stop. ``{value}``, ``{bound}`` and ``{difference}`` stand
-            for the numbers with their unit, ``{relation}`` for "at least".
+        sentence: template without a full stop. ``<value>``, ``<bound>`` and ``<difference>`` stand
+            for the numbers with their unit, ``<relation>`` for "at least".
         remedy: template of the same kind, with a full stop.
         refuse_below: a smaller value is refused; None: the bound; -inf: no value is refused.
         warn_below: a smaller value is a warning; None: the bound.
@@ -163,14 +163,17 @@ def _finding(
     remedy: str,
 ) -> Finding:
     """Return a finding whose templates are filled in."""
-    numbers = {
-        "value": f"{value:.3g} {unit}".strip(),
-        "bound": f"{bound:.3g} {unit}".strip(),
-        "relation": relation,
-        "difference": f"{abs(bound - value):.2f} {unit}".strip(),
+    words = {
+        "<value>": f"{value:.3g} {unit}".strip(),
+        "<bound>": f"{bound:.3g} {unit}".strip(),
+        "<relation>": relation,
+        "<difference>": f"{abs(bound - value):.2f} {unit}".strip(),
     }
-    full_sentence = f"{sentence.format(**numbers)}."
-    full_remedy = remedy.format(**numbers)
+    full_sentence = f"{sentence}."
+    full_remedy = remedy
+    for mark, word in words.items():
+        full_sentence = full_sentence.replace(mark, word)
+        full_remedy = full_remedy.replace(mark, word)
 
     if status == "ok":
         full_remedy = "Nothing to do."

@@ -281,10 +281,10 @@ def start_finding(fleet: FleetConfig, spots: Mapping[str, Xyz], accuracy: Accura
         bound=parking_m(fleet, accuracy),
         unit="m",
         sentence=(
-            f"Take-off spots: {pair} stand {{value}} apart. The law's initial conditions require "
-            f"{bound_m:.2f} m ({reason}), and hovering side by side requires {{bound}}"
+            f"Take-off spots: {pair} stand <value> apart. The law's initial conditions require "
+            f"{bound_m:.2f} m ({reason}), and hovering side by side requires <bound>"
         ),
-        remedy=f"Move the spots of {pair} apart by {{difference}}.",
+        remedy=f"Move the spots of {pair} apart by <difference>.",
         refuse_below=bound_m,
     )
 
@@ -310,11 +310,11 @@ def spacing_finding(
         bound=bound_m,
         unit="m",
         sentence=(
-            f"{_capitalized(label)}: {pair} are {{value}} apart; the law '{fleet.law.name}' can "
-            f"park vehicles, with estimates as accurate as '{accuracy.name}', {{relation}} "
-            f"{{bound}} apart{above_words(bound_m, height_share)}"
+            f"{_capitalized(label)}: {pair} are <value> apart; the law '{fleet.law.name}' can "
+            f"park vehicles, with estimates as accurate as '{accuracy.name}', <relation> "
+            f"<bound> apart{above_words(bound_m, height_share)}"
         ),
-        remedy="Move the spots {difference} farther apart, or fly with a more accurate position.",
+        remedy="Move the spots <difference> farther apart, or fly with a more accurate position.",
     )
 
 
@@ -360,8 +360,8 @@ def _fence_finding(fleet: FleetConfig, name: str, spot: Xyz, label: str) -> Find
         bound=stop_m,
         unit="m",
         sentence=(
-            f"{_capitalized(label)}: {name} is {{value}} from {limit_words}, stopping from "
-            f"{vehicle.max_speed_m_s:g} m/s takes {{bound}}"
+            f"{_capitalized(label)}: {name} is <value> from {limit_words}, stopping from "
+            f"{vehicle.max_speed_m_s:g} m/s takes <bound>"
         ),
         remedy=remedy,
         refuse_below=_LEAST_FENCE_M,
@@ -380,8 +380,8 @@ def _obstacle_margin(fleet: FleetConfig, accuracy: Accuracy) -> Finding:
         bound=required_m,
         unit="m",
         sentence=(
-            f"law.obstacle_margin_m is {{value}}; with estimates as accurate as '{accuracy.name}' "
-            "it needs {relation} {bound}, or a vehicle touches an obstacle"
+            f"law.obstacle_margin_m is <value>; with estimates as accurate as '{accuracy.name}' "
+            "it needs <relation> <bound>, or a vehicle touches an obstacle"
         ),
         remedy=f"Set law.obstacle_margin_m = {advised_m:.2f}, or fly on a better position.",
         refuse_below=-math.inf,  # how near obstacles are flown is not known here
@@ -409,10 +409,10 @@ def obstacle_finding(fleet: FleetConfig, spots: Mapping[str, Xyz], label: str) -
         bound=half_body_m + fleet.law.obstacle_margin_m,
         unit="m",
         sentence=(
-            f"{_capitalized(label)}: {vehicle} is {{value}} from obstacle '{obstacle_name}'; half "
-            "a body and law.obstacle_margin_m require {bound}"
+            f"{_capitalized(label)}: {vehicle} is <value> from obstacle '{obstacle_name}'; half "
+            "a body and law.obstacle_margin_m require <bound>"
         ),
-        remedy="Move the spot away by {difference}.",
+        remedy="Move the spot away by <difference>.",
     )
 
 

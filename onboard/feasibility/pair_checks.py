@@ -119,12 +119,12 @@ def _margin(fleet: FleetConfig, accuracy: Accuracy) -> Finding:
     if fleet.law.built_in == "covey":
         of_law = ""
         if fleet.law.margin == "fixed":
-            subject = "law.design_margin_m is {value}"
+            subject = "law.design_margin_m is <value>"
         else:
-            subject = "In flight the margin will be {value}"
+            subject = "In flight the margin will be <value>"
     else:
         of_law = " of law covey"
-        subject = "The paper's law has no margin ({value})"
+        subject = "The paper's law has no margin (<value>)"
         # the paper's law is only for comparison, so the accuracy of a mocap is enough
         if accuracy.name == "mocap":
             refuse_below_m = 0.0
@@ -141,7 +141,7 @@ def _margin(fleet: FleetConfig, accuracy: Accuracy) -> Finding:
         sentence=(
             f"{subject}; estimates as accurate as '{accuracy.name}' (position "
             f"{accuracy.position_std_m:g} m, velocity {accuracy.velocity_std_m_s:g} m/s per axis) "
-            "need {relation} {bound}"
+            "need <relation> <bound>"
         ),
         remedy=(
             f"Set law.design_margin_m = {advised_m:.2f}{of_law} and park vehicles {apart_m:.2f} m "
@@ -160,7 +160,7 @@ def _shortfall(fleet: FleetConfig) -> Finding:
         bound=0.95,
         unit="",
         sentence=(
-            "law.shortfall_gain is {value}; at {relation} {bound} the reactions of two vehicles to "
+            "law.shortfall_gain is <value>; at <relation> <bound> the reactions of two vehicles to "
             "each other die out"
         ),
         remedy="Set law.shortfall_gain = 0.85.",
@@ -179,11 +179,11 @@ def _body_gap(fleet: FleetConfig) -> Finding:
         bound=_BODY_GAP_M,
         unit="m",
         sentence=(
-            f"At fleet.safety_distance_m = {safety_distance_m:g} m {{value}} of air are left "
+            f"At fleet.safety_distance_m = {safety_distance_m:g} m <value> of air are left "
             f"between bodies of {body_diameter_m:g} m; downwash and a turned body need "
-            "{relation} {bound}"
+            "<relation> <bound>"
         ),
-        remedy="Raise fleet.safety_distance_m by {difference}.",
+        remedy="Raise fleet.safety_distance_m by <difference>.",
     )
 
 
@@ -207,10 +207,10 @@ def _range(fleet: FleetConfig, vehicle: Vehicle, margin_m: float) -> Finding:
         bound=range_m,
         unit="m",
         sentence=(
-            f"law.range_m is {{value}}; two vehicles like {vehicle.name} that approach each other "
-            f"with {closing_speed_m_s:.1f} m/s must know of each other {{bound}} apart"
+            f"law.range_m is <value>; two vehicles like {vehicle.name} that approach each other "
+            f"with {closing_speed_m_s:.1f} m/s must know of each other <bound> apart"
         ),
-        remedy="Raise law.range_m by {difference}, or lower max_speed_m_s.",
+        remedy="Raise law.range_m by <difference>, or lower max_speed_m_s.",
     )
 
 
@@ -245,9 +245,9 @@ def _message_age(fleet: FleetConfig, accuracy: Accuracy) -> Finding:
         bound=tolerated_s,
         unit="s",
         sentence=(
-            f"A neighbour's state is up to {{value}} old ({1e3 * radio.expected_delay_s:g} ms of "
+            f"A neighbour's state is up to <value> old ({1e3 * radio.expected_delay_s:g} ms of "
             f"delay, {100.0 * radio.expected_loss_frac:g} % lost); a margin of {margin_m:.2f} m "
-            f"with estimates as accurate as '{accuracy.name}' tolerates {{relation}} {{bound}}"
+            f"with estimates as accurate as '{accuracy.name}' tolerates <relation> <bound>"
         ),
         remedy=(
             f"Set law.design_margin_m = {margin_for_age_m(fleet, accuracy):.2f}, or correct "
@@ -288,8 +288,8 @@ def _lag(vehicle: Vehicle) -> Finding:
         bound=_LONG_LAG_S,
         unit="s",
         sentence=(
-            f"{vehicle.name} follows a command {{value}} later; the law's prediction is good "
-            "enough for a crowd with a lag of {relation} {bound}, and beyond "
+            f"{vehicle.name} follows a command <value> later; the law's prediction is good "
+            "enough for a crowd with a lag of <relation> <bound>, and beyond "
             f"{_LONGEST_LAG_S:.2g} s vehicles have come too close in simulation"
         ),
         remedy=(
@@ -322,8 +322,8 @@ def _kappas(fleet: FleetConfig, vehicle: Vehicle) -> Finding:
         sentence=(
             f"With law.kappa_1_1_s = {kappa_1:g} and kappa_2_1_s = {kappa_2:g} an oscillation "
             f"between two vehicles like {vehicle.name} (lag {vehicle.lag_s:.2f} s, known to "
-            f"{1e3 * LAG_ERROR_S:.0f} ms) grows with {{value}}; it dies out with "
-            "{relation} {bound}"
+            f"{1e3 * LAG_ERROR_S:.0f} ms) grows with <value>; it dies out with "
+            "<relation> <bound>"
         ),
         remedy=(
             f"Use kappas up to {stable_share * kappa_1:.1f} and {stable_share * kappa_2:.1f} 1/s, "
@@ -370,9 +370,9 @@ def _paper_kappas(vehicle: Vehicle, kappa: float) -> Finding:
         bound=largest,
         unit="1/s",
         sentence=(
-            f"law.paper_kappa_1_1_s and _2 are up to {{value}}; with {vehicle.name}'s lag of "
-            f"{response.lag_s:.2f} s, which the paper's law does not predict, {{relation}} "
-            "{bound} does not overshoot"
+            f"law.paper_kappa_1_1_s and _2 are up to <value>; with {vehicle.name}'s lag of "
+            f"{response.lag_s:.2f} s, which the paper's law does not predict, <relation> "
+            "<bound> does not overshoot"
         ),
         remedy=(
             f"Lower them to {largest:.2f}, or set law.name = 'covey', which predicts over the lag."
@@ -404,7 +404,7 @@ def braking(fleet: FleetConfig, vehicle: Vehicle, margin_m: float) -> Finding:
         unit="m/s^2",
         sentence=(
             f"Two vehicles like {vehicle.name} that meet head-on with {closing_speed_m_s:.1f} m/s "
-            "must brake with {value} each; tilt and thrust leave {bound} beside drag and gusts"
+            "must brake with <value> each; tilt and thrust leave <bound> beside drag and gusts"
         ),
         remedy="Lower max_speed_m_s or the kappas, or raise max_tilt_deg.",
         warn_above=_BRAKING_WARNING_SHARE * left_m_s2,
@@ -429,8 +429,7 @@ def crowding(fleet: FleetConfig, vehicles: list[Vehicle]) -> Finding:
             bound=float(useful),
             unit="",
             sentence=(
-                f"law.max_neighbours is {{value}}; in a crowd of {count} the nearest {{bound}} "
-                "matter"
+                f"law.max_neighbours is <value>; in a crowd of {count} the nearest <bound> matter"
             ),
             remedy=f"Set law.max_neighbours = {useful} or more.",
         )
@@ -450,8 +449,8 @@ def crowding(fleet: FleetConfig, vehicles: list[Vehicle]) -> Finding:
         bound=30.0,
         unit="%",
         sentence=(
-            f"{count} vehicles at their parking distance take {{value}} of the geofence's area; "
-            "to fly around each other they need {relation} {bound}"
+            f"{count} vehicles at their parking distance take <value> of the geofence's area; "
+            "to fly around each other they need <relation> <bound>"
         ),
         remedy="Widen fleet.geofence_m, or fly fewer vehicles.",
         refuse_above=60.0,

@@ -84,7 +84,7 @@ def height_at_tilt(fleet: FleetConfig, vehicle: Vehicle) -> Finding:
         unit="",
         sentence=(
             f"{vehicle.name} at its max_tilt_deg = {vehicle.max_tilt_deg:g} and full throttle "
-            "lifts {value} of its weight; to keep the height it must be {relation} {bound}"
+            "lifts <value> of its weight; to keep the height it must be <relation> <bound>"
         ),
         remedy=f"Lower max_tilt_deg below {allowed_deg:.0f}, or make the vehicle lighter.",
         refuse_below=1.0,
@@ -109,7 +109,7 @@ def thrust_reserve(fleet: FleetConfig, vehicle: Vehicle) -> Finding:
         unit="m/s^2",
         sentence=(
             f"{vehicle.name} hovers at {vehicle.hover_thrust_frac:.2f} of its throttle, which "
-            "leaves {value} upwards; to climb and to resist gusts it needs {relation} {bound}"
+            "leaves <value> upwards; to climb and to resist gusts it needs <relation> <bound>"
         ),
         remedy="Make the vehicle lighter, or use stronger motors and a fresh battery.",
     )
@@ -132,9 +132,9 @@ def gust_reserve(fleet: FleetConfig, vehicle: Vehicle) -> Finding:
         bound=GUST_M_S2,
         unit="m/s^2",
         sentence=(
-            f"{vehicle.name}: tilt and thrust leave {{value}} beside trajectories of "
+            f"{vehicle.name}: tilt and thrust leave <value> beside trajectories of "
             f"{vehicle.max_acceleration_m_s2:g} m/s^2 and drag at full speed; gusts need "
-            "{relation} {bound}"
+            "<relation> <bound>"
         ),
         remedy="Lower max_acceleration_m_s2 or max_speed_m_s, or raise max_tilt_deg.",
     )
@@ -158,7 +158,7 @@ def wind(fleet: FleetConfig, vehicle: Vehicle) -> Finding:
             unit="m/s^2",
             sentence=(
                 f"{vehicle.name} has no drag_1_s, so it does not know the wind; it leans against "
-                "pushes of up to {bound}"
+                "pushes of up to <bound>"
             ),
             remedy="Let covey identify measure drag_1_s.",
         )
@@ -181,7 +181,7 @@ def wind(fleet: FleetConfig, vehicle: Vehicle) -> Finding:
         unit="m/s^2",
         sentence=(
             f"{vehicle.name} may fly in a wind of {limit_m_s:.1f} m/s (max_wind_m_s), which pushes "
-            "with {value} in gusts; against wind it leans with {relation} {bound}, and in these "
+            "with <value> in gusts; against wind it leans with <relation> <bound>, and in these "
             f"gusts the others keep {wider_m:.2f} m beyond fleet.safety_distance_m{spots}"
         ),
         remedy=f"Set max_wind_m_s = {advised_m_s:.1f} or less, or raise max_tilt_deg.",
@@ -203,8 +203,8 @@ def beside_people(fleet: FleetConfig, vehicle: Vehicle) -> Finding:
         bound=_BRISK_WALK_M_S,
         unit="m/s",
         sentence=(
-            f"{vehicle.name} may flee from {people} with {{value}}, twice its max_speed_m_s; "
-            "people walk with up to {bound}, and reach a vehicle that flees more slowly"
+            f"{vehicle.name} may flee from {people} with <value>, twice its max_speed_m_s; "
+            "people walk with up to <bound>, and reach a vehicle that flees more slowly"
         ),
         remedy=f"Set max_speed_m_s = {_BRISK_WALK_M_S / FLEEING_FACTOR:.2f} or more.",
         refuse_below=-math.inf,  # it flies, where people walk slowly
@@ -230,8 +230,8 @@ def battery(fleet: FleetConfig, vehicle: Vehicle) -> Finding:
         bound=critical_pct + _BATTERY_GAP_PCT,
         unit="%",
         sentence=(
-            f"fleet.battery_land_pct is {{value}}; PX4 lands {vehicle.name} by itself at "
-            f"{critical_pct:.0f} %, so the landing under the law must begin at {{bound}} or above"
+            f"fleet.battery_land_pct is <value>; PX4 lands {vehicle.name} by itself at "
+            f"{critical_pct:.0f} %, so the landing under the law must begin at <bound> or above"
         ),
         remedy=f"Set fleet.battery_land_pct = {advised_pct:.0f} or more, or lower BAT_CRIT_THR.",
         refuse_below=critical_pct + _LEAST_BATTERY_GAP_PCT,
@@ -253,9 +253,9 @@ def silence(fleet: FleetConfig, vehicle: Vehicle) -> Finding:
         bound=0.5,
         unit="s",
         sentence=(
-            f"Without setpoints PX4 keeps {vehicle.name}'s last tilt for {{value}} "
+            f"Without setpoints PX4 keeps {vehicle.name}'s last tilt for <value> "
             "(COM_OF_LOSS_T) before it lands; so that the vehicle does not drift into the others "
-            "this must be {relation} {bound}"
+            "this must be <relation> <bound>"
         ),
         remedy="Set px4_params.COM_OF_LOSS_T = 0.3.",
         refuse_above=1.0,
