@@ -524,10 +524,10 @@ class FleetClient:
         Before the first telemetry of any vehicle no event is published. Call this method several
         times a second.
         """
-        if self._short_stall.look():
+        if self._short_stall.stalled_s():
             self._excuse_silence(AFTER_LATE_S)
 
-        gap_s = self._stall.look()
+        gap_s = self._stall.stalled_s()
         if not gap_s:
             return
 
@@ -544,7 +544,7 @@ class FleetClient:
 
     def _notice_lateness(self) -> None:
         """Note how late this delivery is, and whether this ground stood still."""
-        self._loop_lateness.look()
+        self._loop_lateness.note_delivery()
         late_s = round(self._loop_lateness.worst_s, 2)
         if late_s != self._state.loop_late_s:
             self._state = structs.replace(self._state, loop_late_s=late_s)

@@ -237,7 +237,7 @@ def _command(
 
     while True:
         now_s = time.monotonic()
-        end_s += stall.look()  # the length of a stall of this process does not count
+        end_s += stall.stalled_s()  # the length of a stall of this process does not count
         if now_s >= end_s or progress.is_disarmed:
             return progress
 
@@ -275,7 +275,7 @@ def _is_flown_by_hand(link: Any, system_id: int, *, otherwise: bool) -> bool:
     next_send_s = 0.0
     try:
         while time.monotonic() < end_s:
-            end_s += stall.look()
+            end_s += stall.stalled_s()
             if time.monotonic() >= next_send_s:
                 next_send_s = time.monotonic() + _RETRY_S
                 send_heartbeat(link)

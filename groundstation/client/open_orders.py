@@ -383,7 +383,7 @@ class OpenOrders:
         kind = result.planned.orders[vehicle].kind
         has_stalled = False
         stall = OwnStall(self._stall_clock_ns)
-        stall.look()  # stalls count from here
+        stall.stalled_s()  # stalls count from here
 
         while True:
             begin_ns = self._feed.now_ns()
@@ -409,7 +409,7 @@ class OpenOrders:
             if has_stalled and telemetry is not None and telemetry.order_kind == kind:
                 return True
 
-            if not stall.look(limit_s + late_s):
+            if not stall.stalled_s(limit_s + late_s):
                 return False
             has_stalled = True
 
@@ -552,7 +552,7 @@ class OpenOrders:
         accepted = f"{vehicle}'s agent accepted {kind}"
         accepted_s = loop.time()
         accepted_ns = self._feed.now_ns()
-        stall.look()  # stalls count from here
+        stall.stalled_s()  # stalls count from here
 
         while not result.results[vehicle].is_final:
             unable = self._unable.pop(result.results[vehicle].order_id, "")
@@ -560,7 +560,7 @@ class OpenOrders:
                 return f"{accepted} and cannot do it ({unable.rstrip('.')})"
 
             await asyncio.sleep(_WATCH_PERIOD_S)
-            if stall.look():  # the telemetry of that time may not be read yet, so begin again
+            if stall.stalled_s():  # the telemetry of that time may not be read yet, so begin again
                 accepted_s = loop.time()
                 accepted_ns = self._feed.now_ns()
 

@@ -25,7 +25,7 @@ class LoopLateness:
         # time [ns] and lateness [s] of late calls, the oldest first
         self._late: deque[tuple[int, float]] = deque(maxlen=_MOST_KEPT)
 
-    def look(self) -> None:
+    def note_delivery(self) -> None:
         """Note how late this call is."""
         now_ns = self._clock_ns()
         if self._last_ns is not None:

@@ -30,26 +30,26 @@ class OwnStall:
     def __init__(self, clock_ns: Callable[[], int], *, least_s: float = OWN_STALL_S) -> None:
         self._clock_ns = clock_ns
         self._least_s = least_s
-        self._last_look_ns: int | None = None
+        self._last_call_ns: int | None = None
 
-    def look(self, waited_s: float = 0.0) -> float:
+    def stalled_s(self, waited_s: float = 0.0) -> float:
         """Return the length of a stall that has just ended.
 
         Call it several times a second, or after each wait.
 
         Args:
-            waited_s: planned time since the last look [s].
+            waited_s: planned time since the last call [s].
 
         Returns:
-            Length of the stall [s]; 0 if there was none, and at the first look.
+            Length of the stall [s]; 0 if there was none, and at the first call.
         """
-        last_look_ns = self._last_look_ns
+        last_call_ns = self._last_call_ns
         now_ns = self._clock_ns()
-        self._last_look_ns = now_ns
-        if last_look_ns is None:
+        self._last_call_ns = now_ns
+        if last_call_ns is None:
             return 0.0
 
-        gap_s = (now_ns - last_look_ns) * 1e-9 - waited_s
+        gap_s = (now_ns - last_call_ns) * 1e-9 - waited_s
         if gap_s <= self._least_s:
             return 0.0
         return gap_s

@@ -259,7 +259,7 @@ class MissionFlight:
                 run.abort(reason, can_land=EMULATOR not in names)
                 return
 
-            if run.look_after():
+            if run.check():
                 return
 
     def _listen(self) -> None:

@@ -126,7 +126,7 @@ class Fleet(Group):
             Who has taken the fleet; None if nobody has.
         """
         self.ground.note_other_ends()
-        taken = self.ground.watch.look()
+        taken = self.ground.watch.takeover()
         if taken is None:
             await self.leave(at_end)
         else:

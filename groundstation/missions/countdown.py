@@ -85,19 +85,19 @@ class Countdown:
         if not self._ended:
             self._ended = sentence
 
-    def look(self) -> str:
+    def problem(self) -> str:
         """Check all clocks.
 
         Returns:
             Why the countdown has ended, as a sentence; empty while it goes on.
         """
         if not self._ended:
-            self._ended = self._look_for_step()
+            self._ended = self._step_problem()
         if not self._ended:
-            self._ended = self._look_for_other_times()
+            self._ended = self._other_times_problem()
         return self._ended
 
-    def last_look(self) -> str:
+    def last_problem(self) -> str:
         """Check all clocks at the start.
 
         By now, the clock of each vehicle must have agreed with this computer's at least once.
@@ -105,7 +105,7 @@ class Countdown:
         Returns:
             Why nothing may start, as a sentence; empty if the start may begin.
         """
-        ended = self.look()
+        ended = self.problem()
         if ended:
             return ended
         for name in self._names:
@@ -113,7 +113,7 @@ class Countdown:
                 return clock_problem(self._clock, name)
         return ""
 
-    def _look_for_step(self) -> str:
+    def _step_problem(self) -> str:
         """Check whether this computer's clock was set; return a sentence if it was."""
         step_s = (self._clock.offset_ns() - self._offset_ns) * 1e-9
         if abs(step_s) <= STEP_S:
@@ -130,7 +130,7 @@ class Countdown:
             "the start again."
         )
 
-    def _look_for_other_times(self) -> str:
+    def _other_times_problem(self) -> str:
         """Compare the vehicles' clocks with this computer's; return a sentence if one differs."""
         since_begin_s = (self._clock.now_ns - self._begin_ns) * 1e-9
         for name in self._names:
@@ -162,7 +162,7 @@ async def count_down(
     """
     left_before_s = countdown.left_s  # time until the start at the check before
     while True:
-        ended = countdown.look()
+        ended = countdown.problem()
         if ended:
             raise CountdownEnded(ended)
 
@@ -176,7 +176,7 @@ async def count_down(
             break
         await asyncio.sleep(min(LOOK_S, left_s - until_s))
 
-    ended = countdown.last_look()
+    ended = countdown.last_problem()
     if ended:
         raise CountdownEnded(ended)
 

@@ -48,8 +48,8 @@ class FollowPause:
                 return True
         return False
 
-    def look(self) -> Reserve | None:
-        """Look at all followers, and return the weakest battery with its charge for the way home.
+    def update(self) -> Reserve | None:
+        """Note who follows, and return the weakest battery with its charge for the way home.
 
         Call it about once a second. The result is None if no vehicle reports its battery.
         """
@@ -57,7 +57,7 @@ class FollowPause:
             telemetry = self._ground.client.state.vehicles[name].telemetry
             if telemetry is not None and telemetry.follows:
                 self._have_followed.add(name)
-        return self._watch.look(self._names)
+        return self._watch.weakest_battery(self._names)
 
     def skipped(self) -> tuple[str, ...]:
         """Return the vehicles that have followed and now hold, because of an order to skip."""
@@ -90,13 +90,13 @@ class FollowPause:
         """
         ground = self._ground
         begin_ns = ground.client.now_ns()
-        reserve = self.look()
+        reserve = self.update()
         if reserve is not None:
             ground.say(f"  paused; {reserve}")
 
         try:
             while self.is_paused:
-                is_taken = ground.watch.look() is not None
+                is_taken = ground.watch.takeover() is not None
                 if is_taken:
                     break
 
@@ -107,7 +107,7 @@ class FollowPause:
                     raise OrderFailed(intent, results)
 
                 await asyncio.sleep(_LOOK_S)
-                reserve = self.look()
+                reserve = self.update()
         finally:
             self._watch.hide()
 

@@ -76,14 +76,14 @@ async def follow(
                 accepted_goals = {}  # the vehicles may not have received the last goals
                 accepted_ns = client.now_ns()
 
-            pause.look()
+            pause.update()
             if pause.is_paused:
                 end_ns += await pause.wait()
                 accepted_goals = {}  # so that goals are ordered also if the leader has not moved
                 accepted_ns = client.now_ns()
 
             skipped = pause.skipped()
-            is_taken = ground.watch.look() is not None  # an operator has given other orders
+            is_taken = ground.watch.takeover() is not None  # an operator has given other orders
             if skipped and not is_taken:
                 ground.say(f"  {', '.join(skipped)} skips the rest of following {leader}")
                 offsets = {name: offsets[name] for name in offsets if name not in skipped}
@@ -114,7 +114,7 @@ async def follow(
     finally:
         ground.follow_pauses.remove(pause)
         results: Results = {}
-        is_taken = ground.watch.look() is not None
+        is_taken = ground.watch.takeover() is not None
         have_other_order = is_taken or pause.has_brought_home
         if holding and not have_other_order:
             results = await ground.order(Hold(vehicles=holding), _HOLD_S)
@@ -143,7 +143,7 @@ async def _order_goals(ground: MissionGround, leader: str, goals: dict[str, Xyz]
     Raises:
         FleetTaken: an operator has taken the fleet.
     """
-    taken = ground.watch.look()
+    taken = ground.watch.takeover()
     if taken is not None:
         raise FleetTaken(taken)
 

@@ -139,7 +139,7 @@ class MissionGround:
             await self._wait_for_resume()
         await self.link.wait_while_lost()
         self.note_other_ends()
-        taken = self.watch.look()
+        taken = self.watch.takeover()
         if taken is not None:
             raise FleetTaken(taken)
 
@@ -336,7 +336,7 @@ class MissionGround:
         Not called for orders that stop vehicles or bring them down: these never wait.
         """
         while any(pause.is_paused for pause in self.follow_pauses):
-            if self.watch.look() is not None:
+            if self.watch.takeover() is not None:
                 return
             await asyncio.sleep(_LOOK_S)
 
@@ -474,7 +474,7 @@ class MissionGround:
         The order is not sent again if somebody has taken the fleet while the link was lost.
         """
         names = [name for name, result in order.results.items() if result.phase == "no answer"]
-        if not names or self.watch.look() is not None:
+        if not names or self.watch.takeover() is not None:
             return False
 
         self.say(f"  The link is back: sent again to {', '.join(names)}.")

@@ -93,7 +93,7 @@ async def land_all(
             lost_before_s = link.lost_s
             await link.wait_while_lost()
             end_ns += round((link.lost_s - lost_before_s) * 1e9)
-            if watch.look() is not None:
+            if watch.takeover() is not None:
                 return False
 
         ordered = tuple(name for name in remaining if not _is_landing(client, name))

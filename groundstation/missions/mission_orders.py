@@ -336,5 +336,5 @@ def _names_sentence() -> str:
 
 async def _watched(run: MissionRun) -> None:
     """Look for silent vehicles until the mission is over."""
-    while not run.look_after():  # noqa: ASYNC110 - no event reports a silence
+    while not run.check():  # noqa: ASYNC110 - no event reports a silence
         await asyncio.sleep(_WATCH_S)

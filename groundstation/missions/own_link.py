@@ -78,10 +78,10 @@ class OwnLink:
         """Whether the link has just returned, and single vehicles may not be heard yet."""
         return self._client.now_ns() < self._settled_ns
 
-    def look(self) -> None:
+    def update(self) -> None:
         """Notice that the link is lost or back, and say so; call it several times a second."""
         if self._is_lost:
-            self._look_for_return()
+            self._update_return()
         elif self._hears_nobody():
             self._lose()
 
@@ -91,12 +91,12 @@ class OwnLink:
         Returns:
             Whether the link was lost and is back now.
         """
-        self.look()
+        self.update()
         has_waited = False
         while self._has_to_wait():
             has_waited = True
             await asyncio.sleep(_LOOK_PERIOD_S)
-            self.look()
+            self.update()
         return has_waited and not self._is_lost
 
     # -- the loss ----------------------------------------------------------------------------------
@@ -144,7 +144,7 @@ class OwnLink:
 
     # -- the return --------------------------------------------------------------------------------
 
-    def _look_for_return(self) -> None:
+    def _update_return(self) -> None:
         """End the loss when all flying vehicles are heard, or some time after the first is."""
         now_ns = self._client.now_ns()
         vehicles = self._client.state.vehicles

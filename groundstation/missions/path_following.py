@@ -185,7 +185,7 @@ async def _watched_end_of(
 
         following = [name for name in names if _is_following(client.state, name)]
         is_paused = any(_is_paused(client.state, name) for name in following)
-        reserve = watch.look(following)
+        reserve = watch.weakest_battery(following)
 
         if is_paused and not was_paused and reserve is not None:
             ground.say(f"  paused; {reserve}")

@@ -41,7 +41,7 @@ class PauseWatch:
         self._ground = ground
         self._discharge = Discharge()
 
-    def look(self, names: Sequence[str]) -> Reserve | None:
+    def weakest_battery(self, names: Sequence[str]) -> Reserve | None:
         """Return the weakest battery, its charge and the charge that its way home needs.
 
         The result is None if no vehicle reports its battery.

@@ -212,7 +212,7 @@ class MissionRun:
             self.fleet.say("The mission catches its own end ('except:'), and is not waited for.")
             self._steps_end.set()
 
-    def look_after(self) -> bool:
+    def check(self) -> bool:
         """End the mission if somebody has taken the fleet or a vehicle, or a vehicle is silent.
 
         Call it several times a second.
@@ -229,7 +229,7 @@ class MissionRun:
             self.client.notice_own_stall()
             return False
 
-        if watch.look() is not None:
+        if watch.takeover() is not None:
             self._stop_steps()
             return False
 
@@ -263,7 +263,7 @@ class MissionRun:
         """
         self.client.notice_own_stall()
         link = self.fleet.ground.link
-        link.look()
+        link.update()
         if link.is_lost:
             if link.landing_in_s > 0.0:
                 return False
@@ -430,7 +430,7 @@ class MissionRun:
         if not is_stopped and task.exception() is None:
             return
 
-        taken = self.fleet.ground.watch.look() if self._has_begun else None
+        taken = self.fleet.ground.watch.takeover() if self._has_begun else None
         if taken is not None and not self._observations.is_interrupted:
             await self._leave_to(taken)
             return
@@ -441,7 +441,7 @@ class MissionRun:
             await self._bring_down_after_a_failure(task)
 
         # somebody may have taken the fleet meanwhile
-        taken = self.fleet.ground.watch.look() if self._has_begun else None
+        taken = self.fleet.ground.watch.takeover() if self._has_begun else None
         if taken is not None and not self._observations.is_interrupted:
             await self._leave_to(taken)
 
@@ -545,7 +545,7 @@ class MissionRun:
     async def _on_failure(self) -> None:
         """Do what the mission declares for a step that fails."""
         await self.fleet.ground.link.wait_while_lost()
-        if self.fleet.ground.watch.look() is not None:
+        if self.fleet.ground.watch.takeover() is not None:
             return
         if self.mission.on_failure.do == "hold":
             await self.client.order("hold all", _HOLD_TIMEOUT_S, is_by_mission=True)

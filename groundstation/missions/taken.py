@@ -122,7 +122,7 @@ class FleetWatch:
                 return f"{node} has ordered {event.vehicle} to {verb}"
         return ""
 
-    def look(self) -> Taken | None:
+    def takeover(self) -> Taken | None:
         """Return who took the fleet first; None while the mission has it.
 
         Call it before each order, and several times a second.
@@ -162,12 +162,12 @@ class FleetWatch:
         """
 
         def is_explained(_: FleetState) -> bool:
-            return self.look() is not None
+            return self.takeover() is not None
 
         if any(self._is_replaced(result) for result in results.values()):
             await self._client.wait_for(is_explained, HEARD_S)
 
-        if self.look() is None and not all(result.is_done for result in results.values()):
+        if self.takeover() is None and not all(result.is_done for result in results.values()):
             self.taken = self._new_operator()
         return self.taken
 

@@ -244,7 +244,7 @@ class AgentCore:
 
         # Where are we?
         own = self._estimate(now_ns, dt_s)
-        view = self._look(now_ns, own)
+        view = self._build_view(now_ns, own)
 
         # Where are the others?
         self.neighbours.forget_replaced(self.flight.slot_owner, now_ns)
@@ -327,7 +327,7 @@ class AgentCore:
             return ZERO_3
         return scaled(self.vehicle.drag_1_s, Vec3(east_m_s, north_m_s, 0.0))
 
-    def _look(self, now_ns: int, own: OwnEstimate) -> FlightView:
+    def _build_view(self, now_ns: int, own: OwnEstimate) -> FlightView:
         """Store and return what the flight knows about its vehicle at this tick."""
         state = own.state
         if state is None:

@@ -148,7 +148,7 @@ class PlausibilityMonitor:
     _misses: int = 0  # number of contradictions by the mocap in a row
     _contradicted_ns: int = 0  # time of the last contradiction
 
-    def look(self, claim: Claim, mocap: MocapPosition | None, now_ns: int) -> None:
+    def update(self, claim: Claim, mocap: MocapPosition | None, now_ns: int) -> None:
         """Compare a neighbour's newest state with physics and the motion capture.
 
         Args:

@@ -57,7 +57,7 @@ class ConditionMonitor:
         self._at_slow_ticks = _watched(at_slow_ticks, limits)
         self._slow: dict[Condition, str] = {}  # slow conditions that held at the last slow tick
 
-    def look(self, facts: TickFacts) -> dict[Condition, str]:
+    def update(self, facts: TickFacts) -> dict[Condition, str]:
         """Return the conditions that hold at this tick, each with its detail for people."""
         active = _holding(self._at_each_tick, facts)
         if facts.is_slow_tick:

@@ -100,8 +100,8 @@ class FailsafeSupervisor:
             context: what the agent knows about itself.
             situation: situation of the flight.
         """
-        facts = self._observer.look(view, context)
-        self._details = self._monitor.look(facts)
+        facts = self._observer.update(view, context)
+        self._details = self._monitor.update(facts)
         self.conditions = set(self._details)
 
         demanded, condition = decide(situation, self.conditions)

@@ -104,7 +104,7 @@ class NeighbourMonitor:
         self._leg_ticks = 0
         self._leg = -1  # number of this leg; -1: none yet
 
-    def look(self, now_ns: int) -> Silence:
+    def update(self, now_ns: int) -> Silence:
         """Return which neighbours are silent at this tick; call it at every tick."""
         silent = self._table.silent(now_ns)
         if silent:
@@ -180,7 +180,7 @@ class NeighbourMonitor:
                 name = row.name
         return name
 
-    def look_slowly(self, view: FlightView) -> SlowNeighbourFacts:
+    def update_slowly(self, view: FlightView) -> SlowNeighbourFacts:
         """Return which neighbours have a problem, and mark them in the table.
 
         Call it ten times a second.
@@ -225,7 +225,7 @@ class NeighbourMonitor:
             # motion in the neighbour's newest message, and position of its body from the mocap
             claim, mocap_position = self._table.claim(row.name)
             if claim is not None:
-                monitor.look(claim, mocap_position, now_ns)
+                monitor.update(claim, mocap_position, now_ns)
 
             index = self._table.indices[row.name]
             is_contradicted = bool(monitor.reason)

@@ -98,7 +98,7 @@ class TickObserver:
         self._slow = SlowFacts()
         self._tick_count = 0
 
-    def look(self, view: FlightView, context: TickContext) -> TickFacts:
+    def update(self, view: FlightView, context: TickContext) -> TickFacts:
         """Return the facts of this tick."""
         now_ns = view.now_ns
         snapshot = view.snapshot
@@ -165,7 +165,7 @@ class TickObserver:
             overdue = neighbours.kept_off_by(flight.goal_position_enu_m, view)
         if step is FlightStep.LEG:
             neighbours.count_avoided(context.active_neighbour)
-        silence = neighbours.look(now_ns)
+        silence = neighbours.update(now_ns)
         touched = ""  # name of the neighbour that it touches
         if context.is_airborne and context.nearest_m < self._touching_m:
             touched = neighbours.nearest_to(
@@ -179,7 +179,7 @@ class TickObserver:
         self._tick_count += 1
         is_slow_tick = self._tick_count % _SLOW_TICKS == 0
         if is_slow_tick:
-            self._slow = self._look_slowly(view, context, height_m)
+            self._slow = self._slow_facts(view, context, height_m)
 
         return TickFacts(
             now_ns=now_ns,
@@ -286,7 +286,7 @@ class TickObserver:
             return _TRACKED_BLIND_ABOVE_M
         return _TRACKED_ABOVE_M
 
-    def _look_at_corrections(self, view: FlightView, context: TickContext) -> dict[str, Any]:
+    def _corrections_facts(self, view: FlightView, context: TickContext) -> dict[str, Any]:
         """Return the facts about satellites by their names; empty without corrections."""
         corrections = self._own.corrections
         status = context.corrections
@@ -310,9 +310,9 @@ class TickObserver:
             "corrections_old_s": corrections_old_s,
         }
 
-    def _look_slowly(self, view: FlightView, context: TickContext, height_m: float) -> SlowFacts:
+    def _slow_facts(self, view: FlightView, context: TickContext, height_m: float) -> SlowFacts:
         now_ns = view.now_ns
-        neighbours = self._neighbours.look_slowly(view)
+        neighbours = self._neighbours.update_slowly(view)
         battery_frac, battery_voltage_v = view.snapshot.battery(now_ns)
 
         if self._flight.step.situation in (Situation.GROUND, Situation.ARMED):
@@ -332,10 +332,10 @@ class TickObserver:
             has_lost_satellites=self._own.has_lost_satellites,
             is_position_late=self._own.fit.is_late,
             position_miss_m=self._own.fit.miss_m,
-            **self._look_at_corrections(view, context),
+            **self._corrections_facts(view, context),
             battery_frac=battery_frac,
             is_battery_falling=self._battery.is_falling,
-            wind=self._wind.look(self._own, context),
+            wind=self._wind.facts(self._own, context),
             clock_jump_ns=max(self._own.validator.clock_jump_ns, context.clock_jump_ns),
             without_position=neighbours.without_position,
             blind=neighbours.blind,

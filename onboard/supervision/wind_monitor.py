@@ -130,7 +130,7 @@ class WindMonitor:
         blend = min(1.0, dt_s / _SCATTER_TIME_S)
         self._mean_square_m2 += blend * (square_m2 - self._mean_square_m2)
 
-    def look(self, own: OwnState, context: TickContext) -> WindFacts:
+    def facts(self, own: OwnState, context: TickContext) -> WindFacts:
         """Return the wind facts at this time."""
         speed_m_s = math.hypot(*own.wind_enu_m_s)
         self._remember(own.wind_enu_m_s)

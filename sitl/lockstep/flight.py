@@ -318,7 +318,7 @@ class Lockstep:
         """End the mission when its vehicles fall silent, which no event reports."""
         has_ended = False
         while not has_ended:
-            has_ended = run.look_after()
+            has_ended = run.check()
             if not has_ended:
                 await asyncio.sleep(_WATCH_S)
 

@@ -345,7 +345,7 @@ def test_poses_over_routers_are_compared_with_the_time_after_which_a_vehicle_lan
             facts = TickFacts(
                 now_ns=tick * 20_000_000, limits=fleet.fleet, position_age_s=position_age_s
             )
-            conditions = monitor.look(facts)
+            conditions = monitor.update(facts)
         return Condition.POSITION_LOST in conditions
 
     assert lands(finding.bound + 0.01)

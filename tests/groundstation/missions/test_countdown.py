@@ -22,11 +22,11 @@ from tests.groundstation.missions.wall_clocks import NOW_NS, MovableClock
 def looks(countdown: Countdown, clock: MovableClock, seconds: float) -> str:
     """Look as a countdown does for some time; return why it has ended."""
     for _ in range(round(seconds / 0.2)):
-        ended = countdown.look()
+        ended = countdown.problem()
         if ended:
             return ended
         clock.pass_time(0.2)
-    return countdown.last_look()
+    return countdown.last_problem()
 
 
 def test_a_countdown_over_computers_with_the_same_time_goes_to_its_end() -> None:
@@ -51,7 +51,7 @@ def test_a_process_that_waits_between_two_readings_is_no_step() -> None:
     clock = MovableClock()
     countdown = Countdown(clock, clock.after(60.0), ())
     clock.shift_ns = 1_000_000_000
-    assert countdown.look() == ""
+    assert countdown.problem() == ""
     clock.shift_ns = 0
     assert looks(countdown, clock, 5.0) == ""
 

@@ -208,8 +208,8 @@ async def test_an_order_of_an_earlier_flight_to_a_vehicle_heard_late_does_not_en
 
     bus.tell("mav2", taken_order_id="ground-1-7", taken_order_kind="land", taken_order_from="ada")
     assert await client.wait_for(lambda state: "mav2" in state.vehicles, 5.0)
-    assert watch.look() is None
+    assert watch.takeover() is None
 
     bus.tell("mav2", taken_order_id="ground-1-8", taken_order_kind="hold", taken_order_from="ada")
-    assert await client.wait_for(lambda _: watch.look() is not None, 5.0)
+    assert await client.wait_for(lambda _: watch.takeover() is not None, 5.0)
     await client.stop()

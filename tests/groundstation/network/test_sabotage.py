@@ -192,7 +192,7 @@ SABOTAGED_TESTS = {
     "a word that cannot be true": SabotagedTest(
         patch="""
             from onboard.neighbours.plausibility import PlausibilityMonitor
-            PlausibilityMonitor.look = lambda *arguments: None
+            PlausibilityMonitor.update = lambda *arguments: None
         """,
         test="tests/sitl/lockstep/test_liars.py::test_a_liar_is_named_and_kept_off",
         fails=3,

@@ -53,7 +53,7 @@ class Broken:
 
     def __init__(self, rig: Rig, monkeypatch: pytest.MonkeyPatch) -> None:
         self.holds: set[Condition] = set()
-        monkeypatch.setattr(ConditionMonitor, "look", lambda *_: dict.fromkeys(self.holds, ""))
+        monkeypatch.setattr(ConditionMonitor, "update", lambda *_: dict.fromkeys(self.holds, ""))
         self.rig = rig
 
 

@@ -108,15 +108,15 @@ def test_one_jump_is_an_estimator_that_began_anew_and_two_are_none() -> None:
         _CLAIM, 0.1, position_enu_m=(2.1, 2.0, 1.0), predicted_position_enu_m=(2.4, 2.0, 1.0)
     )
     for claim in (_CLAIM, jumped, _moved(jumped, 0.1)):
-        monitor.look(claim, None, claim.stamp_ns)
+        monitor.update(claim, None, claim.stamp_ns)
     assert monitor.is_watched
     assert not monitor.reason
     back = _moved(_CLAIM, 0.3)
-    monitor.look(back, None, back.stamp_ns)
+    monitor.update(back, None, back.stamp_ns)
     assert monitor.reason.startswith("says that it moved")
     for number in range(40):
         claim = _moved(back, 0.1 * (number + 1))
-        monitor.look(claim, None, claim.stamp_ns)
+        monitor.update(claim, None, claim.stamp_ns)
     assert not monitor.reason  # some seconds later
     assert not monitor.is_watched
 
@@ -130,8 +130,8 @@ def test_three_poses_in_a_row_elsewhere_are_believed_and_the_accuracy_it_says_is
         monitor = PlausibilityMonitor(15.0)
         for number, seen in enumerate(poses):
             claim = _moved(_CLAIM._replace(position_std_m=std_m), 0.25 * number)
-            monitor.look(claim, seen, claim.stamp_ns)
-            monitor.look(claim, seen, claim.stamp_ns)  # the same pose again proves nothing
+            monitor.update(claim, seen, claim.stamp_ns)
+            monitor.update(claim, seen, claim.stamp_ns)  # the same pose again proves nothing
         reasons.append(monitor.reason)
     assert reasons == ["says that it is 1.2 m from where the mocap sees it", ""]
 

@@ -33,7 +33,7 @@ class Watched:
     def holds(self, now_ns: int, value: Any = True, *, slow: bool = False, **more: Any) -> set[str]:
         """Return the names of the conditions that hold at a tick."""
         facts: Any = SimpleNamespace(now_ns=now_ns, value=value, is_slow_tick=slow, **more)
-        return {condition.name for condition in self.monitor.look(facts)}
+        return {condition.name for condition in self.monitor.update(facts)}
 
 
 def test_a_fact_holds_if_it_is_true_above_its_limit_or_equal_to_a_value() -> None:
@@ -96,7 +96,7 @@ def test_the_detail_is_words_or_what_the_facts_say() -> None:
         ConditionRow(Condition.WIND_NEAR, (Cause(fact, detail=lambda facts: f"{facts.now_ns}"),)),
     )
     facts: Any = SimpleNamespace(now_ns=7, value=True, is_slow_tick=False)
-    told = ConditionMonitor(LIMITS, rows).look(facts)
+    told = ConditionMonitor(LIMITS, rows).update(facts)
     assert told == {Condition.BUS_LOST: "no link", Condition.WIND_NEAR: "7"}
 
 

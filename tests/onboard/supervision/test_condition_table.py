@@ -39,7 +39,7 @@ def ticks_with(
             is_disk_full=is_seen,
             is_slow_tick=tick % slow_every == 0,
         )
-        holds.append(bool(monitor.look(facts)))
+        holds.append(bool(monitor.update(facts)))
     return holds
 
 
@@ -55,7 +55,7 @@ def test_among_others_dead_reckoning_goes_on_for_twelve_seconds_before_px4_lands
         facts = replace(FINE, position_age_s=age_s, nearest_m=nearest_m)
         monitor = ConditionMonitor(LIMITS)
         for tick in range(10):
-            held = monitor.look(replace(facts, now_ns=tick * TICK_NS))
+            held = monitor.update(replace(facts, now_ns=tick * TICK_NS))
         assert (Condition.POSITION_LOST_LONG in held) is is_long
 
 
@@ -66,7 +66,7 @@ def test_every_condition_has_exactly_one_row() -> None:
 def test_nothing_holds_for_a_vehicle_without_complaints() -> None:
     monitor = ConditionMonitor(LIMITS)
     for tick in range(200):
-        assert monitor.look(replace(FINE, now_ns=tick * TICK_NS)) == {}
+        assert monitor.update(replace(FINE, now_ns=tick * TICK_NS)) == {}
 
 
 # facts that are wrong, for the condition or the conditions that they are a sign of
@@ -160,13 +160,13 @@ def test_a_condition_begins_when_its_row_says_and_ends_with_its_facts(row: Condi
     monitor = ConditionMonitor(LIMITS)
     for tick in itertools.count(1):
         is_expected = tick >= checks and (tick - 1) * TICK_NS * 1e-9 > over_s
-        holds = monitor.look(replace(wrong, now_ns=tick * TICK_NS))
+        holds = monitor.update(replace(wrong, now_ns=tick * TICK_NS))
         assert (row.condition in holds) is is_expected, tick
         if is_expected:
             break
 
     ended_ns = tick * TICK_NS + 6 * 10**9  # behind the time for which a jump of a clock is said
-    assert monitor.look(replace(FINE, now_ns=ended_ns)) == {}
+    assert monitor.update(replace(FINE, now_ns=ended_ns)) == {}
 
 
 def test_a_vehicle_without_a_mocap_has_lost_its_position_for_long_when_px4_is_off_by_metres() -> (
@@ -174,14 +174,14 @@ def test_a_vehicle_without_a_mocap_has_lost_its_position_for_long_when_px4_is_of
 ):
     monitor = ConditionMonitor(LIMITS)
     wrong = replace(FINE, mocap_required=False, slow=SlowFacts(px4_accuracy_m=3.1))
-    held = [monitor.look(replace(wrong, now_ns=tick * TICK_NS)) for tick in range(40)]
+    held = [monitor.update(replace(wrong, now_ns=tick * TICK_NS)) for tick in range(40)]
     assert Condition.POSITION_LOST_LONG not in held[25]  # after 0.5 s
     assert held[26][Condition.POSITION_LOST_LONG] == "PX4 says 3.1 m"
 
 
 def test_in_a_strong_wind_a_vehicle_lands_with_a_neighbour_for_which_it_is_too_much() -> None:
     strong = WindFacts(speed_m_s=6.2, limit_m_s=8.1, is_strong=True)
-    held = ConditionMonitor(LIMITS).look(
+    held = ConditionMonitor(LIMITS).update(
         replace(FINE, slow=SlowFacts(wind=strong, too_windy_for=("mav1",)))
     )
     words = "6.2 m/s, its limit is 8.1 m/s; too much for mav1"
@@ -190,20 +190,20 @@ def test_in_a_strong_wind_a_vehicle_lands_with_a_neighbour_for_which_it_is_too_m
     # a neighbour of a type that bears less wind lands alone
     light = dataclasses.replace(strong, speed_m_s=4.0, is_strong=False)
     alone = replace(FINE, slow=SlowFacts(wind=light, too_windy_for=("mav1",)))
-    assert ConditionMonitor(LIMITS).look(alone) == {}
+    assert ConditionMonitor(LIMITS).update(alone) == {}
     nobody = replace(FINE, slow=SlowFacts(wind=strong))
-    assert ConditionMonitor(LIMITS).look(nobody) == {}
+    assert ConditionMonitor(LIMITS).update(nobody) == {}
 
 
 def test_a_silent_px4_whose_numbers_are_impossible_is_not_called_silent_as_well() -> None:
     monitor = ConditionMonitor(LIMITS)
     for tick in range(4):
-        monitor.look(replace(FINE, now_ns=tick * TICK_NS, is_px4_silent=True))
+        monitor.update(replace(FINE, now_ns=tick * TICK_NS, is_px4_silent=True))
     # the silence has lasted, whatever is sent while it does
     says = replace(FINE, now_ns=4 * TICK_NS, is_px4_silent=True, px4_nonsense="It lies.")
-    assert monitor.look(says) == {Condition.AUTOPILOT_IMPOSSIBLE: "It lies"}
+    assert monitor.update(says) == {Condition.AUTOPILOT_IMPOSSIBLE: "It lies"}
     says_nothing = replace(FINE, now_ns=5 * TICK_NS, is_px4_silent=True)
-    assert set(monitor.look(says_nothing)) == {Condition.AUTOPILOT_SILENT}
+    assert set(monitor.update(says_nothing)) == {Condition.AUTOPILOT_SILENT}
 
 
 class Limits(NamedTuple):
@@ -271,7 +271,7 @@ def holds_from_the_first(condition: Condition, facts: TickFacts) -> bool:
     (row,) = (row for row in ROWS if row.condition is condition)
     causes = tuple(dataclasses.replace(cause, checks=1, over_s=None) for cause in row.causes)
     monitor = ConditionMonitor(LIMITS, [ConditionRow(condition, causes)])
-    return condition in monitor.look(facts)
+    return condition in monitor.update(facts)
 
 
 JUST_NOT = [
@@ -369,12 +369,14 @@ def test_a_condition_begins_beyond_its_limit_and_not_at_it(
 
 def test_a_late_position_counts_at_once_and_is_called_so() -> None:
     late = replace(FINE, is_slow_tick=True, slow=SlowFacts(is_position_late=True))
-    assert ConditionMonitor(LIMITS).look(late) == {Condition.POSITION_UNFIT: "it seems to be late"}
+    assert ConditionMonitor(LIMITS).update(late) == {
+        Condition.POSITION_UNFIT: "it seems to be late"
+    }
 
 
 def test_an_order_that_is_overdue_says_what_it_waits_for() -> None:
     for said in ("", "kept off by mav1"):
-        held = ConditionMonitor(LIMITS).look(replace(FINE, overdue=said))
+        held = ConditionMonitor(LIMITS).update(replace(FINE, overdue=said))
         assert held == {Condition.ORDER_OVERDUE: said}
 
 
@@ -425,8 +427,8 @@ def test_the_detail_is_that_of_the_last_cause_that_holds() -> None:
     )
     monitor = ConditionMonitor(LIMITS, [row])
     facts = replace(FINE, is_disk_full=True)
-    assert monitor.look(facts) == {Condition.BUS_LOST: "first"}
-    assert monitor.look(facts) == {Condition.BUS_LOST: "second"}
+    assert monitor.update(facts) == {Condition.BUS_LOST: "first"}
+    assert monitor.update(facts) == {Condition.BUS_LOST: "second"}
 
 
 def test_held_begins_at_its_first_check_and_ends_with_the_first_that_sees_nothing() -> None:

@@ -25,8 +25,8 @@ class Supervised:
     def __init__(self) -> None:
         self.supervisor = _supervisor()
         self.details: dict[Condition, str] = {}
-        self.supervisor._observer = SimpleNamespace(look=lambda view, context: None)
-        self.supervisor._monitor = SimpleNamespace(look=lambda facts: dict(self.details))
+        self.supervisor._observer = SimpleNamespace(update=lambda view, context: None)
+        self.supervisor._monitor = SimpleNamespace(update=lambda facts: dict(self.details))
 
     def decide(
         self, now_ns: int, *, situation: Situation = Situation.FLYING, **held: str

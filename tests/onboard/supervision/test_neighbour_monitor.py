@@ -54,9 +54,9 @@ class Watching:
         message = state_message(vehicle=vehicle, stamp_ns=now_ns, **changes)
         assert self.table.hear(message, now_ns)
 
-    def look_slowly(self, now_ns: int = BEGIN_NS, **changes: Any) -> SlowNeighbourFacts:
+    def update_slowly(self, now_ns: int = BEGIN_NS, **changes: Any) -> SlowNeighbourFacts:
         """Return the slow facts for the view of a hovering vehicle, with changes."""
-        return self.monitor.look_slowly(view(now_ns, **changes))
+        return self.monitor.update_slowly(view(now_ns, **changes))
 
 
 def view(now_ns: int = BEGIN_NS, **changes: Any) -> FlightView:
@@ -76,44 +76,44 @@ def view(now_ns: int = BEGIN_NS, **changes: Any) -> FlightView:
 def test_a_silent_neighbour_is_unseen_when_a_second_tick_has_confirmed_it() -> None:
     watching = Watching()
     watching.hear(BEGIN_NS)
-    assert watching.monitor.look(BEGIN_NS + 250 * MS) == ((), (), ())
-    assert watching.monitor.look(BEGIN_NS + 260 * MS) == (("mav1",), (), ())
-    assert watching.monitor.look(BEGIN_NS + 280 * MS) == (("mav1",), ("mav1",), ())
+    assert watching.monitor.update(BEGIN_NS + 250 * MS) == ((), (), ())
+    assert watching.monitor.update(BEGIN_NS + 260 * MS) == (("mav1",), (), ())
+    assert watching.monitor.update(BEGIN_NS + 280 * MS) == (("mav1",), ("mav1",), ())
 
 
 def test_two_silences_of_one_tick_are_no_silence_of_two() -> None:
     watching = Watching()
     watching.hear(BEGIN_NS)
-    watching.monitor.look(BEGIN_NS + 260 * MS)
+    watching.monitor.update(BEGIN_NS + 260 * MS)
     watching.hear(BEGIN_NS + 280 * MS)
-    watching.monitor.look(BEGIN_NS + 280 * MS)
-    assert watching.monitor.look(BEGIN_NS + 540 * MS) == (("mav1",), (), ())
+    watching.monitor.update(BEGIN_NS + 280 * MS)
+    assert watching.monitor.update(BEGIN_NS + 540 * MS) == (("mav1",), (), ())
 
 
 def test_a_neighbour_that_was_silent_is_heard_again_for_two_seconds() -> None:
     watching = Watching()
     watching.hear(BEGIN_NS)
-    watching.monitor.look(BEGIN_NS + 260 * MS)
-    watching.monitor.look(BEGIN_NS + 280 * MS)
+    watching.monitor.update(BEGIN_NS + 260 * MS)
+    watching.monitor.update(BEGIN_NS + 280 * MS)
 
     back_ns = BEGIN_NS + 300 * MS
     watching.hear(back_ns)
-    assert watching.monitor.look(back_ns).heard_again == ("mav1",)
+    assert watching.monitor.update(back_ns).heard_again == ("mav1",)
     for later_ms in (200, 400, 600, 800, 1000, 1200, 1400, 1600, 1800, 1999):
         watching.hear(back_ns + later_ms * MS)
-        assert watching.monitor.look(back_ns + later_ms * MS).heard_again == ("mav1",)
-    assert watching.monitor.look(back_ns + 2000 * MS).heard_again == ()
+        assert watching.monitor.update(back_ns + later_ms * MS).heard_again == ("mav1",)
+    assert watching.monitor.update(back_ns + 2000 * MS).heard_again == ()
 
 
 def test_of_two_silent_neighbours_the_one_that_speaks_is_heard_again() -> None:
     watching = Watching()
     watching.hear(BEGIN_NS)
     watching.hear(BEGIN_NS, vehicle="mav2", position_enu_m=(3.0, 0.0, 1.0))
-    watching.monitor.look(BEGIN_NS + 260 * MS)
-    watching.monitor.look(BEGIN_NS + 280 * MS)
+    watching.monitor.update(BEGIN_NS + 260 * MS)
+    watching.monitor.update(BEGIN_NS + 280 * MS)
 
     watching.hear(BEGIN_NS + 300 * MS, vehicle="mav2", position_enu_m=(3.0, 0.0, 1.0))
-    silence = watching.monitor.look(BEGIN_NS + 300 * MS)
+    silence = watching.monitor.update(BEGIN_NS + 300 * MS)
     assert silence.silent == ("mav1",)
     assert silence.heard_again == ("mav2",)
 
@@ -123,7 +123,7 @@ def test_a_silent_neighbour_that_the_mocap_sees_on_the_floor_is_not_heard_again(
     watching.hear(BEGIN_NS)
     for later_ms in range(100, 281, 20):
         watching.table.bodies_to_watch(BEGIN_NS + later_ms * MS, 0.0)
-        watching.monitor.look(BEGIN_NS + later_ms * MS)
+        watching.monitor.update(BEGIN_NS + later_ms * MS)
 
     start_enu_m = FLEET.vehicles["mav1"].start_enu_m
     for later_ms in (300, 320, 340):
@@ -139,7 +139,7 @@ def test_a_silent_neighbour_that_the_mocap_sees_on_the_floor_is_not_heard_again(
             is_tracked=True,
         )
         watching.table.hear_pose(pose, stamp_ns)
-        silence = watching.monitor.look(stamp_ns)
+        silence = watching.monitor.update(stamp_ns)
     assert silence == ((), (), ())
 
 
@@ -212,7 +212,7 @@ def test_a_silent_neighbour_is_not_the_nearest() -> None:
 
 
 def test_nobody_has_a_problem_before_anybody_is_heard() -> None:
-    assert Watching().look_slowly() == ((),) * len(SlowNeighbourFacts._fields)
+    assert Watching().update_slowly() == ((),) * len(SlowNeighbourFacts._fields)
 
 
 def test_a_neighbour_that_says_that_it_has_no_position_or_is_late_is_named() -> None:
@@ -221,7 +221,7 @@ def test_a_neighbour_that_says_that_it_has_no_position_or_is_late_is_named() -> 
     watching.hear(BEGIN_NS, vehicle="mav2", position_enu_m=(3.0, 0.0, 1.0))
     later_ns = BEGIN_NS + 200 * MS
     watching.hear(later_ns, is_valid=False)
-    facts = watching.look_slowly(later_ns)
+    facts = watching.update_slowly(later_ns)
     assert facts.without_position == ("mav1",)
     assert facts.late == ("mav1", "mav2")
 
@@ -244,7 +244,7 @@ def test_a_neighbour_in_the_air_without_poses_is_blind(
     watching.hear(heard_ns)
     told = telemetry("mav1", state_age_s=state_age_s, is_airborne=is_airborne)
     watching.table.hear(told, BEGIN_NS)
-    facts = watching.look_slowly(is_blind=is_own_blind)
+    facts = watching.update_slowly(is_blind=is_own_blind)
     assert facts.blind == (("mav1",) if is_named else ())
 
 
@@ -255,14 +255,14 @@ def test_a_neighbour_for_which_the_wind_is_too_strong_is_named_while_it_is_heard
     conditions = (Condition.WIND_NEAR.value, Condition.WIND_ABOVE.value)
     watching.table.hear(telemetry("mav1", conditions=conditions), BEGIN_NS)
     watching.table.hear(telemetry("mav2", conditions=conditions[:1]), BEGIN_NS)
-    assert watching.look_slowly().too_windy_for == ("mav1",)
+    assert watching.update_slowly().too_windy_for == ("mav1",)
 
     watching.hear(BEGIN_NS + 2 * S, vehicle="mav2", position_enu_m=(3.0, 0.0, 1.0))
-    assert watching.look_slowly(now_ns=BEGIN_NS + 2 * S).too_windy_for == ()
+    assert watching.update_slowly(now_ns=BEGIN_NS + 2 * S).too_windy_for == ()
 
     pushed_about = (Condition.PUSHED_ABOUT.value,)
     watching.table.hear(telemetry("mav2", conditions=pushed_about), BEGIN_NS + 2 * S)
-    assert watching.look_slowly(now_ns=BEGIN_NS + 2 * S).too_windy_for == ("mav2",)
+    assert watching.update_slowly(now_ns=BEGIN_NS + 2 * S).too_windy_for == ("mav2",)
 
 
 def test_a_neighbour_with_another_file_is_named_and_not_relied_on() -> None:
@@ -271,7 +271,7 @@ def test_a_neighbour_with_another_file_is_named_and_not_relied_on() -> None:
     watching.hear(BEGIN_NS, vehicle="mav2", position_enu_m=(3.0, 0.0, 1.0))
     watching.table.hear(telemetry("mav1", config_hash="another"), BEGIN_NS)
     watching.table.hear(telemetry("mav2", config_hash=FLEET.config_hash), BEGIN_NS)
-    facts = watching.look_slowly()
+    facts = watching.update_slowly()
     assert facts.other_files == ("mav1",)
     assert facts.uncooperative == ()
     assert watching.table.judged.not_cooperating == {watching.table.indices["mav1"]}
@@ -307,7 +307,7 @@ def test_a_neighbour_that_says_twice_that_it_flies_too_fast_is_implausible(
             predicted_position_enu_m=there,
             predicted_velocity_enu_m_s=fast,
         )
-        facts = watching.look_slowly(now_ns)
+        facts = watching.update_slowly(now_ns)
         assert (index in judged.watched) is is_named
         assert (index in judged.contradicted) is (is_named and number == 1)
 
@@ -323,25 +323,25 @@ def predicting(watching: Watching, count: int, *, is_cooperative: bool = True) -
         watching.hear(
             now_ns, is_cooperative=is_cooperative, predicted_velocity_enu_m_s=(1.0, 0.0, 0.0)
         )
-        watching.look_slowly(now_ns)
+        watching.update_slowly(now_ns)
 
 
 def test_a_neighbour_that_does_not_fly_as_it_predicts_is_not_relied_on() -> None:
     watching = Watching()
     predicting(watching, 20)
     end_ns = BEGIN_NS + 19 * 100 * MS
-    assert watching.look_slowly(end_ns).uncooperative == ("mav1",)
+    assert watching.update_slowly(end_ns).uncooperative == ("mav1",)
     assert watching.table.judged.not_cooperating == {watching.table.indices["mav1"]}
 
     # once it is silent, that is said instead
-    assert watching.look_slowly(end_ns + 300 * MS).uncooperative == ()
+    assert watching.update_slowly(end_ns + 300 * MS).uncooperative == ()
     assert not watching.table.judged.not_cooperating
 
 
 def test_who_does_not_cooperate_predicts_nothing() -> None:
     watching = Watching()
     predicting(watching, 20, is_cooperative=False)
-    assert watching.look_slowly(BEGIN_NS + 19 * 100 * MS).uncooperative == ()
+    assert watching.update_slowly(BEGIN_NS + 19 * 100 * MS).uncooperative == ()
 
 
 # -- those that will be too near
@@ -366,7 +366,7 @@ def endangered(
         velocity_enu_m_s=velocity_enu_m_s,
         is_cooperative=is_cooperative,
     )
-    facts = watching.look_slowly(velocity_enu_m_s=own_velocity_enu_m_s, has_position=has_position)
+    facts = watching.update_slowly(velocity_enu_m_s=own_velocity_enu_m_s, has_position=has_position)
     return facts.endangered == ("mav1",)
 
 

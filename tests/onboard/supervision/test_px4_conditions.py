@@ -63,7 +63,7 @@ class Px4:
             is_px4_rebooted=self.monitor.is_rebooted,
             is_px4_back=self.monitor.is_back,
         )
-        self.conditions = set(self._conditions.look(facts))
+        self.conditions = set(self._conditions.update(facts))
 
 
 def test_a_px4_whose_clock_drifts_is_well() -> None:

@@ -130,7 +130,7 @@ class Observed:
             gust_m_s2=0.0,
             expected_gust_m_s2=0.0,
         )
-        return self.observer.look(view, TickContext(**{"own": own, **self.context}))
+        return self.observer.update(view, TickContext(**{"own": own, **self.context}))
 
     def run(self, seconds: float) -> TickFacts:
         """Return the facts of the last tick of this time."""

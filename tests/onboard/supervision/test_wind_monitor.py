@@ -42,7 +42,7 @@ def context_of(**facts: Any) -> TickContext:
 def looked(
     monitor: WindMonitor, wind_enu_m_s: tuple[float, float] = (0.0, 0.0), **facts: Any
 ) -> WindFacts:
-    return monitor.look(cast(OwnState, Own(0.0, wind_enu_m_s)), context_of(**facts))
+    return monitor.facts(cast(OwnState, Own(0.0, wind_enu_m_s)), context_of(**facts))
 
 
 def hovering(gust_m_s2: float, scatter_m: float) -> WindFacts:
@@ -51,7 +51,7 @@ def hovering(gust_m_s2: float, scatter_m: float) -> WindFacts:
     context = context_of(setpoint_miss_m=scatter_m)
     for _ in range(1000):
         monitor.update(context, 0.02)
-    return monitor.look(cast(OwnState, Own(gust_m_s2)), context)
+    return monitor.facts(cast(OwnState, Own(gust_m_s2)), context)
 
 
 # scatters of SIH's vehicles that hovered for 20 s in these gusts, the largest of three
@@ -77,7 +77,7 @@ def flown(
     context = context_of(setpoint_miss_m=miss_m, is_law_active=is_law_active)
     for _ in range(round(seconds / 0.02)):
         monitor.update(context, 0.02)
-    return monitor.look(cast(OwnState, Own(0.2)), context)
+    return monitor.facts(cast(OwnState, Own(0.2)), context)
 
 
 def test_the_way_back_after_the_law_has_moved_a_vehicle_is_no_scatter() -> None:
@@ -108,7 +108,7 @@ def first_above(winds_m_s: Iterable[float]) -> float:
     monitor = WindMonitor(FLEET, VEHICLE)
     context = context_of()
     for wind_m_s in winds_m_s:
-        facts = monitor.look(cast(OwnState, Own(0.0, (wind_m_s, 0.0))), context)
+        facts = monitor.facts(cast(OwnState, Own(0.0, (wind_m_s, 0.0))), context)
         if facts.is_above:
             return wind_m_s
     return math.nan

@@ -41,6 +41,6 @@ def test_a_liar_is_named_and_kept_off(lockstep, paper, lie: str) -> None:
 
 @pytest.mark.long
 def test_without_that_check_the_same_lie_ends_in_a_collision(lockstep, paper, monkeypatch) -> None:
-    monkeypatch.setattr(PlausibilityMonitor, "look", lambda *_: None)
+    monkeypatch.setattr(PlausibilityMonitor, "update", lambda *_: None)
     flight = _crossing(lockstep, paper, "a metre beside")
     assert flight.min_separation_m < paper.fleet.body_diameter_m
