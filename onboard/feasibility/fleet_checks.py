@@ -37,6 +37,7 @@ from onboard.feasibility.pair_checks import (
     least_margin_m,
     pair_findings,
     parking_m,
+    too_few_neighbours,
 )
 from onboard.feasibility.vehicle_checks import (
     available_m_s2,
@@ -94,6 +95,7 @@ def fleet_findings(fleet: FleetConfig, *, errors: ErrorClass | None = None) -> t
         findings += pair_findings(fleet, kinds, accuracy)
         findings.append(start_finding(fleet, starts, accuracy))
         findings += _formation_findings(fleet, accuracy)
+        findings += too_few_neighbours(fleet, vehicles)
         findings.append(crowding(fleet, vehicles))
         if fleet.law.name == "covey":
             findings.append(law_map.map_finding(fleet, accuracy, law_map.shipped()))

@@ -7,6 +7,7 @@ braking.
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from dataclasses import replace
 
 from onboard.avoidance.heights import HEIGHT_SIGMAS
@@ -411,28 +412,36 @@ def braking(fleet: FleetConfig, vehicle: Vehicle, margin_m: float) -> Finding:
     )
 
 
-def crowding(fleet: FleetConfig, vehicles: list[Vehicle]) -> Finding:
-    """Check how full the geofence is, and that the law considers enough neighbours.
+def too_few_neighbours(fleet: FleetConfig, vehicles: list[Vehicle]) -> Iterator[Finding]:
+    """Yield a finding if the law considers too few neighbours in a crowd.
 
     Args:
         fleet: the fleet file.
         vehicles: all enabled vehicles.
     """
     count = len(vehicles)
-    law = fleet.law
-
     useful = min(count - 1, _USEFUL_NEIGHBOURS)
-    if law.built_in == "covey" and law.max_neighbours < useful:
-        return at_least(
-            name="neighbours",
-            value=float(law.max_neighbours),
-            bound=float(useful),
-            unit="",
-            sentence=(
-                f"law.max_neighbours is <value>; in a crowd of {count} the nearest <bound> matter"
-            ),
-            remedy=f"Set law.max_neighbours = {useful} or more.",
-        )
+    if fleet.law.built_in != "covey" or fleet.law.max_neighbours >= useful:
+        return
+
+    yield at_least(
+        name="neighbours",
+        value=float(fleet.law.max_neighbours),
+        bound=float(useful),
+        unit="",
+        sentence=f"law.max_neighbours is <value>; in a crowd of {count} the nearest <bound> matter",
+        remedy=f"Set law.max_neighbours = {useful} or more.",
+    )
+
+
+def crowding(fleet: FleetConfig, vehicles: list[Vehicle]) -> Finding:
+    """Check how full the geofence is.
+
+    Args:
+        fleet: the fleet file.
+        vehicles: all enabled vehicles.
+    """
+    count = len(vehicles)
 
     # in the densest packing, a circle takes sqrt(3)/2 = sqrt(0.75) times its squared diameter
     west, east = fleet.fleet.geofence_m.x

@@ -23,7 +23,7 @@ of FlightContext, but not a fifth word.
 from __future__ import annotations
 
 import math
-from enum import Enum
+from enum import Enum, unique
 
 from msgspec import Struct
 
@@ -40,6 +40,7 @@ from onboard.types import TICK_S
 _LANDED_FRESH_NS = 1_500_000_000  # PX4 reports its landed state 5 to 10 times a second
 
 
+@unique  # two steps with equal columns would be one
 class FlightStep(Enum):
     """Steps of a flight.
 

@@ -182,6 +182,13 @@ def test_each_finding_fails_on_purpose_with_value_bound_and_remedy() -> None:
             assert (finding.value < finding.bound) == (finding.relation == "at least"), case
 
 
+def test_a_crowd_that_knows_too_few_and_has_too_little_room_is_told_both_at_once() -> None:
+    crowded = {"x": [-1.9, 1.9], "y": [-1.9, -0.9], "z": [0, 3]}
+    fleet = fleet_with({"fleet.geofence_m": crowded, "law.max_neighbours": 1})
+    assert named(fleet, "neighbours").status == "refused"
+    assert named(fleet, "crowding").status == "refused"
+
+
 def test_the_papers_law_is_held_to_its_own_initial_conditions_and_kappas() -> None:
     near = fleet_with({"law.name": "paper", "law.paper_v_perp_m_s": 3.2, "formations": {}})
     start = named(near, "initial conditions")
