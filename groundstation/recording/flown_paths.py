@@ -6,11 +6,20 @@ can be flown again as paths of a mission.
 
 from __future__ import annotations
 
+import contextlib
 import math
 import re
+from collections.abc import Iterator
 from pathlib import Path
 
-from groundstation.recording.reader import Sample, is_number, is_vector, of_one_flight, read
+from groundstation.recording.reader import (
+    Sample,
+    is_number,
+    is_vector,
+    json_object,
+    of_one_flight,
+)
+from groundstation.recording.timeline import Timeline
 from onboard.config.fleet import ConfigError
 from onboard.frames import yaw_from_quaternion
 
@@ -29,7 +38,7 @@ def flown_paths(folder: Path, rate_hz: float) -> dict[str, list[str]]:
         ConfigError: there is no record.
     """
     samples: dict[str, dict[str, list[Sample]]] = {}  # vehicle -> topic -> samples
-    for sample in read(folder, ("truth", "tick")):
+    for sample in _samples(folder):
         if is_vector(sample.values.get("position_enu_m"), 3):
             samples.setdefault(sample.name, {}).setdefault(sample.topic, []).append(sample)
 
@@ -44,6 +53,16 @@ def flown_paths(folder: Path, rate_hz: float) -> dict[str, list[str]]:
     begin_ns = min(begins_ns, default=0)
     period_ns = round(1e9 / rate_hz)
     return {name: _lines(path, begin_ns, period_ns) for name, path in flown.items()}
+
+
+def _samples(folder: Path) -> Iterator[Sample]:
+    """Yield truth and ticks of a record, stamped on its common clock."""
+    with contextlib.closing(Timeline(folder)) as timeline:
+        for number in range(timeline.chunk_count):
+            for raw in timeline.raw_messages(number, frozenset(("truth", "tick"))):
+                values = json_object(raw.data)
+                if values is not None:
+                    yield Sample(f"{raw.topic}/{raw.name}", raw.stamp_ns, values)
 
 
 def write_csvs(folder: Path, out: Path, rate_hz: float = 10.0) -> list[Path]:

@@ -128,7 +128,7 @@ def _sample(message: Message, channel: str, topics: Sequence[str]) -> Sample | N
     if not channel or not is_wanted or message.log_time > _MAX_STAMP_NS:
         return None
 
-    values = _values(message.data)
+    values = json_object(message.data)
     if values is None:
         return None
     return Sample(channel, message.log_time, values)
@@ -279,7 +279,7 @@ class _BoundedStream:
         return self._stream.read(size)
 
 
-def _values(data: bytes) -> dict[str, Any] | None:
+def json_object(data: bytes) -> dict[str, Any] | None:
     """Return a JSON object as a mapping; None if the data are not a JSON object."""
     try:
         values = json.loads(data)

@@ -37,6 +37,7 @@ _UNIT_AT_END = re.compile(r"[\s_]*[\[(]?\s*(ms|msec|sec|s|m|deg)?\s*[\])]?\s*$",
 class Places(NamedTuple):
     """Positions of one drone over time."""
 
+    first_s: float  # time of the first one in the file
     times_s: Array  # (T,), from 0 on
     latitudes_deg: Array  # (T,)
     longitudes_deg: Array  # (T,)
@@ -53,11 +54,16 @@ def read_places(file: FilePath) -> Places | None:
         ConfigError: it has such columns, but they are not positions at rising times.
     """
     text = read_text(str(file), CSV_FILE)
-    lines = [line for line in text.splitlines() if line.strip() and not line.startswith("#")]
+    lines = [
+        (number, line)
+        for number, line in enumerate(text.splitlines(), 1)
+        if line.strip() and not line.startswith("#")
+    ]
     if not lines:
         return None
 
-    columns = _columns(lines[0])
+    (_, first_line), *further_lines = lines
+    columns = _columns(first_line)
     if "latitude" not in columns or "longitude" not in columns:
         return None
     missing = [kind for kind in _KINDS if kind not in columns]
@@ -66,15 +72,13 @@ def read_places(file: FilePath) -> Places | None:
             f"{file}: it has latitude and longitude, but no column of {' and '.join(missing)}. "
             "Name one 'time' or 'altitude' in the first line."
         )
-    if not 3 <= len(lines) <= MOST_LINES or max(map(len, lines)) > LONGEST_LINE:
+    if not 3 <= len(lines) <= MOST_LINES or max(len(line) for _, line in lines) > LONGEST_LINE:
         raise ConfigError(
             f"{file}: {len(lines) - 1} places are no path; it has 2 to {MOST_LINES} lines of at "
             f"most {LONGEST_LINE} letters below the line of names."
         )
 
-    numbers = np.array(
-        [_numbers(file, number, line, columns) for number, line in _numbered_lines(lines)]
-    )
+    numbers = np.array([_numbers(file, number, line, columns) for number, line in further_lines])
     return _checked(file, numbers)
 
 
@@ -178,11 +182,6 @@ def _cells(line: str) -> list[str]:
     return cells
 
 
-def _numbered_lines(lines: Sequence[str]) -> list[tuple[int, str]]:
-    """Return the lines below the first one, with their numbers."""
-    return list(enumerate(lines[1:], 2))
-
-
 def _numbers(
     file: FilePath, number: int, line: str, columns: Mapping[str, tuple[int, float]]
 ) -> list[float]:
@@ -223,4 +222,10 @@ def _checked(file: FilePath, numbers: Array) -> Places:
             f"{file}: latitudes lie within -90 and 90, longitudes within -180 and 180 degrees. "
             "Give degrees with decimals."
         )
-    return Places(times_s - times_s[0], latitudes_deg, longitudes_deg, altitudes_m)
+    return Places(
+        first_s=float(times_s[0]),
+        times_s=times_s - times_s[0],
+        latitudes_deg=latitudes_deg,
+        longitudes_deg=longitudes_deg,
+        altitudes_m=altitudes_m,
+    )

@@ -14,7 +14,6 @@ import math
 import os
 import posixpath
 import zipfile
-import zlib
 from typing import Any
 
 import numpy as np
@@ -29,7 +28,7 @@ from groundstation.shows.show import (
     check_light_count,
     path_from_pieces,
 )
-from groundstation.shows.zip_members import PACKINGS, refuse_many_members
+from groundstation.shows.zip_members import DAMAGES, PACKINGS, refuse_many_members
 from onboard.config.file_reading import (
     MOST_JSON_VALUES,
     SHOW_FILE,
@@ -68,14 +67,9 @@ def read_skyc(file: str | os.PathLike[str]) -> Show:
             refuse_many_members(name, stream)
             with zipfile.ZipFile(stream) as archive:
                 return _show(name, _Members(name, archive).read("show.json"))
-    except (
-        OSError,
-        zipfile.BadZipFile,
-        zlib.error,
-        EOFError,
-        NotImplementedError,
-        RuntimeError,
-    ) as error:
+    except ConfigError:
+        raise
+    except DAMAGES as error:
         raise ConfigError(
             f"{name}: this is no .skyc, or it is truncated ({error}). Export it again."
         ) from None

@@ -15,6 +15,18 @@ from onboard.config.fleet import ConfigError
 
 PACKINGS = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)  # others may need gigabytes of memory
 _MOST_MEMBERS = 20_000
+# What zipfile raises for a file that is no zip or is damaged; a name in it that is no UTF-8 is a
+# ValueError.
+DAMAGES = (
+    OSError,
+    zipfile.BadZipFile,
+    zlib.error,
+    EOFError,
+    NotImplementedError,
+    RuntimeError,
+    ValueError,
+    struct.error,
+)
 
 # The end of a zip states the length of its list of members, from which zipfile makes objects.
 # Fields: signature, numbers of disks and members, length and offset of the list, length of a
@@ -78,14 +90,9 @@ def unpack(
                     most_members=most_members,
                     most_bytes=most_bytes,
                 )
-    except (
-        OSError,
-        zipfile.BadZipFile,
-        zlib.error,
-        EOFError,
-        NotImplementedError,
-        RuntimeError,
-    ) as error:
+    except ConfigError:
+        raise
+    except DAMAGES as error:
         raise ConfigError(
             f"{name}: this is no zip, or it is truncated ({error}). Export it again."
         ) from None

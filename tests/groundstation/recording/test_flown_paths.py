@@ -9,6 +9,7 @@ import pytest
 from groundstation.cli import main
 from groundstation.paths.path_files import load_path
 from groundstation.recording.flown_paths import write_csvs
+from groundstation.recording.writer import RecordFiles
 from onboard.bus.topics import Topic
 from onboard.control.path import point_at
 from tests.groundstation.recorded import SECOND, record, spot, tick
@@ -36,3 +37,21 @@ def test_a_name_in_a_record_never_leads_out_of_the_folder(tmp_path: Path) -> Non
 
     assert paths == [tmp_path / "out" / "csv" / "mav0.csv"]
     assert list(tmp_path.rglob("*.csv")) == paths
+
+
+def test_vehicles_with_clocks_of_their_own_have_one_zero_of_time(tmp_path: Path) -> None:
+    folder = tmp_path / "flight"
+    folder.mkdir()
+    files = RecordFiles(folder, (folder / "flight.mcap").open("wb"), begin_ns=0, begin="a test")
+    for step in range(200):
+        now_ns = SECOND + step * SECOND // 10
+        for name, ahead_s in (("mav0", 0), ("mav1", 2400)):
+            files.write(Topic.TICK, name, tick(now_ns + ahead_s * SECOND), now_ns)
+        if step % 10 == 9:
+            files.flush()
+    files.finish()
+    files.close()
+
+    for path in write_csvs(folder, tmp_path / "csv"):
+        _, first, *_ = path.read_text(encoding="utf-8").splitlines()
+        assert float(first.partition(",")[0]) < 1.0, path.name

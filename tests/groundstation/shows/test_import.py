@@ -182,6 +182,29 @@ def test_folders_of_csvs_are_shows_too(tmp_path: Path) -> None:
     assert lights[-1].endswith(",0,0,255")
 
 
+def test_csvs_share_one_clock(tmp_path: Path) -> None:
+    folder = csvs(tmp_path / "csvs", list(line_of(2).values()), 12.0)
+    file = folder / "Drone 2.csv"
+    text = file.read_text(encoding="utf-8")
+
+    def begins_at(seconds: int) -> None:
+        head, *lines = text.splitlines()
+        later = []
+        for line in lines:
+            time_ms, _, rest = line.partition(",")
+            later.append(f"{int(time_ms) + 1000 * seconds},{rest}")
+        file.write_text("\n".join([head, *later]), encoding="utf-8")
+
+    begins_at(10)
+    first, second = read_folder(folder).drones
+    assert (first.begin_s, second.begin_s) == (0.0, 10.0)
+    assert second.lights[0][0] == 10.0
+
+    begins_at(4000)
+    with pytest.raises(ConfigError, match=r"Drone 2\.csv begins 4000 s after the first drone"):
+        read_folder(folder)
+
+
 def test_a_colour_that_is_none_is_refused_with_the_file_that_has_it(tmp_path: Path) -> None:
     folder = csvs(tmp_path / "csvs", list(line_of(2).values()), 12.0)
     file = folder / "Drone 2.csv"
@@ -361,6 +384,12 @@ def test_a_zip_of_csvs_is_a_show_and_a_bomb_or_an_empty_one_is_none(tmp_path: Pa
     assert read.title == "show"
 
     with zipfile.ZipFile(show, "w") as archive:
+        archive.writestr("Dröhne.csv", "t,x,y,z")
+    show.write_bytes(show.read_bytes().replace("ö".encode(), b"\xff\xff"))
+    with pytest.raises(ConfigError, match="this is no zip, or it is truncated"):
+        read_show(show)
+
+    with zipfile.ZipFile(show, "w") as archive:
         archive.writestr("readme.txt", "")
     with pytest.raises(ConfigError, match=r"0 members that end in \.csv"):
         read_show(show)
@@ -389,6 +418,16 @@ def test_latitudes_and_longitudes_become_metres_across_the_date_line_too(tmp_pat
     east_m = show.drones[1].home_enu_m[0] - show.drones[0].home_enu_m[0]
     assert east_m == pytest.approx(math.radians(0.00011) * 6_371_000, rel=1e-3)
     assert "lowest altitude" in show.notes[0]
+    assert len(show.notes) == 1
+
+    coloured = (folder / "d1.csv").read_text().replace("HeadingMode", "HeadingMode,Red,Green,Blue")
+    (folder / "d1.csv").write_text(coloured.replace(",auto", ",auto,255,0,0"))
+    assert "the colours of d1.csv could not be read" in read_show(folder).notes[1]
+
+    bad = (folder / "d0.csv").read_text().replace("Waypoint 9,0.0", "Waypoint 9,north")
+    (folder / "d0.csv").write_text("# one\n# two\n" + bad)
+    with pytest.raises(ConfigError, match="line 13: it has no number as its latitude"):
+        read_show(folder)
 
     (folder / "d0.csv").write_text("Latitude,Longitude,time\n1,2,3\n")
     with pytest.raises(ConfigError, match="no column of altitude"):
