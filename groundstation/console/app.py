@@ -398,7 +398,7 @@ class ConsoleApp(App[int]):
 
     async def action_order_all(self, verb: Verb) -> None:
         """Land or hold all vehicles."""
-        await self.orders.order_all(verb)
+        await self.orders.order_all(verb, is_by_key=True)
 
     async def action_order_paths(self, verb: Verb) -> None:
         """Give an order to all vehicles that follow paths: pause, resume, skip or bring home."""

@@ -360,10 +360,16 @@ class OrderEntry:
             sent = self._ordering.submit_now(self._order_for_all(verb))
             self._sent_early.append(sent)
 
-    async def order_all(self, verb: Verb) -> None:
-        """Land or hold all vehicles from every screen, without a question."""
-        if self._sent_early:
-            self._show_sent(self._sent_early.popleft())
+    async def order_all(self, verb: Verb, *, is_by_key: bool = False) -> None:
+        """Land or hold all vehicles from every screen, without a question.
+
+        Args:
+            verb: the order.
+            is_by_key: whether an emergency key orders it, whose order may have been sent already.
+        """
+        early = self._sent_early
+        if is_by_key and early and early[0].planned.intent.verb == verb:
+            self._show_sent(early.popleft())
         elif self._fleet.enabled_names:
             await self.send(self._order_for_all(verb))
         else:

@@ -61,6 +61,17 @@ async def test_land_all_and_hold_all_go_from_every_screen(rig: Rig) -> None:
             assert rig.client.ordered == ["hold mav0,mav1,mav2", "land mav0,mav1,mav2"], screens
 
 
+async def test_a_hold_that_a_key_has_sent_early_is_not_taken_for_a_landing(rig: Rig) -> None:
+    """The terminal's thread sends an emergency at once; the loop may handle a signal before it."""
+    async with rig.app.run_test(size=(80, 24)):
+        rig.hover()
+        rig.app.orders.send_urgent("f8")
+        await rig.app.orders.order_all("land")
+        assert rig.client.ordered == ["hold mav0,mav1,mav2", "land mav0,mav1,mav2"]
+        await rig.app.orders.order_all("hold", is_by_key=True)
+        assert len(rig.client.ordered) == 2, "shown, and not sent again"
+
+
 async def test_keys_mean_the_marked_vehicles_else_the_one_under_the_cursor(rig: Rig) -> None:
     async with rig.app.run_test(size=(80, 24)) as pilot:
         rig.hover()
