@@ -9,8 +9,9 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import logging
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from typing import Any
 
 import msgspec
@@ -36,6 +37,8 @@ MAX_QUEUED = 500  # most messages that wait for one page
 SEND_LIMIT_S = 10.0  # longest time for sending one message
 
 Send = Callable[[str], Any]  # returns an awaitable
+
+log = logging.getLogger(__name__)
 
 _encode = msgspec.json.Encoder().encode
 
@@ -150,9 +153,7 @@ class LiveFeed:
         """Disconnect from the fleet, even if vehicles fly; a second call does nothing."""
         for task in self._tasks:
             task.cancel()
-        for task in self._tasks:
-            with contextlib.suppress(asyncio.CancelledError):
-                await task
+        await asyncio.gather(*self._tasks, return_exceptions=True)
         self._tasks = []
         if self.cards is not None:
             await self.cards.stop()
@@ -180,18 +181,23 @@ class LiveFeed:
     async def _tell_states(self) -> None:
         while True:
             await asyncio.sleep(STATE_PERIOD_S)
-            if self.cards is not None:
-                self._client.control.update(self._client.state)
-            if not self._pages:
-                continue
-            text = self._state_text()
-            for page in self._pages:
-                page.tell_state(text)
+            with _logged():
+                self._tell_state()
+
+    def _tell_state(self) -> None:
+        if self.cards is not None:
+            self._client.control.update(self._client.state)
+        if not self._pages:
+            return
+        text = self._state_text()
+        for page in self._pages:
+            page.tell_state(text)
 
     async def _check_cards(self, cards: OrderCards) -> None:
         while True:
             await asyncio.sleep(CHECK_S)
-            cards.check_waiting()
+            with _logged():
+                cards.check_waiting()
 
     def _state_text(self) -> str:
         now_ns = self._client.now_ns()
@@ -228,6 +234,15 @@ class LiveFeed:
     def _tell_text(self, text: str) -> None:
         for page in self._pages:
             page.tell(text)
+
+
+@contextlib.contextmanager
+def _logged() -> Iterator[None]:
+    """Log an exception of one round; the next round goes on, and so does the shutdown."""
+    try:
+        yield
+    except Exception:
+        log.exception("The page could not be kept up to date")
 
 
 def _text(message: PageMessage) -> str:

@@ -274,14 +274,15 @@ class OrderCards:
 
     async def _fly_mission(self, card: OrderCard, mission: MissionCall) -> None:
         """Fly a mission, and write its verdict on its card."""
-        card.outcome = "failed"
         try:
             verdict = await mission()
         except Exception as error:  # noqa: BLE001 - it is shown; the operator still gives orders
+            card.outcome = "failed"
             reason = plain_line(f"The mission broke off: {type(error).__name__}: {error}")
             card.sentences = (reason[:_MOST_TEXT], "Land with LAND ALL.")
             self._tell(card.message())
             return
+        card.outcome = "failed"
         if isinstance(verdict, Verdict):
             if verdict.passed:
                 card.outcome = "passed"
@@ -345,9 +346,12 @@ class OrderCards:
             request = "Again within 1 s stops the motors: they fall."
             self._new_card(text, "refused", f"{request} {sentence}".strip())
             return
-        self._latch.add(intent.names)
-        self._send(self._new_card(text, "sent"), self._client.plan(intent))
-        self._drop_orders_to(intent.names)
+        card = self._new_card(text, "sent")
+        self._send(card, self._client.plan(intent))
+        if card.result is not None:
+            killed = tuple(card.result.planned.orders)
+            self._latch.add(killed)
+            self._drop_orders_to(killed)
 
     def _drop_orders_to(self, killed: Sequence[str]) -> None:
         """Drop waiting cards whose order is to a killed vehicle."""

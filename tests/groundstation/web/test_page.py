@@ -22,7 +22,7 @@ from groundstation.client.client import FleetClient
 from groundstation.missions.runner import MissionRun
 from groundstation.orders.forecast import Forecast
 from groundstation.scene.ground_tiles import GroundTile, GroundTiles
-from groundstation.web import live_feed, page_server
+from groundstation.web import live_feed, order_cards, page_server
 from groundstation.web.live_feed import LiveFeed
 from groundstation.web.page_server import PageServer, require_loopback
 from onboard.config.fleet import ConfigError, FleetConfig
@@ -240,6 +240,28 @@ async def test_a_mission_that_breaks_off_says_so_on_its_card_and_the_page_lives_
         assert await heard(socket, card("land all", "sent"))
 
 
+async def test_a_mission_under_way_is_no_failed_one_on_a_page_that_is_loaded_again(
+    operated: Served, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    goes_on = asyncio.Event()
+
+    async def fly(_: MissionRun) -> None:
+        await goes_on.wait()
+
+    monkeypatch.setattr(MissionRun, "run", fly)
+    text = "takeoff all 1.0 by 2 every 0.1"
+    async with opened(operated) as socket:
+        await heard(socket, is_operator)
+        await confirmed(socket, text)
+        await heard(socket, card(text, "sent"))
+    async with opened(operated) as socket:
+        again = await heard(socket, card(text, "sent"))
+        assert not again["outcome"]
+        goes_on.set()
+        ended = await heard(socket, lambda m: card(text, "sent")(m) and m["outcome"])
+        assert ended["outcome"] == "failed"
+
+
 async def test_a_countdown_is_asked_about_shown_and_stopped(
     operated: Served, tmp_path: Path
 ) -> None:
@@ -348,6 +370,40 @@ async def test_a_kill_needs_the_same_words_twice_within_a_second(operated: Serve
         await socket.send_str(json.dumps({"do": "order", "text": "reset mav1"}))
         freed = await heard(socket, card("reset mav1", "sent"))
         assert freed["sentences"] == ["mav1 may be ordered again."]
+
+
+async def test_a_kill_that_was_not_sent_latches_nobody_and_drops_nothing(
+    operated: Served, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def closed(*_: Any, **__: Any) -> None:
+        raise RuntimeError("the bus is not open")
+
+    async with opened(operated) as socket:
+        await heard(socket, is_operator)
+        await socket.send_str(json.dumps({"do": "order", "text": "takeoff mav1 1.0"}))
+        await heard(socket, card("takeoff mav1 1.0", "previewed"))
+        monkeypatch.setattr(FleetClient, "send", closed)
+        for _ in range(2):
+            await socket.send_str(json.dumps({"do": "order", "text": "kill mav1"}))
+        not_sent = "the bus is not open"
+        await heard(socket, lambda m: m["kind"] == "card" and not_sent in m["sentences"])
+        await socket.send_str(json.dumps({"do": "order", "text": "takeoff mav1 2"}))
+        again = await heard(socket, lambda m: m["kind"] == "card" and m["text"].endswith(" 2"))
+        assert again["phase"] == "previewed", again["sentences"]
+
+
+async def test_one_round_that_fails_ends_neither_the_page_nor_its_shutdown(
+    operated: Served, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def fails(*_: Any) -> None:
+        raise ZeroDivisionError("a mistake")
+
+    assert operated.feed.cards is not None
+    monkeypatch.setattr(operated.feed.cards, "check_waiting", fails)
+    async with opened(operated) as socket:
+        await asyncio.sleep(3.0 * order_cards.CHECK_S)
+        await heard(socket, lambda message: message["kind"] == "state")
+        assert not any(task.done() for task in operated.feed._tasks)
 
 
 async def test_control_is_not_taken_by_words_with_more_behind_them(operated: Served) -> None:
