@@ -79,6 +79,8 @@ class _Batch:
         self.moves.pop(name, None)
         self.paths.pop(name, None)
         self.landings.pop(name, None)
+        self.arms = [other for other in self.arms if other != name]
+        self.stops = [other for other in self.stops if other != name]
 
 
 class ScriptOrders:
@@ -107,6 +109,7 @@ class ScriptOrders:
 
     def arm(self, name: str) -> None:
         """Have a vehicle arm on the ground."""
+        self._batch.stops = [other for other in self._batch.stops if other != name]
         self._batch.arms.append(name)
 
     def takeoff(self, name: str, height_m: float, duration_s: float) -> None:
@@ -135,6 +138,10 @@ class ScriptOrders:
             raise OrderError(
                 f"{name} flies, and without motors it would fall: land() it, or allcfs.emergency()."
             )
+        landing_s = self._batch.landings.get(name)
+        self._batch.forget(name)
+        if landing_s is not None:  # it is disarmed once it has landed
+            self._batch.landings[name] = landing_s
         self._batch.stops.append(name)
 
     def kill_all(self) -> None:
