@@ -26,6 +26,7 @@ from groundstation.incident.account import account_of
 from groundstation.incident.candidates import Candidate, candidates_of
 from groundstation.incident.findings import Trial, findings_of, sentences
 from groundstation.incident.moment import find_moment
+from groundstation.recording.reader import record_path
 from groundstation.recording.record_list import written_verdict
 from groundstation.recording.replay import open_flight
 from onboard.config.fleet import ConfigError, FleetConfig
@@ -60,7 +61,7 @@ def incident(
         if timeline.broken:
             print(timeline.broken)
 
-    verdict = written_verdict(flight)
+    verdict = written_verdict(record_path(flight).parent)
     if isinstance(verdict.get("summary"), str):
         print(plain_line(verdict["summary"]))
     print(f"At {_seconds(moment.stamp_ns, begin_ns)} s: {plain_line(moment.sentence)}")

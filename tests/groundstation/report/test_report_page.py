@@ -120,3 +120,13 @@ def test_a_page_replaces_a_page_and_an_empty_file_and_nothing_else(
     assert notes.read_text() == "<title>My notes</title>"
     for _ in range(2):
         assert main(["report", str(folder), "--out", str(empty)]) == 0
+
+
+def test_a_page_may_end_in_part_and_a_file_beside_it_is_left_alone(tmp_path: Path) -> None:
+    folder = write(tmp_path / "flight", [*rows(), *story("mav0")])
+    mine = tmp_path / "page.part"
+    other = tmp_path / "other.part"
+    other.write_text("mine")
+    assert write_page(folder, out=mine).path.exists()
+    write_page(folder, out=tmp_path / "other.html")
+    assert other.read_text() == "mine"
