@@ -199,18 +199,18 @@ class PathFlight:
 
 
 def other_clocks(telemetries: Iterable[Telemetry], show_id: str, now_ns: int) -> list[OtherClock]:
-    """Return the clocks of the other vehicles in the same show with recent telemetry."""
+    """Return the clocks of the other vehicles in the same show with recent telemetry.
+
+    A clock that is no number is left out: it would make this vehicle's own clock none.
+    """
     clocks = []
     for other in telemetries:
+        since_s = (now_ns - other.stamp_ns) * 1e-9
+        time_s = other.path_time_s + other.path_rate_frac * since_s
         is_heard = now_ns - other.stamp_ns < _HEARD_NS
-        if other.show_id == show_id and is_heard and math.isfinite(other.path_time_s):
-            since_s = (now_ns - other.stamp_ns) * 1e-9
+        if other.show_id == show_id and is_heard and math.isfinite(time_s):
             clocks.append(
-                OtherClock(
-                    time_s=other.path_time_s + other.path_rate_frac * since_s,
-                    is_behind=other.is_behind,
-                    is_paused=other.is_path_paused,
-                )
+                OtherClock(time_s=time_s, is_behind=other.is_behind, is_paused=other.is_path_paused)
             )
     return clocks
 

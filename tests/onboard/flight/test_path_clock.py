@@ -209,6 +209,8 @@ def _said(**changes: Any) -> Telemetry:
         (1.5, {}, False),
         (0.5, {"show_id": "another"}, False),
         (0.5, {"path_time_s": math.nan}, False),
+        (0.5, {"path_rate_frac": math.nan}, False),
+        (0.5, {"path_rate_frac": math.inf}, False),
     ],
 )
 def test_the_clocks_of_who_flies_the_same_show_count_while_they_are_heard(
