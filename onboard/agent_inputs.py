@@ -72,6 +72,10 @@ class SnapshotReceived(Struct, frozen=True):
     snapshot: Snapshot
 
 
+class SetpointDropped(Struct, frozen=True):
+    """The last tick's setpoint was not sent, because the tick took too long."""
+
+
 class ParamsRead(Struct, frozen=True):
     """PX4's parameters were read and compared with the required ones."""
 
@@ -146,6 +150,7 @@ AgentInput = (
     | OrderUntrusted
     | NodeChanged
     | SnapshotReceived
+    | SetpointDropped
     | ParamsRead
     | ClocksCompared
     | CertificateChecked

@@ -38,6 +38,7 @@ class CommandExecutor:
         bus: bus of the fleet.
         inbox: receives the messages of the subscriptions.
         on_exit: function that ends the process.
+        on_dropped: function that is called when a setpoint is too old to be sent.
     """
 
     def __init__(
@@ -48,6 +49,7 @@ class CommandExecutor:
         bus: Bus,
         inbox: Inbox,
         on_exit: Callable[[], None],
+        on_dropped: Callable[[], None],
     ) -> None:
         self.tick_ns = 0  # time at which the tick began
         self.reliable = BackgroundQueue("bus")  # messages that must arrive
@@ -57,6 +59,7 @@ class CommandExecutor:
         self._link = link
         self._bus = bus
         self._inbox = inbox
+        self._on_dropped = on_dropped
         self._replies: dict[str, OnReply] = {}  # order id -> function that replies to its sender
         self._actions: dict[type, Callable[[Any], object]] = {
             agent_commands.SendAttitude: self._send_attitude,
@@ -100,6 +103,8 @@ class CommandExecutor:
     def _send_attitude(self, command: agent_commands.SendAttitude) -> None:
         if time.monotonic_ns() - self.tick_ns < _LATEST_SETPOINT_NS:
             self._link.send_attitude(command.setpoint)
+        else:
+            self._on_dropped()
 
     def _publish(self, command: agent_commands.Publish) -> None:
         topic = command.topic

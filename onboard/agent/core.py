@@ -55,6 +55,7 @@ from onboard.agent_inputs import (
     OrderUntrusted,
     ParamsRead,
     PoseReceived,
+    SetpointDropped,
     ShutdownRequested,
     SnapshotReceived,
     TickFailed,
@@ -526,7 +527,11 @@ class AgentCore:
         snapshot = self._snapshot
         if snapshot.is_armed and snapshot.landed in _IN_AIR:
             return True
+
         step = self.flight.step
+        is_flown_by_px4 = step.situation in (Situation.PX4_LANDING, Situation.SILENT)
+        if snapshot.is_armed and is_flown_by_px4:
+            return not self._view.is_on_ground  # an old report of the ground does not count
         return step.is_under_law and step is not FlightStep.LIFTOFF
 
     # -- inputs ------------------------------------------------------------------------------------
@@ -653,6 +658,10 @@ class AgentCore:
             self.flight.say(self._view, "warning", "mocap-source", received.sentence)
         return []
 
+    def _setpoint_dropped(self, received: SetpointDropped, now_ns: int) -> list[Command]:
+        self._setpoints.forget_last()
+        return []
+
     def _tick_failed(self, received: TickFailed, now_ns: int) -> list[Command]:
         self.control.is_finite = False
         self.flight.say(self._view, "critical", "tick-failed", received.sentence)
@@ -676,6 +685,7 @@ def _intake_of(corrections: CorrectionsConfig | None) -> CorrectionsIntake | Non
 
 _RECEIVERS: dict[type, Callable[[AgentCore, Any, int], list[Command]]] = {
     SnapshotReceived: AgentCore._snapshot_received,
+    SetpointDropped: AgentCore._setpoint_dropped,
     NeighbourReceived: AgentCore._neighbour_received,
     PoseReceived: AgentCore._pose_received,
     AllPosesReceived: AgentCore._all_poses_received,

@@ -124,6 +124,7 @@ class AgentProcess:
             bus=self._bus,
             inbox=self._inbox,
             on_exit=self._exit,
+            on_dropped=lambda: self._inbox.notices.append(agent_inputs.SetpointDropped()),
         )
         self._upkeep = LinkUpkeep(
             fleet=fleet,

@@ -48,6 +48,8 @@ class SetpointOutput:
         # after this time without setpoints, PX4 begins to land
         self._loss_ns = round(1e9 * silence_s(vehicle))
         self._sent_ns = 0  # time of the last setpoint; 0 while nothing is sent
+        # time, attitude and throttle of the setpoint before the last one
+        self._before: tuple[int, Wxyz, float] = (0, self.quaternion_wxyz, 0.0)
 
     def commands(self, view: FlightView, control: ControlStep) -> list[Command]:
         """Return the command with this tick's setpoint; empty if none may be sent."""
@@ -84,10 +86,15 @@ class SetpointOutput:
         if not is_sendable(for_px4, self._max_tilt_deg):
             return []
 
+        self._before = (self._sent_ns, self.quaternion_wxyz, self.sent_thrust_frac)
         self._sent_ns = view.now_ns
         self.quaternion_wxyz = setpoint.quaternion_wxyz
         self.sent_thrust_frac = setpoint.thrust_frac
         return [SendAttitude(for_px4)]
+
+    def forget_last(self) -> None:
+        """Count the last setpoint as not sent, because it was too old when it was ready."""
+        self._sent_ns, self.quaternion_wxyz, self.sent_thrust_frac = self._before
 
     def _may_hop(self, view: FlightView) -> bool:
         """Return whether the vehicle may touch the ground; False if its height is not accurate."""

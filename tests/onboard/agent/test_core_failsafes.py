@@ -415,3 +415,38 @@ def test_below_the_fleets_origin_a_flight_above_a_lower_ground_is_no_fall() -> N
     assert rig.outcomes()["up"] == "done"
     assert rig.core.flight.step is FlightStep.ARRIVED
     assert rig.position[2] == pytest.approx(0.0, abs=0.05)
+
+
+def test_a_vehicle_that_px4_lands_is_in_the_air_until_a_new_report_of_the_ground() -> None:
+    """PX4's reports of the ground stopped before the lift-off; later PX4 lands by itself."""
+    rig = ready_rig()
+    rig.order("arm")
+    rig.until("armed")
+    rig.has_landed_reports = False
+    rig.order("takeoff", height_m=1.0)
+    rig.run(8.0)
+    rig.mode = "LAND"
+    rig.run(2.0)
+    assert not rig.core.flight.step.is_under_law
+    assert rig.position[2] > 0.3
+    assert rig.state is not None
+    assert rig.state.is_airborne
+    assert rig.telemetry is not None
+    assert rig.telemetry.is_airborne
+
+
+def test_setpoints_that_are_too_old_to_be_sent_count_as_not_sent() -> None:
+    """Each tick takes too long for 0.4 s: PX4 has begun to land, and is left to it."""
+    rig = hovering_rig()
+    for _ in range(20):
+        rig.run(0.02)
+        rig.core.handle(agent_inputs.SetpointDropped(), rig.now_ns)
+    assert rig.core.flight.step is FlightStep.PX4_LANDING
+    assert any(event.code == "setpoints-interrupted" for event in rig.events)
+
+
+def test_a_single_setpoint_that_is_too_old_changes_nothing() -> None:
+    rig = hovering_rig()
+    rig.core.handle(agent_inputs.SetpointDropped(), rig.now_ns)
+    rig.run(1.0)
+    assert rig.core.flight.state == "flying"

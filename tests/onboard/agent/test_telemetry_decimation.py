@@ -97,6 +97,7 @@ def test_an_agent_hears_whom_it_follows_often_and_only_the_others_slowly() -> No
         bus=bus,
         inbox=inbox,
         on_exit=lambda: None,
+        on_dropped=lambda: None,
     )
     executor.execute([agent_commands.Follow(frozenset({"mav0", "mav2"}))])
     executor.stop()
