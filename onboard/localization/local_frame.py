@@ -54,7 +54,10 @@ class LocalFrame:
     _has_flown: bool = False
 
     def take(self, snapshot: Snapshot) -> Xyz | None:
-        """Return the newest local position in the fleet frame; None if no offset is known."""
+        """Return the newest local position in the fleet frame; None if no offset is known.
+
+        An offset is found on the ground only.
+        """
         local = _LocalPosition(
             snapshot.local_position_ns,
             enu_from_ned(snapshot.position_local_ned_m),
@@ -70,6 +73,8 @@ class LocalFrame:
         anchored_m = self._anchored_offset_m(local.position_m, snapshot)
         if anchored_m is None:
             return None
+        if self._offset_enu_m is None and not is_parked:
+            return None  # an agent that starts in the air cannot know the height of the ground
 
         # without an origin on Earth, the anchored offset is correct only before the first flight
         is_anchor_right = self.origin is not None or not self._has_flown

@@ -39,6 +39,9 @@ _STEP_M_S = 6.0
 _NEAR_M = 0.3
 _DRIFT_M_S = 0.15
 _FAR_M = 0.7
+# The first pose of an agent that starts in the air restarts PX4's estimate, whose counter is from
+# before. Until then PX4 had no poses for some seconds, and has drifted by less than this.
+_FIRST_FAR_M = 1.5
 _FRESH_NS = 300_000_000  # an older position of PX4 is not used
 
 
@@ -63,6 +66,8 @@ class OdometryForwarder:
                 if not _may_restart(pose.position_enu_m, snapshot, now_ns, silent_ns):
                     return []
                 self.resets = (self.resets + 1) % 256
+        elif _is_elsewhere(pose.position_enu_m, snapshot, now_ns):
+            return []
 
         self._sent_ns = now_ns
         self._stamp_ns = pose.stamp_ns
@@ -84,6 +89,22 @@ class OdometryForwarder:
             return False
         reach_m = _STEP_M + _STEP_M_S * gap_ns * 1e-9
         return math.dist(pose.position_enu_m, last_enu_m) <= reach_m
+
+
+def _is_elsewhere(position_enu_m: Xyz, snapshot: Snapshot, now_ns: int) -> bool:
+    """Whether PX4 flies so far from a first pose that the pose must be of another body.
+
+    Args:
+        position_enu_m: position of the pose.
+        snapshot: newest snapshot of PX4.
+        now_ns: time of the tick.
+    """
+    if not snapshot.is_armed or snapshot.landed is Landed.ON_GROUND:
+        return False
+    if now_ns - snapshot.local_position_ns > _FRESH_NS:
+        return False  # PX4 does not know where it is, and needs the pose
+    px4_enu_m = enu_from_ned(snapshot.position_local_ned_m)
+    return math.dist(position_enu_m, px4_enu_m) > _FIRST_FAR_M
 
 
 def _may_restart(position_enu_m: Xyz, snapshot: Snapshot, now_ns: int, silent_ns: int) -> bool:

@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 
-from onboard.autopilot import Snapshot
+from onboard.autopilot import Landed, Snapshot
 from onboard.config.fleet import load_fleet
 from onboard.constants import GRAVITY_M_S2
 from onboard.localization.own_state import OwnState
@@ -64,6 +64,15 @@ def _flown(late_s: float, duration_s: float = 15.0) -> list[_Tick]:
     vehicle = load_fleet(_FLEET).vehicles["mav0"]
     own = OwnState(vehicle, is_flown=True)
     start = vehicle.start_enu_m
+    on_its_spot = Snapshot(local_position_ns=1, attitude_ns=1, landed=Landed.ON_GROUND)
+    own.update(
+        now_ns=1,
+        dt_s=TICK_S,
+        snapshot=on_its_spot,
+        thrust_frac=0.0,
+        hover_frac=_HOVER_FRAC,
+        is_on_ground=True,
+    )
     ticks = []
     for number in range(1, round(duration_s / TICK_S)):
         time_s = number * TICK_S

@@ -77,6 +77,15 @@ def test_without_a_fleet_origin_the_take_off_place_counts_once_and_not_where_it_
     assert landed_away == pytest.approx((2.0, 4.0, 0.0))
 
 
+def test_an_agent_that_starts_in_the_air_claims_no_position_until_it_stands() -> None:
+    frame = LocalFrame((1.0, 2.0, 0.0), ORIGIN)
+    at = place(1.0, 2.0)
+    assert frame.take(flying(0.0, (0.0, 0.0, -5.0), global_origin=at)) is None
+    assert frame.take(flying(0.1, (0.0, 0.0, -4.0), global_origin=at)) is None
+    landed = frame.take(parked(9.0, (0.0, 0.0, 0.2), global_origin=at))
+    assert landed == pytest.approx((1.0, 2.0, 0.0), abs=0.01)
+
+
 def test_a_jump_of_the_estimate_in_the_air_moves_nothing_at_once() -> None:
     for origin in (ORIGIN, None):
         frame = LocalFrame((0.0, 0.0, 0.0), origin)

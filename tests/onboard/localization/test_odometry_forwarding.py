@@ -97,6 +97,14 @@ def test_in_the_air_px4_begins_anew_only_near_where_it_thinks_that_it_is() -> No
         )
 
 
+def test_an_agent_that_starts_in_the_air_sends_no_first_pose_of_another_body() -> None:
+    times = [1000.0 + 40.0 * n for n in range(3)]
+    for drift_m, sent in ((0.9, [0, 0, 0]), (1.8, [])):
+        assert _sent(OdometryForwarder(), times, snapshot=_in_the_air(drift_m)) == sent, drift_m
+    lost = _in_the_air(1.8, knows_position=False)
+    assert _sent(OdometryForwarder(), times, snapshot=lost) == [0, 0, 0]
+
+
 def test_in_the_air_a_px4_without_a_position_gets_no_pose_after_a_gap() -> None:
     feed = OdometryForwarder()
     _sent(feed, [0.0, 20.0])
