@@ -81,7 +81,7 @@ class _Battery:
         is_report = message.get_type() == "BATTERY_STATUS"
         if is_report and message.get_srcComponent() == AUTOPILOT:
             report = PARSERS["BATTERY_STATUS"](message.to_dict(), time.monotonic_ns())
-            self.fields |= self._reports.changes(message.id, report)
+            self.fields |= self._reports.changes(message.id, report, is_armed=False)
 
 
 def ask(link: VehicleLink, key: bytes | None = None) -> VehicleInfo:

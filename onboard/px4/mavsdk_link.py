@@ -338,7 +338,7 @@ class Px4Link:
             except ValueError:
                 continue
             if name == "BATTERY_STATUS":
-                change = self._batteries.changes(fields["id"], change)
+                change = self._batteries.changes(fields["id"], change, is_armed=known.is_armed)
             changes |= change
             arrivals_ns.append(arrived_ns)
             if "time_boot_ms" in fields:
