@@ -7,11 +7,12 @@ a callback can deadlock.
 
 from __future__ import annotations
 
+import contextlib
 import json
 import os
 import secrets
 from collections.abc import Callable, Iterable, Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 import zenoh
 
@@ -49,9 +50,6 @@ _RUNTIMES = (
 )
 os.environ.setdefault("ZENOH_RUNTIME", f"({', '.join(_RUNTIMES)})")
 
-# a subscriber that keeps the newest samples, and the function that is called for each of them
-_Collector = tuple[Any, Callable[[Any], None]]
-
 _MAX_NAMES = 1000  # number of names of one topic that are cached by key
 _MAX_FOLLOWED = 16  # at most this many samples of a followed name wait for delivery
 _FAULT_NAME = "fault"  # last part of the key for fault orders
@@ -71,6 +69,14 @@ _LAST = (Topic.CORRECTIONS, Topic.LOG_PIECES)
 # datagram, so all other topics, such as ticks and preflight reports, are sent in streams. In a
 # stream, too, a publisher with LATEST delivery drops a message if it would have to wait.
 _IN_DATAGRAMS = (Topic.STATE, Topic.FAR, Topic.MOCAP, Topic.ALL_POSES, Topic.TRUTH)
+
+
+class _Collector(NamedTuple):
+    """A subscriber whose samples wait until they are delivered."""
+
+    subscriber: Any  # keeps the newest samples
+    receive: Callable[[Any], None]  # called for each sample
+    most: int  # number of samples that it keeps
 
 
 class BusSession:
@@ -249,24 +255,25 @@ class BusSession:
         # call `deliver`
         self._collectors = (*self._collected, *self._followed.values())
 
-        for subscriber, _ in dropped:
-            subscriber.undeclare()
+        for collector in dropped:
+            collector.subscriber.undeclare()
 
     def deliver(self) -> None:
         """Call back for everything collected or followed, on the caller's thread; never blocks."""
-        for subscriber, receive in self._collectors:
-            try:
-                sample = subscriber.try_recv()
-                while sample is not None:
-                    receive(sample)
-                    sample = subscriber.try_recv()
-            except zenoh.ZError:
-                continue  # another thread is just undeclaring it
+        for collector in self._collectors:
+            # No more than can wait at once: a sender that is faster than this loop would keep the
+            # caller here for ever.
+            with contextlib.suppress(zenoh.ZError):  # another thread is just undeclaring it
+                for _ in range(collector.most):
+                    sample = collector.subscriber.try_recv()
+                    if sample is None:
+                        break
+                    collector.receive(sample)
 
     def _collector(self, topic: Topic, name: str, on_message: OnMessage, most: int) -> _Collector:
         key_expression = key(self.namespace, topic, name)
         subscriber = self._open.declare_subscriber(key_expression, zenoh.handlers.RingChannel(most))
-        return subscriber, self._receiver(topic, name, on_message)
+        return _Collector(subscriber, self._receiver(topic, name, on_message), most)
 
     def _receiver(
         self, topic: Topic, name: str, on_message: OnMessage

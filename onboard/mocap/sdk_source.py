@@ -255,9 +255,10 @@ class SdkMocap:
                 self._pass_on(frame)
 
     def _pass_on(self, frame: RawFrame) -> None:
+        received_ns = time.monotonic_ns()  # here, so that a reader that is late is noticed
         for pose in self._converter.poses(frame):
             if self._body in ("*", pose.body):
-                self._on_pose(pose, frame.arrived_ns)
+                self._on_pose(pose, received_ns)
 
 
 def next_frame(pending: bytearray) -> RawFrame | str | None:

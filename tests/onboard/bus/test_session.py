@@ -12,9 +12,25 @@ import pytest
 from onboard.bus.codec import Malformed
 from onboard.bus.protocol import BusError, UntrustedOrder
 from onboard.bus.schema import Event, FaultOrder, Order, OrderReply
-from onboard.bus.session import BusSession
+from onboard.bus.session import BusSession, _Collector
 from onboard.bus.topics import Topic
 from tests.onboard.bus.sessions import until
+
+
+class Flood:
+    """A subscriber whose sender is faster than any reader."""
+
+    def try_recv(self) -> bytes:
+        return b"one more"
+
+
+def test_a_flood_does_not_hold_up_who_reads_the_bus() -> None:
+    session = BusSession(namespace="covey/t", node="mav0", listen=[])
+    received: list[bytes] = []
+    session._collectors = (_Collector(Flood(), received.append, 7),)
+    session.deliver()
+    assert len(received) == 7
+
 
 EVENT = Event(vehicle="mav0", stamp_ns=5, severity="info", code="armed", sentence="Armed.")
 

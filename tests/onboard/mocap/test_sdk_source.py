@@ -133,9 +133,10 @@ def test_moving_bodies_of_a_natnet_server_arrive_turned_into_the_fleets_frame() 
         problem = heard.source.problem
     assert problem == ""
     assert {pose.body for pose, _ in heard.poses} == {"mav0", "mav1"}
-    for pose, arrived_ns in heard.poses:
+    for pose, received_ns in heard.poses:
         x, y, z = pose.position_enu_m
-        assert arrived_ns - pose.stamp_ns == 4 * _MS
+        late_ns = received_ns - pose.stamp_ns  # the latency of the file, and the way to the agent
+        assert 4 * _MS <= late_ns < 1000 * _MS
         w, _, _, qz = pose.quaternion_enu_flu_wxyz
         if pose.body == "mav1":
             assert (x, y, z) == pytest.approx((0.0, 2.0, 1.5), abs=1e-6)
