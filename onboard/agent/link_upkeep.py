@@ -31,6 +31,7 @@ from onboard.safety.failsafe_table import Situation
 
 _REPEAT_S = 5.0  # time until the next check while there are problems
 _LOOK_S = 1.0  # time until the next check while there are no problems
+_RESTARTED = "PX4 has restarted: its parameters are being read again."
 # time after which parameters are read again, because somebody may have changed them
 _READ_AGAIN_NS = 15_000_000_000
 _NO_ORIGIN = (
@@ -97,6 +98,8 @@ class LinkUpkeep:
             await self._watch(beginnings)
             self._absent.clear()
             log.warning("PX4 has restarted, or is heard again")
+            if self._flight.step.situation is Situation.GROUND:
+                self._notify(agent_inputs.ParamsRead((_RESTARTED,)))
 
     async def _connect(self) -> None:
         while True:

@@ -111,8 +111,10 @@ async def test_rates_are_requested_again_after_a_restart_or_a_silence_while_para
 ) -> None:
     monkeypatch.setattr(link_upkeep, "_LOOK_S", 0.01)
     link = RestartingLink(counter)
-    await events_until(link, 2)
+    events = await events_until(link, 2)
     assert link.prepared == 2
+    read = [event.problems for event in events if isinstance(event, agent_inputs.ParamsRead)]
+    assert any("are being read again" in " ".join(problems) for problems in read[:-1])
 
 
 async def test_a_version_that_got_lost_is_requested_again_and_its_own_parameters_are_read_at_once(
