@@ -151,6 +151,7 @@ def judge(
     failures = (
         flown.failure,
         _other_ends(flown),
+        _nobody_left(flown),
         _still_up(flown, expect),
         _hard_landings(flown),
         _unknown_sentence(unknown_times, begin_ns),
@@ -332,17 +333,20 @@ def _has_closest_collided(verdict: Verdict) -> bool:
 def _smallest_of_all(state: FleetState, report: FlightReport | None) -> Separation | None:
     """Return the smallest separation by the live state or by the record.
 
-    The record has every sample of ground truth. So it counts if the live separation is not by
-    ground truth, or is larger.
+    The record has every sample of ground truth. So it counts if the live separation is larger, or
+    is of a pair of which the record has the truth, and is not by truth itself.
     """
     live = state.smallest_known
     if report is None or report.smallest is None:
         return live
 
     recorded = report.smallest
-    if live is None or not live.is_truth or recorded.distance_m < live.distance_m:
+    if live is None or recorded.distance_m < live.distance_m:
         return recorded
-    return live
+
+    names = {f"{live.first}-{live.second}", f"{live.second}-{live.first}"}
+    is_measured_better = not live.is_truth and not names.isdisjoint(report.pairs)
+    return recorded if is_measured_better else live
 
 
 def _collided(flown: FlightObservations, report: FlightReport | None) -> list[str]:
@@ -383,6 +387,15 @@ def _other_ends(flown: FlightObservations) -> str:
     return " ".join(
         sentence for name, sentence in flown.other_ends.items() if name not in flown.left_out
     )
+
+
+def _nobody_left(flown: FlightObservations) -> str:
+    """Return a sentence if the mission has gone on without all of its vehicles."""
+    left_out = set(flown.left_out)
+    in_service = set(flown.fleet.enabled_names) - out_of_service(flown.state)
+    if not left_out or not in_service <= left_out:
+        return ""
+    return f"No vehicle was left: the mission went on without {', '.join(sorted(left_out))}."
 
 
 def _unknown_times(flown: FlightObservations, expect: Expect) -> list[UnknownTime]:

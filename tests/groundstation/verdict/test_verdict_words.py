@@ -5,9 +5,10 @@ from __future__ import annotations
 from typing import Any
 
 import pytest
+from msgspec.structs import replace
 
-from groundstation.fleet.state import initial
-from groundstation.recording.flight_report import LoopTiming
+from groundstation.fleet.state import Separation, initial
+from groundstation.recording.flight_report import FlightReport, LoopTiming
 from groundstation.verdict.expectations import Expect
 from groundstation.verdict.observations import FlightObservations, StepResult
 from groundstation.verdict.verdict import (
@@ -118,3 +119,52 @@ def test_a_vehicle_whose_motors_stopped_just_above_the_ground_has_landed() -> No
     soft = LandingSpeed(vehicle="mav1", time_s=14.6, speed_m_s=0.3, limit_m_s=0.8, had_thrust=False)
     flight = {"landed": {"mav0": True, "mav1": True}, "touchdowns": [soft]}
     assert told("Landed and disarmed: ", **flight) == "mav0, mav1."
+
+
+def _observed(fleet: FleetConfig, **changes: Any) -> FlightObservations:
+    state = initial(fleet)
+    values: dict[str, Any] = {
+        "mission": "test",
+        "fleet": fleet,
+        "state": state,
+        "steps": [],
+        "arrivals": [],
+        "begin_ns": 0,
+        "end_ns": 0,
+    }
+    return FlightObservations(**{**values, **changes})
+
+
+def test_a_mission_that_went_on_without_all_of_its_vehicles_has_not_passed(
+    fleet: FleetConfig,
+) -> None:
+    verdict = judge(_observed(fleet, left_out={"mav0", "mav1"}), Expect())
+    assert "No vehicle was left" not in verdict.summary
+    verdict = judge(_observed(fleet, left_out={"mav0", "mav1", "mav2"}), Expect())
+    assert not verdict.passed
+    assert "No vehicle was left: the mission went on without mav0, mav1, mav2." in verdict.summary
+
+
+def test_a_distance_of_a_vehicle_without_truth_is_not_replaced_by_a_larger_one_of_others(
+    fleet: FleetConfig,
+) -> None:
+    """In a mixed flight only some vehicles have ground truth."""
+
+    def pair(first: str, second: str, distance_m: float, *, is_truth: bool) -> Separation:
+        return Separation(first, second, distance_m, 0, is_truth=is_truth)
+
+    recorded = pair("mav0", "mav1", 1.2, is_truth=True)
+    report = FlightReport(
+        smallest=recorded,
+        pairs={"mav0-mav1": recorded},
+        collided=(),
+        loops={},
+        begin_ns=0,
+        duration_s=1.0,
+    )
+    for first, second, distance_m in (("mav0", "mav2", 0.4), ("mav0", "mav1", 1.2)):
+        near = pair(first, second, 0.4, is_truth=False)
+        state = replace(initial(fleet), smallest=near)
+        verdict = judge(_observed(fleet, state=state), Expect(), report)
+        assert verdict.closest is not None
+        assert verdict.closest.distance_m == distance_m
