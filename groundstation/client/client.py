@@ -590,6 +590,10 @@ class FleetClient:
         self._feed.tell_sinks(topic, vehicle, message)
         self._feed.put(message)
 
+    def forget_formation(self) -> None:
+        """Hold the first formation of the fleet file again, as before the first order."""
+        self._held = HeldFormation(default_formation(self.fleet))
+
     def forget_distances(self) -> None:
         """Forget the smallest distances so far; a mission counts only its own."""
         self._state = without_distances(self._state)

@@ -501,7 +501,8 @@ class MissionGround:
         if not failed:
             return
 
-        if self.goes_on_without and len(failed) < len(results):
+        remaining = set(self.client.fleet.enabled_names) - self.left_out - set(failed)
+        if self.goes_on_without and remaining:
             self.leave_out(*failed)
         else:
             raise OrderFailed(intent, results)

@@ -30,7 +30,7 @@ def silent_in_flight(client: FleetClient) -> list[str]:
 
     silent = []
     for name, view in client.state.vehicles.items():
-        if view.telemetry is None or not view.telemetry.is_armed:
+        if not view.is_armed:
             continue
         if view.age_s(now_ns) > SILENT_S:
             silent.append(name)

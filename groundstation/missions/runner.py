@@ -96,7 +96,6 @@ class MissionRun:
     ) -> None:
         self.mission = mission
         self.client = client
-        client.fleet = with_shapes(client.fleet, mission.shapes)  # only the mission has them
         self.fleet = Fleet(client, say=say)
 
         self._ready_timeout_s = ready_timeout_s
@@ -134,6 +133,8 @@ class MissionRun:
             The verdict by the live state. A verdict by the record needs the result of
                 :meth:`flown`.
         """
+        # not before: a mission that is not flown changes no formation of the one that flies
+        self.client.fleet = with_shapes(self.client.fleet, self.mission.shapes)
         task = asyncio.create_task(self._fly_steps())
         task.add_done_callback(lambda _: self._steps_end.set())
         self._task = task
@@ -314,6 +315,7 @@ class MissionRun:
             await self._wait(self.fleet.ready(_STILL_READY_S), stops)
 
         self.client.forget_distances()
+        self.client.forget_formation()
         self._observations.earlier_touchdowns = self.client.state.touchdowns
         self._observations.earlier_collided = collided_vehicles(self.client.state)
         self._observations.begin_ns = self.client.now_ns()
@@ -466,7 +468,7 @@ class MissionRun:
                 # changed.
                 self._observations.is_left_flying = True
                 return
-            await self._react()
+            await self._react(self._on_failure())
 
     def _note_later_pilots(self) -> None:
         """Add vehicles that pilots took just after the first one, and that telemetry shows now."""
@@ -520,15 +522,26 @@ class MissionRun:
 
         self._observations.failure = self._abort_reason  # already published as an event
         self.fleet.say("The mission ends here.")
+        if not self._has_begun:
+            self._observations.is_left_flying = True  # it has ordered nothing, and lands nobody
+            return
+
         if self._runs_on_failure:
             self._observations.pilots = tuple(flown_by_hand(self.client))
-            await self._react()
+            await self._react(self._on_failure())
         elif self._can_land:
-            await self.fleet.land_all(LAND_TIMEOUT_S)
+            await self._react(self._land_all())
 
-    async def _react(self) -> None:
-        """Do what the mission declares for a step that fails; an interruption lands all at once."""
-        self._reaction = asyncio.create_task(self._on_failure())
+    async def _land_all(self) -> None:
+        await self.fleet.land_all(LAND_TIMEOUT_S)
+
+    async def _react(self, reaction: Coroutine[Any, Any, None]) -> None:
+        """Do what the mission declares, or land all; an interruption lands all at once.
+
+        Args:
+            reaction: what is done.
+        """
+        self._reaction = asyncio.create_task(reaction)
         try:
             await asyncio.wait({self._reaction})
         except asyncio.CancelledError:

@@ -622,3 +622,88 @@ def test_a_fleet_file_given_as_a_mission_and_a_mission_as_a_fleet_are_refused_wi
         load_mission(ROOT / "configs/fleets/paper.toml")
     with pytest.raises(ConfigError, match=r"is a mission file.*covey fly"):
         load_fleet(ROOT / "configs/missions/paper.toml")
+
+
+async def test_a_mission_that_has_not_begun_lands_nobody_when_it_is_ended_from_outside(
+    fleet: FleetConfig, client: Any, bus: Any
+) -> None:
+    """Somebody else's vehicles fly, and one of them falls silent, while this mission waits."""
+    for name in fleet.enabled_names:
+        bus.tell(name, state="flying", is_airborne=True, is_armed=True, not_ready=("It flies.",))
+    run = MissionRun(make(fleet, [HOP[0], {"do": "land"}]), client)
+    task = asyncio.create_task(run.run())
+    assert await client.wait_for(lambda state: len(state.airborne_names) == 3, 5.0)
+    await asyncio.sleep(0.2)
+
+    run.abort("Nothing heard from mav1.")
+    verdict = await asyncio.wait_for(task, 10.0)
+    assert bus.orders == []
+    assert not verdict.passed
+    assert "Nothing heard from mav1." in verdict.summary
+
+
+async def test_ctrl_c_in_the_landing_after_an_end_from_outside_is_a_persons_landing(
+    fleet: FleetConfig, client: Any, bus: Any
+) -> None:
+    run = MissionRun(make(fleet, [HOP[0], {"do": "wait", "duration_s": 60.0}]), client)
+    task = asyncio.create_task(run.run())
+    assert await client.wait_for(lambda state: len(state.airborne_names) == 3, 5.0)
+
+    by_person: list[bool] = []
+    land_all = run.fleet.land_all
+
+    async def landing(timeout_s: float, *, is_by_person: bool = False) -> bool:
+        by_person.append(is_by_person)
+        if not is_by_person:
+            await asyncio.sleep(60.0)  # the mission's own landing waits for a link
+        return await land_all(timeout_s, is_by_person=is_by_person)
+
+    run.fleet.land_all = landing  # type: ignore[method-assign]
+    run.abort("The emulator ended.")
+    await asyncio.sleep(0.1)
+    run.interrupt()
+    verdict = await asyncio.wait_for(task, 10.0)
+    assert by_person == [False, True]
+    assert verdict.exit_status == 130
+    assert not client.state.airborne_names
+
+
+async def test_a_mission_that_is_not_flown_changes_no_formation(
+    fleet: FleetConfig, client: Any
+) -> None:
+    ring = {"ring": {"shape": "circle"}}
+    MissionRun(make(fleet, [HOP[0], {"do": "land"}], formations=ring), client)
+    assert "ring" not in client.fleet.shapes
+
+
+async def test_a_mission_begins_with_the_first_formation_of_the_fleet(
+    fleet: FleetConfig, client: Any, bus: Any
+) -> None:
+    begins_with = client._held
+    await client.order("takeoff all 1.0", 5.0)
+    await client.order("formation triangle 0 0 1 turned 90", 5.0)
+    await client.order("land all", 5.0)
+    assert client._held != begins_with
+
+    verdict = await MissionRun(make(fleet, [HOP[0], {"do": "land"}]), client).run()
+    assert verdict.passed, verdict.summary
+    assert client._held == begins_with
+
+
+async def test_others_go_on_without_a_vehicle_whose_own_step_fails(
+    fleet: FleetConfig, client: Any, bus: Any
+) -> None:
+    steps = [
+        HOP[0],
+        {"do": "wait", "duration_s": 0.5},
+        {"do": "yaw", "vehicles": "mav1", "yaw_deg": 90.0},
+        {"do": "goto", "goals": {"mav0": [-1.5, 1.0, 1.0]}},
+        {"do": "land"},
+    ]
+    mission = make(fleet, steps, on_failure={"do": "go_on"})
+    task = asyncio.create_task(MissionRun(mission, client).run())
+    assert await client.wait_for(lambda state: len(state.airborne_names) == 3, 5.0)
+    bus.misbehave["mav1"] = "fail"
+    verdict = await asyncio.wait_for(task, 20.0)
+    kinds = [order.kind for name, order in bus.orders if name == "mav0"]
+    assert kinds == ["takeoff", "move", "land"], verdict.summary
