@@ -643,7 +643,7 @@ async def test_a_mission_that_has_not_begun_lands_nobody_when_it_is_ended_from_o
 
 
 async def test_ctrl_c_in_the_landing_after_an_end_from_outside_is_a_persons_landing(
-    fleet: FleetConfig, client: Any, bus: Any
+    fleet: FleetConfig, client: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     run = MissionRun(make(fleet, [HOP[0], {"do": "wait", "duration_s": 60.0}]), client)
     task = asyncio.create_task(run.run())
@@ -658,7 +658,7 @@ async def test_ctrl_c_in_the_landing_after_an_end_from_outside_is_a_persons_land
             await asyncio.sleep(60.0)  # the mission's own landing waits for a link
         return await land_all(timeout_s, is_by_person=is_by_person)
 
-    run.fleet.land_all = landing  # type: ignore[method-assign]
+    monkeypatch.setattr(run.fleet, "land_all", landing)
     run.abort("The emulator ended.")
     await asyncio.sleep(0.1)
     run.interrupt()
