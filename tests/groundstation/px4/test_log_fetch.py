@@ -380,7 +380,7 @@ def wait_for_listener(port: int) -> None:
         time.sleep(0.1)
 
 
-@pytest.mark.realtime
+@pytest.mark.long
 def test_a_log_comes_through_the_agent_where_nothing_else_reaches_px4(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
