@@ -91,15 +91,14 @@ class Fleet(Group):
 
             flown = cls(client, say=say)
             begin_ns = client.now_ns()
-            has_begun = False
             taken: Taken | None = None
             try:
                 if ready_timeout_s != 0.0:
                     await flown.ready(ready_timeout_s)
                 flown.ground.watch.begin()
-                has_begun = True
                 yield flown
             finally:
+                has_begun = flown.ground.watch.has_begun
                 if has_begun:  # a script that was refused has ordered nothing, and lands nobody
                     taken = await flown._end(at_end, begin_ns)
                 host.flown = FlightObservations(

@@ -110,7 +110,6 @@ class MissionRun:
         # whether the mission's [on_failure] is carried out after that abort
         self._runs_on_failure = False
         self._can_land = True  # whether vehicles can still be reached after that abort
-        self._has_begun = False
         self._is_over = False
 
         now_ns = client.now_ns()
@@ -222,7 +221,7 @@ class MissionRun:
             Whether the mission has ended, so that no further call is necessary.
         """
         watch = self.fleet.ground.watch
-        if not self._has_begun:
+        if not watch.has_begun:
             watch.note_earlier_orders()
             return self.abort_if_silent()
         if watch.taken is not None:
@@ -320,7 +319,6 @@ class MissionRun:
         self._observations.earlier_collided = collided_vehicles(self.client.state)
         self._observations.begin_ns = self.client.now_ns()
         self.fleet.ground.watch.begin()
-        self._has_begun = True
         advised = advice_of(
             self.client.state, self.fleet.names, is_recording=self.client.is_recording
         )
@@ -432,7 +430,8 @@ class MissionRun:
         if not is_stopped and task.exception() is None:
             return
 
-        taken = self.fleet.ground.watch.takeover() if self._has_begun else None
+        watch = self.fleet.ground.watch
+        taken = watch.takeover() if watch.has_begun else None
         if taken is not None and not self._observations.is_interrupted:
             await self._leave_to(taken)
             return
@@ -443,7 +442,7 @@ class MissionRun:
             await self._bring_down_after_a_failure(task)
 
         # somebody may have taken the fleet meanwhile
-        taken = self.fleet.ground.watch.takeover() if self._has_begun else None
+        taken = watch.takeover() if watch.has_begun else None
         if taken is not None and not self._observations.is_interrupted:
             await self._leave_to(taken)
 
@@ -522,7 +521,7 @@ class MissionRun:
 
         self._observations.failure = self._abort_reason  # already published as an event
         self.fleet.say("The mission ends here.")
-        if not self._has_begun:
+        if not self.fleet.ground.watch.has_begun:
             self._observations.is_left_flying = True  # it has ordered nothing, and lands nobody
             return
 

@@ -63,13 +63,13 @@ class FleetWatch:
     def __init__(self, client: FleetClient) -> None:
         self.taken: Taken | None = None
         self._client = client
-        self._has_begun = False
+        self.has_begun = False  # whether the mission has begun
         self._earlier_order_ids: dict[str, str] = {}  # vehicle -> newest order before the mission
 
     def begin(self) -> None:
         """Begin to watch for a mission; orders that the vehicles have already do not count."""
         self.taken = None
-        self._has_begun = True
+        self.has_begun = True
         self._earlier_order_ids.clear()
         self.note_earlier_orders()
 
@@ -130,7 +130,7 @@ class FleetWatch:
         if self.taken is not None:
             return self.taken
 
-        if self._has_begun:
+        if self.has_begun:
             self.note_earlier_orders()
         vehicles_by_order: dict[tuple[str, str], list[str]] = {}  # author and verb -> vehicles
         is_by_other = False  # whether one of these orders came from another ground

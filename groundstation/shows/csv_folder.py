@@ -2,15 +2,20 @@
 
 from __future__ import annotations
 
+import contextlib
 import tempfile
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path as FilePath
+
+import numpy as np
 
 from groundstation.paths.lights import TimedColour
 from groundstation.paths.path_files import load_path, read_columns
 from groundstation.shows.geographic import Places, origin_of, path_of_places, read_places
 from groundstation.shows.show import MOST_DRONES, Drone, Show, check_light_count
 from groundstation.shows.zip_members import unpack
+from onboard.arrays import Array
 from onboard.config.file_reading import CSV_FILE, read_text
 from onboard.config.fleet import ConfigError
 from onboard.control.path import LONGEST_S, Path, point_at
@@ -70,12 +75,11 @@ def read_folder(folder: FilePath) -> Show:
             "with fewer lines a second."
         )
 
-    begins_s = _begins_s(folder, {file: _first_time_s(file) for file in files})
     drones: list[Drone] = []
     for file in files:
-        drones.append(_drone(file, load_path(file), begins_s[file]))
+        drones.append(_drone(file, load_path(file)))
         check_light_count(str(folder), drones)
-    return Show(folder.resolve().name, tuple(drones))
+    return Show(folder.resolve().name, _from_the_first_on(folder, drones))
 
 
 def _geographic_show(folder: FilePath, places: Mapping[FilePath, Places | None]) -> Show:
@@ -95,9 +99,8 @@ def _geographic_show(folder: FilePath, places: Mapping[FilePath, Places | None])
         )
 
     origin = origin_of(list(geographic.values()))
-    begins_s = _begins_s(folder, {file: found.first_s for file, found in geographic.items()})
     drones = [
-        _drone(file, path_of_places(found, origin), begins_s[file])
+        _drone(file, path_of_places(found, origin), found.first_s)
         for file, found in geographic.items()
     ]
     notes = [
@@ -117,22 +120,41 @@ def _geographic_show(folder: FilePath, places: Mapping[FilePath, Places | None])
         )
     return Show(
         title=folder.resolve().name,
-        drones=tuple(drones),
+        drones=_from_the_first_on(folder, drones),
         is_outdoors=True,
         origin=origin,
         notes=tuple(notes),
     )
 
 
-def _drone(file: FilePath, path: Path, begin_s: float) -> Drone:
-    """Return a drone whose path begins at this time of the show."""
+def _drone(file: FilePath, path: Path, first_s: float | None = None) -> Drone:
+    """Return a drone whose times are those of its file.
+
+    Args:
+        file: the CSV.
+        path: its path.
+        first_s: time of its first line; None: read from its columns.
+    """
+    columns: tuple[str, ...] = ()
+    numbers = np.zeros((1, 1))
+    # a CSV of latitudes may have other columns, with text in them
+    with contextlib.suppress(ConfigError):
+        columns, numbers = read_columns(str(file))
+    has_times = columns[:1] == ("t",)
+    if first_s is None:
+        first_s = float(numbers[0, 0]) if has_times else 0.0
+
+    lights: tuple[TimedColour, ...] = ()
+    if has_times and set(_COLOURS) <= set(columns):
+        lights = _lights(file, columns, numbers)
+
     x, y, z = point_at(path, 0.0).position_enu_m
     return Drone(
         name=file.stem,
         home_enu_m=(x, y, min(z, 0.0)),
         path=path,
-        begin_s=begin_s,
-        lights=_lights(file, begin_s),
+        begin_s=first_s,
+        lights=lights,
     )
 
 
@@ -144,46 +166,36 @@ def _names_colours(file: FilePath) -> bool:
     return False
 
 
-def _begins_s(folder: FilePath, first_s: Mapping[FilePath, float]) -> dict[FilePath, float]:
-    """Return the time of the show at which each drone begins: the files share one clock.
+def _from_the_first_on(folder: FilePath, drones: Sequence[Drone]) -> tuple[Drone, ...]:
+    """Return the drones with times from the first one's begin on: their files share one clock.
 
     Raises:
         ConfigError: their times are too far apart for one show.
     """
-    zero_s = min(first_s.values())
-    last = max(first_s, key=lambda file: first_s[file])
-    if first_s[last] - zero_s > LONGEST_S:
+    zero_s = min(drone.begin_s for drone in drones)
+    last = max(drones, key=lambda drone: drone.begin_s)
+    if last.begin_s - zero_s > LONGEST_S:
         raise ConfigError(
-            f"{folder}: {last.name} begins {first_s[last] - zero_s:.0f} s after the first drone; "
-            f"{LONGEST_S:.0f} s are the longest. Give all files the same zero of time."
+            f"{folder}: {last.name}.csv begins {last.begin_s - zero_s:.0f} s after the first "
+            f"drone; {LONGEST_S:.0f} s are the longest. Give all files the same zero of time."
         )
-    return {file: time_s - zero_s for file, time_s in first_s.items()}
+
+    aligned = []
+    for drone in drones:
+        lights = tuple(
+            (time_s - zero_s, red, green, blue) for time_s, red, green, blue in drone.lights
+        )
+        aligned.append(replace(drone, begin_s=drone.begin_s - zero_s, lights=lights))
+    return tuple(aligned)
 
 
-def _first_time_s(file: FilePath) -> float:
-    """Return the time of the first line of a CSV; 0 if its lines have durations or no times."""
-    columns, numbers = read_columns(str(file))
-    return float(numbers[0, 0]) if columns[0] == "t" else 0.0
-
-
-def _lights(file: FilePath, begin_s: float) -> tuple[TimedColour, ...]:
-    """Return the colours of a CSV, without repetitions; an empty tuple if it has none.
-
-    Args:
-        file: the CSV.
-        begin_s: time of the show at which its first line counts.
+def _lights(file: FilePath, columns: Sequence[str], numbers: Array) -> tuple[TimedColour, ...]:
+    """Return the colours of a CSV, without repetitions, at the times of the file.
 
     Raises:
         ConfigError: a colour is not between 0 and 255.
     """
-    try:
-        columns, numbers = read_columns(str(file))
-    except ConfigError:
-        return ()  # a CSV of latitudes may have other columns, with text in them
-    if columns[0] != "t" or not set(_COLOURS) <= set(columns):
-        return ()
-
-    times_s = begin_s + numbers[:, 0] - numbers[0, 0]
+    times_s = numbers[:, 0]
     colours = numbers[:, [columns.index(colour) for colour in _COLOURS]]
     if colours.min() < 0 or colours.max() > 255:
         raise ConfigError(f"{file}: colours lie between 0 and 255.")

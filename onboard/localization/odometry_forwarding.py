@@ -103,8 +103,7 @@ def _is_elsewhere(position_enu_m: Xyz, snapshot: Snapshot, now_ns: int) -> bool:
         return False
     if now_ns - snapshot.local_position_ns > _FRESH_NS:
         return False  # PX4 does not know where it is, and needs the pose
-    px4_enu_m = enu_from_ned(snapshot.position_local_ned_m)
-    return math.dist(position_enu_m, px4_enu_m) > _FIRST_FAR_M
+    return _px4_distance_m(position_enu_m, snapshot) > _FIRST_FAR_M
 
 
 def _may_restart(position_enu_m: Xyz, snapshot: Snapshot, now_ns: int, silent_ns: int) -> bool:
@@ -121,7 +120,13 @@ def _may_restart(position_enu_m: Xyz, snapshot: Snapshot, now_ns: int, silent_ns
     if now_ns - snapshot.local_position_ns > _FRESH_NS:
         return False
 
-    # PX4's local frame is the fleet frame, because PX4 gets its position from these poses
-    px4_enu_m = enu_from_ned(snapshot.position_local_ned_m)
     near_m = min(_NEAR_M + _DRIFT_M_S * silent_ns * 1e-9, _FAR_M)
-    return math.dist(position_enu_m, px4_enu_m) <= near_m
+    return _px4_distance_m(position_enu_m, snapshot) <= near_m
+
+
+def _px4_distance_m(position_enu_m: Xyz, snapshot: Snapshot) -> float:
+    """Return the distance of a position from PX4's own.
+
+    PX4's local frame is the fleet frame, because PX4 gets its position from these poses.
+    """
+    return math.dist(position_enu_m, enu_from_ned(snapshot.position_local_ned_m))

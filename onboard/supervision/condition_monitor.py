@@ -107,9 +107,8 @@ def _holding(all_watched: Iterable[_Watched], facts: TickFacts) -> dict[Conditio
 
         held = watched.held
         if not holds:
-            held.checks = (
-                0  # like ConditionTimer.end, but inlined for speed, because most facts do not hold
-            )
+            # like ConditionTimer.end, but inlined for speed, because most facts do not hold
+            held.checks = 0
             continue
 
         held.see(facts.now_ns)

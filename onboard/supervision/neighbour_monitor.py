@@ -92,9 +92,8 @@ class NeighbourMonitor:
             for name in table.names
         }
 
-        self._silence = (
-            ConditionTimer()
-        )  # counts the ticks in a row in which any neighbour was silent
+        # counts the ticks in a row in which any neighbour was silent
+        self._silence = ConditionTimer()
         self._confirmed_silent: tuple[str, ...] = ()  # silent in enough ticks in a row
         self._heard_again: tuple[str, ...] = ()
         self._heard_again_ns = 0

@@ -50,6 +50,26 @@ class Worker:
         return True
 
 
+def begun(client: Any, folder: Path, text: str, *words: str) -> tuple[MissionOrders, Worker]:
+    """Write a mission and start it."""
+    path = folder / "m.toml"
+    path.write_text(text, encoding="utf-8")
+    worker = Worker()
+    orders = MissionOrders(client, worker.begin)
+    assert orders.take(["mission", str(path), *words]) == ""
+    return orders, worker
+
+
+def waits_before(verb: str, count: int = 1) -> Any:
+    """Return whether so many orders whose words begin so have waited."""
+
+    def has_waited(state: Any) -> bool:
+        sentences = [one.event.sentence for one in state.events]
+        return sum(told.startswith(f"Waits before: {verb}") for told in sentences) == count
+
+    return has_waited
+
+
 async def test_a_mission_is_stepped_through_and_judged(
     client: Any, bus: Any, tmp_path: Path
 ) -> None:
@@ -64,15 +84,10 @@ async def test_a_mission_is_stepped_through_and_judged(
     assert orders.take(["mission", str(path), "stepping"]) == ""
     assert "flies already" in orders.take(["mission", str(path)])
 
-    def waits(verb: str) -> Any:
-        return lambda state: any(
-            one.event.sentence.startswith(f"Waits before: {verb}") for one in state.events
-        )
-
-    assert await client.wait_for(waits("takeoff"), 5.0)
+    assert await client.wait_for(waits_before("takeoff"), 5.0)
     assert not bus.orders
     assert orders.take(["step"]) == ""
-    assert await client.wait_for(waits("formation"), 5.0)
+    assert await client.wait_for(waits_before("formation"), 5.0)
     assert {order.kind for _, order in bus.orders} == {"takeoff"}
     orders.take(["continue"])
     assert worker.task is not None
@@ -88,22 +103,13 @@ async def test_a_mission_is_stepped_through_and_judged(
 async def test_a_mission_is_paused_and_an_order_of_it_left_out(
     client: Any, bus: Any, tmp_path: Path
 ) -> None:
-    worker = Worker()
-    path = tmp_path / "m.toml"
-    path.write_text(MISSION, encoding="utf-8")
-    orders = MissionOrders(client, worker.begin)
-    assert orders.take(["mission", str(path)]) == ""
+    orders, worker = begun(client, tmp_path, MISSION)
     assert orders.take(["pause"]) == ""
     assert "No order of the mission waits" in orders.take(["skip"])
 
-    def waits(verb: str) -> Any:
-        return lambda state: any(
-            one.event.sentence.startswith(f"Waits before: {verb}") for one in state.events
-        )
-
-    assert await client.wait_for(waits("takeoff"), 5.0)
+    assert await client.wait_for(waits_before("takeoff"), 5.0)
     assert orders.take(["step"]) == ""
-    assert await client.wait_for(waits("formation"), 5.0)
+    assert await client.wait_for(waits_before("formation"), 5.0)
     assert orders.take(["skip"]) == ""
     assert worker.task is not None
     verdict = await asyncio.wait_for(worker.task, 5.0)
@@ -132,24 +138,13 @@ do = "land"
 async def test_orders_of_parallel_steps_wait_one_after_the_other(
     client: Any, bus: Any, tmp_path: Path
 ) -> None:
-    worker = Worker()
-    path = tmp_path / "m.toml"
-    path.write_text(PARALLEL, encoding="utf-8")
-    orders = MissionOrders(client, worker.begin)
-    assert orders.take(["mission", str(path), "stepping"]) == ""
+    orders, worker = begun(client, tmp_path, PARALLEL, "stepping")
 
-    def waiting_count(count: int) -> Any:
-        def has_waited(state: Any) -> bool:
-            sentences = [one.event.sentence for one in state.events]
-            return sum(sentence.startswith("Waits before") for sentence in sentences) == count
-
-        return has_waited
-
-    assert await client.wait_for(waiting_count(1), 5.0)
+    assert await client.wait_for(waits_before("", 1), 5.0)
     assert orders.take(["step"]) == ""
-    assert await client.wait_for(waiting_count(2), 5.0)
+    assert await client.wait_for(waits_before("", 2), 5.0)
     assert orders.take(["skip"]) == ""
-    assert await client.wait_for(waiting_count(3), 5.0)
+    assert await client.wait_for(waits_before("", 3), 5.0)
     assert orders.take(["continue"]) == ""
     assert worker.task is not None
     verdict = await asyncio.wait_for(worker.task, 5.0)
