@@ -122,8 +122,8 @@ class BusFeed:
         """Add a sink for every message.
 
         Args:
-            sink: function for topic, name, message and time of reception [ns], called on any
-                thread.
+            sink: function for topic, name, message (its stamps on the ground's clock) and time of
+                reception [ns], called on any thread.
         """
         self._sinks.append(sink)
 
@@ -193,9 +193,17 @@ class BusFeed:
         elif getattr(message, "vehicle", name) != name:
             self.put(NotUsed(refused=1))
         else:
-            self.tell_sinks(topic, name, message)
+            self._tell_sinks_on_own_clock(topic, name, message)
             if topic in self._folded:
                 self.put(message)
+
+    def _tell_sinks_on_own_clock(self, topic: Topic, name: str, message: Message) -> None:
+        """Hand a message to the sinks, with its stamp on the ground's clock."""
+        if not self._sinks:
+            return
+        if not self.bus.is_simulated:
+            message = self._clock_node.any_message(name, message, self._clock_ns())
+        self.tell_sinks(topic, name, message)
 
     # -- event loop --------------------------------------------------------------------------------
 

@@ -23,19 +23,28 @@ from onboard.bus.protocol import Bus
 from onboard.bus.schema import (
     ClockMessage,
     Corrections,
+    Event,
     Message,
     MocapPose,
     Order,
+    PreflightReport,
     StateMessage,
     Telemetry,
+    TickBatch,
+    Truth,
 )
 from onboard.bus.topics import Topic
 
 BEAT_S = 0.5  # from one clock message to the next
+# stamps of a clock that is not measured count as ours in a record if they are this near the arrival
+_NEAR_NS = 5_000_000_000
 _WARN_AFTER_NS = 5_000_000_000  # time from the first unusable pose to the warning
 
 log = logging.getLogger("covey.clock")
-Stamped = TypeVar("Stamped", bound=StateMessage | Telemetry | MocapPose | Corrections)
+StampedMessage = (
+    StateMessage | Telemetry | PreflightReport | Event | Truth | MocapPose | Corrections
+)
+Stamped = TypeVar("Stamped", bound=StampedMessage)
 FromNeighbour = TypeVar("FromNeighbour", bound=StateMessage | Telemetry)
 
 
@@ -112,6 +121,49 @@ class ClockNode:
             the same object if the clock is shared, otherwise a changed copy.
         """
         return self._on_own_clock(message, message.source, received_ns)
+
+    def any_message(self, name: str, message: Message, received_ns: int) -> Message:
+        """Return any message with its stamps on our clock, as a record needs it.
+
+        Until the clock of its sender is measured, a stamp within 5 s of the arrival counts as one
+        of our own clock, and a message with any other stamp as 20 ms old.
+
+        Args:
+            name: vehicle, body or node that the message's topic names.
+            message: the message as received.
+            received_ns: its arrival, by our clock.
+        Returns:
+            the same object if it has no stamp or the clock is shared, otherwise a changed copy.
+        """
+        if isinstance(message, TickBatch):
+            if not message.ticks:
+                return message
+            newest_ns = message.ticks[-1].stamp_ns
+            offset_ns = self._record_ns(name, newest_ns, received_ns) - newest_ns
+            if offset_ns == 0:
+                return message
+            ticks = [replace(tick, stamp_ns=tick.stamp_ns + offset_ns) for tick in message.ticks]
+            return replace(message, ticks=tuple(ticks))
+
+        # neither truth nor a pose without a source names the node that stamps it
+        if not isinstance(message, StampedMessage) or isinstance(message, Truth):
+            return message
+        node = name
+        if isinstance(message, MocapPose):
+            node = message.source
+        if not node:
+            return message
+
+        stamp_ns = self._record_ns(node, message.stamp_ns, received_ns)
+        if stamp_ns == message.stamp_ns:
+            return message
+        return replace(message, stamp_ns=stamp_ns)
+
+    def _record_ns(self, node: str, stamp_ns: int, received_ns: int) -> int:
+        """Return a stamp of another node on our clock, see :meth:`any_message`."""
+        if not self.clocks.is_measured(node) and abs(received_ns - stamp_ns) < _NEAR_NS:
+            return stamp_ns
+        return self.clocks.own_ns(node, stamp_ns, received_ns)
 
     def _on_own_clock(self, message: Stamped, node: str, received_ns: int) -> Stamped:
         stamp_ns = self.clocks.own_ns(node, message.stamp_ns, received_ns)

@@ -12,8 +12,9 @@ from typing import Any
 import pytest
 
 from onboard.bus.clock_sync import ClockNode, host_id
-from onboard.bus.schema import ClockMessage, HeardClock, MocapPose, Order
+from onboard.bus.schema import ClockMessage, Event, HeardClock, MocapPose, Order, TickBatch
 from onboard.bus.session import BusSession
+from tests.groundstation.recorded import tick
 
 _MS = 1_000_000
 _S = 1_000_000_000
@@ -101,6 +102,46 @@ def test_an_order_without_a_deadline_keeps_none() -> None:
     assert _node().order(order, 10 * _S).deadline_ns == 0
 
 
+def test_a_record_has_events_and_all_ticks_of_a_batch_on_our_clock() -> None:
+    node = _node()
+    arrival_ns = 10 * _S
+    event = Event(
+        vehicle="other", stamp_ns=110 * _S - 20 * _MS, severity="info", code="x", sentence="x"
+    )
+    found = node.any_message("other", event, arrival_ns)
+    assert isinstance(found, Event)
+    assert arrival_ns - 24 * _MS < found.stamp_ns <= arrival_ns - 21 * _MS
+
+    stamps_ns = [110 * _S - 40 * _MS, 110 * _S - 20 * _MS]
+    batch = TickBatch(
+        vehicle="other", boot_id=1, sequence=1, ticks=tuple(tick(stamp) for stamp in stamps_ns)
+    )
+    ticks = node.any_message("other", batch, arrival_ns)
+    assert isinstance(ticks, TickBatch)
+    older, newest = ticks.ticks
+    assert newest.stamp_ns == found.stamp_ns
+    assert newest.stamp_ns - older.stamp_ns == 20 * _MS
+
+
+@pytest.mark.parametrize(
+    ("stamp_ns", "expected_ns"),
+    [(10 * _S - 600 * _MS, 10 * _S - 600 * _MS), (5000 * _S, 10 * _S - 20 * _MS)],
+    ids=["near", "far"],
+)
+def test_a_record_has_messages_of_an_unmeasured_clock_near_their_arrival(
+    stamp_ns: int, expected_ns: int
+) -> None:
+    event = Event(vehicle="new", stamp_ns=stamp_ns, severity="info", code="x", sentence="x")
+    found = _node().any_message("new", event, 10 * _S)
+    assert isinstance(found, Event)
+    assert found.stamp_ns == expected_ns
+
+
+def test_a_record_keeps_late_messages_whose_sender_has_no_name() -> None:
+    pose = _pose(9 * _S, "")
+    assert _node().any_message("a", pose, 10 * _S) is pose
+
+
 def test_processes_of_this_host_have_one_host_id() -> None:
     code = "from onboard.bus.clock_sync import host_id; print(host_id())"
     other = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
@@ -111,6 +152,7 @@ _OTHER_PROCESS = """
 import json, sys, time
 from onboard.bus.clock_sync import ClockNode
 from onboard.bus.session import BusSession
+from tests.groundstation.recorded import tick
 listen, connect, own, other = sys.argv[1:]
 bus = BusSession(namespace="covey/clocks", node=own, listen=[listen], connect=[connect])
 node = ClockNode(bus)

@@ -1,0 +1,66 @@
+"""Messages of another computer, on their way to the record and into the fleet's state."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from groundstation.client.bus_feed import BusFeed
+from groundstation.fleet.state import ReceivedMessage
+from onboard.bus.schema import ClockMessage, Event, HeardClock, Message
+from onboard.bus.session import BusSession
+from onboard.bus.topics import Topic
+
+_MS = 1_000_000
+_S = 1_000_000_000
+
+
+def test_sinks_get_stamps_on_the_grounds_clock_and_the_state_keeps_those_of_the_sender() -> None:
+    now_ns = 1000 * _S
+    ahead_ns = 300 * _S
+    folded: list[Message] = []
+
+    def fold(batch: Sequence[ReceivedMessage]) -> None:
+        folded.extend(message for message, _ in batch if isinstance(message, Message))
+
+    feed = BusFeed(
+        BusSession(namespace="covey/test", node="ground"),
+        fold,
+        folded=[Topic.EVENT],
+        recorded=[],
+        clock_ns=lambda: now_ns,
+        on_delivery=lambda: None,
+    )
+    recorded: list[Event] = []
+
+    def sink(_topic: Topic, _name: str, message: Message, received_ns: int) -> None:
+        assert received_ns == now_ns
+        assert isinstance(message, Event)
+        recorded.append(message)
+
+    feed.add_sink(sink)
+    clocks = feed.clocks
+    assert clocks is not None
+    # 1 ms in each direction
+    heard = HeardClock("ground", clocks.host, now_ns - _S, now_ns - _S + ahead_ns + _MS)
+    clock = ClockMessage(
+        node="mav0", host=1, sequence=1, sent_ns=now_ns + ahead_ns - _MS, heard=(heard,)
+    )
+    clocks.hear(clock, now_ns)
+
+    event = Event(
+        vehicle="mav0",
+        stamp_ns=now_ns + ahead_ns - 50 * _MS,
+        severity="info",
+        code="x",
+        sentence="x",
+    )
+    feed._receive(Topic.EVENT, "mav0", event)
+    feed.read()
+    assert folded == [event]
+    (kept,) = recorded
+    assert now_ns - 55 * _MS < kept.stamp_ns <= now_ns - 50 * _MS
+    assert kept.sentence == event.sentence
+
+    own = Event(vehicle="mav0", stamp_ns=now_ns, severity="info", code="y", sentence="y")
+    feed.tell_sinks(Topic.EVENT, "mav0", own)
+    assert recorded[-1] is own, "a message of the ground itself has its clock"
