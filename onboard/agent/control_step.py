@@ -15,9 +15,12 @@ from onboard.control import pipeline, router
 from onboard.control.control_mode import ControlMode
 from onboard.control.pipeline import PipelineMemory
 from onboard.estimation.disturbance_observer import ObserverMemory
+from onboard.frames import turned_about_up
 from onboard.safety.setpoint_check import is_sendable
 from onboard.types import AttitudeSetpoint, Goal, Neighbour, State, Tick
 from onboard.vectors import ZERO_3, Vec3
+
+_LEVEL = (1.0, 0.0, 0.0, 0.0)  # wxyz
 
 # type of :func:`onboard.control.pipeline.step`
 PipelineStep = Callable[..., tuple[PipelineMemory, Tick]]
@@ -50,7 +53,8 @@ class ControlStep:
         self.tick: Tick | None = None  # newest result
         self.waits_for = router.NOBODY  # index of the neighbour to which it has given way
         self.is_finite = True  # whether the newest result can be flown
-        self.hover_frac = vehicle.hover_thrust_frac  # learned in flight
+        self.hover_frac = vehicle.hover_thrust_frac  # learned in this flight
+        self.flown_hover_frac = math.nan  # learned in the newest flight; NaN before the first one
         # why Covey's law flies instead of the user's law; empty if it does not
         self.law_refusal = ""
 
@@ -111,6 +115,8 @@ class ControlStep:
         self._memory = memory
         self.tick = tick
         self.hover_frac = tick.hover_thrust_frac
+        if mode is ControlMode.FLYING:
+            self.flown_hover_frac = tick.hover_thrust_frac
         self.is_finite = tick.is_finite and is_sendable(tick.attitude, self._max_tilt_deg)
         return tick
 
@@ -153,8 +159,8 @@ class ControlStep:
         return memory_and_tick
 
     def level(self) -> AttitudeSetpoint:
-        """Return a level attitude at hover thrust."""
+        """Return a level attitude at hover thrust, with the heading that was last commanded."""
         hover_frac = self.hover_frac
         if not math.isfinite(hover_frac):
             hover_frac = self._configured_hover_frac
-        return AttitudeSetpoint((1.0, 0.0, 0.0, 0.0), hover_frac)
+        return AttitudeSetpoint(turned_about_up(_LEVEL, self._memory.yaw_rad), hover_frac)

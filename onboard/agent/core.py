@@ -445,7 +445,7 @@ class AgentCore:
             view,
             self._period_s,
             is_airborne=self._is_airborne(),
-            hover_frac=self.control.hover_frac,
+            hover_frac=self.control.flown_hover_frac,
             conditions=self.failsafes.conditions,
             corrections=self._corrections_status,
             people_m=self._people_m,
@@ -604,7 +604,9 @@ class AgentCore:
             others=self.neighbours.telemetries(),
             distances_m=self._distances_m,
             not_ready=self.preflight.not_ready,
-            not_ready_in_air=lambda: self.preflight.reasons_in_air(view, self.control.hover_frac),
+            not_ready_in_air=lambda: self.preflight.reasons_in_air(
+                view, self.control.flown_hover_frac
+            ),
         )
         reply = self._orders.take(received.order, facts, is_stopping=self._is_stopping)
         events = self.nodes.lost_ends.pass_on(self.flight.take_commands(), now_ns)

@@ -103,12 +103,14 @@ class BeforeLaw(NamedTuple):
     is_usable: bool  # whether the estimate can be used
 
 
-def initial(params: PipelineParams, position_enu_m: Vec3) -> PipelineMemory:
+def initial(params: PipelineParams, position_enu_m: Vec3, yaw_rad: float = 0.0) -> PipelineMemory:
     """Return the memory at rest on the ground or hovering at a position.
 
     Args:
         params: parameters of the vehicle.
         position_enu_m: position of the vehicle [m], ENU.
+        yaw_rad: heading to hold until a goal gives another one (the paper's psi_d),
+            counterclockwise from east.
     """
     return PipelineMemory(
         trajectory=trajectory.initial(position_enu_m),
@@ -118,7 +120,7 @@ def initial(params: PipelineParams, position_enu_m: Vec3) -> PipelineMemory:
         sent_enu_m_s2=ZERO_3,
         clock_rate=1.0,
         activity=0.0,
-        yaw_rad=params.yaw_rad,
+        yaw_rad=yaw_rad,
         thrust_frac=0.0,
         cos_tilt=1.0,
     )
@@ -535,13 +537,16 @@ def _compensation(
 def _on_ground(state: State, params: PipelineParams) -> tuple[PipelineMemory, Tick]:
     """Return a level setpoint without thrust, and reset memories.
 
-    So the flight uses nothing that was estimated on the ground.
+    So the flight uses nothing that was estimated on the ground, but the heading, which it keeps.
     """
     position = finite_or(state.position_enu_m, ZERO_3)
-    memory = initial(params, position)
+    yaw_rad = 0.0
+    if math.isfinite(state.yaw_rad):
+        yaw_rad = state.yaw_rad
+    memory = initial(params, position, yaw_rad)
 
     hover_frac = memory.hover_thrust.hover_thrust_frac
-    flat = allocation.allocate(_LEVEL, params.yaw_rad, hover_frac, params.allocation)
+    flat = allocation.allocate(_LEVEL, yaw_rad, hover_frac, params.allocation)
     tick = Tick(
         state=state,
         setpoint=TrajectorySetpoint(position, ZERO_3, ZERO_3),

@@ -47,9 +47,7 @@ class PipelineParams(NamedTuple):
     activity_time_s: float = 0.5  # the "recent past" in which the law was active
     clock_time_s: float = 0.2  # time constant of the clock's rate
 
-    # heading to hold until a goal gives another one, counterclockwise from east: the paper's psi_d
-    yaw_rad: float = 0.0
-    max_yaw_rate_rad_s: float = 1.0
+    max_yaw_rate_rad_s: float = 1.0  # at which the heading turns to that of a goal
 
 
 def pipeline_params(

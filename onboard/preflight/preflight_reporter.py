@@ -104,7 +104,7 @@ class PreflightReporter:
             view: what the flight knows of its vehicle.
             dt_s: time since the last tick.
             is_airborne: whether the vehicle is in the air, according to PX4 or the flight.
-            hover_frac: hover throttle learned so far.
+            hover_frac: hover throttle learned in the newest flight; NaN before the first one.
             conditions: conditions of the failsafe table that hold.
             corrections: status of the corrections; None: the vehicle uses none.
             people_m: distance to the circle of each person that the mocap sees.
@@ -209,8 +209,6 @@ class PreflightReporter:
         stands_in_for = ""
         if self._slot_owner != self._vehicle.name:
             stands_in_for = self._slot_owner
-        if not self._has_flown:  # the hover throttle is learned in flight
-            hover_frac = math.nan
 
         return PreflightFacts(
             # PX4

@@ -69,6 +69,23 @@ def test_wind_does_not_carry_a_landing_vehicle_along_the_ground() -> None:
     assert max(sent_frac[True]) < 0.98 * hover_frac  # on level feet it does not lift off
 
 
+def test_a_vehicle_that_hovered_with_too_much_throttle_does_not_take_off_again() -> None:
+    rig = hovering_rig()
+
+    def weigh_down() -> None:
+        if rig.position[2] > 0.05:
+            rig.velocity[2] -= 0.02 * 3.0
+
+    rig.after_move = weigh_down
+    rig.run(15.0)
+    assert rig.order("land").is_accepted
+    rig.until("landed")
+    rig.run(2.0)
+    refusal = rig.order("takeoff", height_m=1.0)
+    assert not refusal.is_accepted
+    assert "It hovered at 0.60 of its throttle, the fleet file says 0.50" in refusal.reason
+
+
 def test_a_battery_that_px4_no_longer_reports_is_shown_as_unknown_and_not_at_its_last_level() -> (
     None
 ):

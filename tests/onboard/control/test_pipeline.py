@@ -13,6 +13,7 @@ from onboard.config.fleet import load_fleet
 from onboard.constants import GRAVITY_M_S2
 from onboard.control import pipeline
 from onboard.control.control_mode import ControlMode
+from onboard.frames import yaw_from_quaternion
 from onboard.types import Goal, LawStatus, Neighbour, State
 from onboard.vectors import ZERO_3, Vec3
 
@@ -102,6 +103,18 @@ def test_on_the_ground_there_is_no_thrust_and_nothing_is_learned():
     np.testing.assert_array_equal(tick.attitude.quaternion_wxyz, [1, 0, 0, 0])
     np.testing.assert_array_equal(memory.observer.disturbance_enu_m_s2, 0.0)
     assert all(command.duration_s == 0.0 for command in memory.law.commands)
+
+
+def test_a_vehicle_takes_off_with_the_heading_with_which_it_stands():
+    standing = state_of([0.0, 0.0, 0.0])._replace(yaw_rad=2.8)
+    up = goal_of([0.0, 0.0, 1.0])
+    memory, _ = run(1, standing, up, mode=ControlMode.GROUND)
+    _, tick = run(5, standing, up, memory=memory, mode=ControlMode.LIFTOFF)
+    assert yaw_from_quaternion(tick.attitude.quaternion_wxyz) == pytest.approx(2.8)
+
+    unknown = standing._replace(yaw_rad=math.nan)
+    memory, _ = run(1, unknown, up, mode=ControlMode.GROUND)
+    assert memory.yaw_rad == 0.0
 
 
 def test_the_hover_throttle_is_learned_at_the_same_height_above_a_lower_ground():
