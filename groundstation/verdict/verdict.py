@@ -154,6 +154,7 @@ def judge(
         _nobody_left(flown),
         _still_up(flown, expect),
         _hard_landings(flown),
+        _collision_sentence(closest, collided, is_collision=is_collision),
         _unknown_sentence(unknown_times, begin_ns),
         record_failure,
     )
@@ -445,6 +446,17 @@ def _hard_landings(flown: FlightObservations) -> str:
     if not hard:
         return ""
     return f"{'. '.join(hard)}."
+
+
+def _collision_sentence(
+    closest: Separation | None, collided: Sequence[str], *, is_collision: bool
+) -> str:
+    """Return a sentence about the vehicles that touched each other."""
+    if collided:
+        return f"{listed(collided)} collided."
+    if is_collision and closest is not None:
+        return f"{closest.first} and {closest.second} collided."
+    return ""
 
 
 def _landing_speeds(flown: FlightObservations, begin_ns: int) -> list[LandingSpeed]:

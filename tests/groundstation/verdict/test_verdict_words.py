@@ -168,3 +168,37 @@ def test_a_distance_of_a_vehicle_without_truth_is_not_replaced_by_a_larger_one_o
         verdict = judge(_observed(fleet, state=state), Expect(), report)
         assert verdict.closest is not None
         assert verdict.closest.distance_m == distance_m
+
+
+@pytest.mark.parametrize(
+    ("collided", "distance_m", "words"),
+    [
+        (("mav0", "mav2"), 0.6, "mav0, mav2 collided."),
+        ((), 0.3, "mav0 and mav2 collided."),
+    ],
+)
+def test_a_mission_in_which_vehicles_touched_each_other_has_not_passed(
+    fleet: FleetConfig, collided: tuple[str, ...], distance_m: float, words: str
+) -> None:
+    nearest = Separation("mav0", "mav2", distance_m, 0, is_truth=bool(collided))
+    report = FlightReport(
+        smallest=nearest,
+        pairs={"mav0-mav2": nearest},
+        collided=collided,
+        loops={},
+        begin_ns=0,
+        duration_s=1.0,
+    )
+    verdict = judge(_observed(fleet), Expect(), report)
+    assert verdict.is_collision
+    assert not verdict.passed
+    assert verdict.exit_status == 1
+    assert verdict.summary.endswith(words)
+
+
+def test_vehicles_that_came_nearer_than_the_fleet_file_says_have_passed_without_an_expectation(
+    fleet: FleetConfig,
+) -> None:
+    nearest = Separation("mav0", "mav2", 0.6, 0, is_truth=True)
+    state = replace(initial(fleet), smallest=nearest)
+    assert judge(_observed(fleet, state=state), Expect()).passed
