@@ -134,8 +134,7 @@ class JudgedNeighbours:
                     candidates.append(message)
 
             if candidates:
-                # the first two numbers of a row are the horizontal position
-                nearest = min(candidates, key=lambda row: math.dist(row.numbers[:2], own_enu_m[:2]))
+                nearest = min(candidates, key=lambda row: _distance_m(row, own_enu_m, now_ns))
                 # whatever its message says, it counts as one in the air that does not avoid
                 arrays.set_state(index, nearest.stamp_ns, nearest.numbers, is_airborne=True)
 
@@ -179,6 +178,15 @@ def _newest_message(arrays: NeighbourArrays, index: int) -> _Row | None:
     if not heard_ns or heard_ns != arrays.stamp_ns[index]:
         return None
     return _Row(heard_ns, tuple(arrays.numbers[index, :STATE_WIDTH].tolist()))
+
+
+def _distance_m(row: _Row, own_enu_m: Xyz, now_ns: int) -> float:
+    """Return the horizontal distance of a neighbour from us, moved on to the present time."""
+    age_s = (now_ns - row.stamp_ns) * 1e-9
+    x, y, _ = _vector(row.numbers, "position_enu_m")
+    vx, vy, _ = _vector(row.numbers, "velocity_enu_m_s")
+    own_x, own_y, _ = own_enu_m
+    return math.hypot(x + age_s * vx - own_x, y + age_s * vy - own_y)
 
 
 def _vector(numbers: tuple[float, ...], name: str) -> Xyz:

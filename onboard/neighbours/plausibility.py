@@ -160,6 +160,7 @@ class PlausibilityMonitor:
             self.reason = ""
             self.is_watched = False
             self._jumps = 0
+            self._misses = 0
 
         contradiction = ""
         if self._before is None or claim.stamp_ns > self._before.stamp_ns:

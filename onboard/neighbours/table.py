@@ -58,7 +58,11 @@ STALE_S = 0.15
 # a tracker starts with the velocity of the neighbour's last message, unless the message is older
 # than this
 _VELOCITY_KNOWN_S = 1.0
-_ON_FLOOR_M = 0.15  # a body less than this above its start or the ground may stand there
+_ON_FLOOR_M = 0.15  # a body less than this above the ground may stand there
+# A take-off spot may be higher than the ground, for instance on a table. A body at its height may
+# stand there if it is nearer than this, and slower than this.
+_ON_SPOT_M = 1.0
+_STANDS_M_S = 0.5
 _MISSING_AFTER_S = 2.0  # a required vehicle is missing after this time without messages
 _LEFT_NS = 5_000_000_000  # an agent has ended after this time without telemetry
 _START_UP_NS = 2_000_000_000  # an agent that has just started has not heard all others yet
@@ -286,19 +290,27 @@ class NeighbourTable:
         if silence_s < OVERDUE_S + self.watched_bodies.late_s:
             return True
 
-        _, _, height_m = tracker.position_enu_m
-        is_airborne = not self._may_stand(index, height_m)
+        is_airborne = not self._may_stand(tracker)
         stamp_ns = min(tracker.stamp_ns, received_ns)
         arrays.set_state(index, stamp_ns, tracked_numbers(tracker), is_airborne=is_airborne)
         self.watched_bodies.located.add(index)
         self._forget_ages()
         return True
 
-    def _may_stand(self, index: int, height_m: float) -> bool:
-        """Return whether a body at a height may stand on the ground, or on its starting surface."""
-        _, _, start_m = self.fleet.vehicles[self.names[index]].start_enu_m
-        is_at_start = abs(height_m - start_m) <= _ON_FLOOR_M
-        return is_at_start or height_m <= self.floor_m + _ON_FLOOR_M
+    def _may_stand(self, tracker: BodyTracker) -> bool:
+        """Return whether a body may stand on the ground, or on any vehicle's take-off spot."""
+        x, y, height_m = tracker.position_enu_m
+        if height_m <= self.floor_m + _ON_FLOOR_M:
+            return True
+        if math.hypot(*tracker.velocity_enu_m_s) > _STANDS_M_S:
+            return False
+
+        for vehicle in self.fleet.vehicles.values():
+            start_x, start_y, start_m = vehicle.start_enu_m
+            is_near = math.hypot(x - start_x, y - start_y) <= _ON_SPOT_M
+            if is_near and abs(height_m - start_m) <= _ON_FLOOR_M:
+                return True
+        return False
 
     def hear_other_pose(self, pose: MocapPose, received_ns: int) -> None:
         """Take a mocap pose of any body, to compare its vehicle's messages with it."""

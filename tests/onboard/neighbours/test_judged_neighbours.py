@@ -5,6 +5,7 @@ from __future__ import annotations
 import pytest
 
 from onboard.bus.schema import MocapPose, StateMessage
+from onboard.neighbours.mocap_tracker import BodyTracker
 from onboard.neighbours.table import NeighbourTable
 from onboard.tuples import Xyz
 from tests.onboard.agent.rig import fleet
@@ -122,6 +123,20 @@ def test_a_contradicted_neighbour_counts_at_the_nearer_position_and_promises_not
 
     assert neighbour.position_enu_m.x == pytest.approx(counts_at_m, abs=0.02)
     assert not neighbour.is_cooperative
+
+
+def test_the_nearer_position_is_the_one_that_is_nearer_now() -> None:
+    """The pose is 0.2 s old, and 0.2 m farther than the message, but it comes with 3 m/s."""
+    table = _table()
+    index = table.indices["mav1"]
+    tracker = BodyTracker(
+        stamp_ns=10 * S, position_enu_m=(4.2, 0.0, 1.0), velocity_enu_m_s=(-3.0, 0.0, 0.0)
+    )
+    now_ns = 10 * S + 10 * TICK_NS
+    table.hear(_says(1, now_ns), now_ns)
+    table.judged.set_contradicted(index, True)
+    table.judged.write_positions(table.arrays, {index: tracker}, OWN_ENU_M, now_ns, overdue_s=0.08)
+    assert table.snapshot(now_ns)[0].position_enu_m.x == pytest.approx(4.2)
 
 
 def test_a_contradicted_neighbour_that_falls_silent_counts_where_the_mocap_sees_it() -> None:

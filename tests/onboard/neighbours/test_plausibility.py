@@ -136,6 +136,30 @@ def test_three_poses_in_a_row_elsewhere_are_believed_and_the_accuracy_it_says_is
     assert reasons == ["says that it is 1.2 m from where the mocap sees it", ""]
 
 
+def test_misses_of_long_ago_do_not_make_one_jump_a_lie() -> None:
+    monitor = PlausibilityMonitor(15.0)
+    for number in range(4):
+        claim = _moved(_CLAIM, 0.1 * number)
+        elsewhere = MocapPosition(claim.stamp_ns, (9.0, 2.0, 1.0))
+        monitor.update(claim, elsewhere, claim.stamp_ns)
+    assert monitor.reason
+    # then the mocap does not see it any more
+    for number in range(40):
+        claim = _moved(_CLAIM, 0.5 + 0.1 * number)
+        monitor.update(claim, None, claim.stamp_ns)
+
+    x, y, z = claim.position_enu_m
+    px, py, pz = claim.predicted_position_enu_m
+    jumped = claim._replace(
+        stamp_ns=claim.stamp_ns + 100 * MS,
+        position_enu_m=(x + 2.0, y, z),
+        predicted_position_enu_m=(px + 2.0, py, pz),
+    )
+    monitor.update(jumped, None, jumped.stamp_ns)
+    assert monitor.is_watched
+    assert not monitor.reason
+
+
 @pytest.mark.parametrize(("name", "is_compared"), [("sih", True), ("px4-sitl", False)])
 def test_only_the_word_of_a_vehicle_that_flies_by_the_mocap_is_compared_with_poses(
     name: str, is_compared: bool

@@ -11,6 +11,7 @@ from msgspec.structs import replace
 from onboard.bus.schema import MocapPose, StateMessage
 from onboard.neighbours.table import SILENT_S, NeighbourTable
 from onboard.safety.limits import LARGEST_POSITION_STD_M, LARGEST_VELOCITY_STD_M_S
+from onboard.tuples import Xyz
 from tests.groundstation.console.fake import telemetry
 from tests.onboard.agent.rig import fleet
 from tests.onboard.state_messages import state_message
@@ -235,6 +236,40 @@ def test_who_falls_silent_flies_where_neither_its_start_nor_the_ground_carries_i
     )  # fmt: skip
     assert table.hear_pose(pose, 6 * S)
     assert table.silent(6 * S) == (("mav1",) if is_silent else ())
+
+
+@pytest.mark.parametrize(
+    ("position_enu_m", "velocity_m_s", "is_silent"),
+    [
+        ((1.5, 0.0, 1.05), 0.0, False),  # on its table
+        ((0.0, 0.5, 1.05), 0.0, False),  # on that of another vehicle
+        ((4.0, 0.0, 1.05), 0.0, True),  # in the room, as high as the tables
+        ((1.5, 0.0, 1.05), 1.0, True),  # across its table
+    ],
+)
+def test_who_falls_silent_as_high_as_the_tables_stands_only_on_one_of_them(
+    position_enu_m: Xyz, velocity_m_s: float, is_silent: bool
+) -> None:
+    config = fleet(("mav0", "mav1"))
+    vehicles = {
+        name: replace(vehicle, start_enu_m=(*vehicle.start_enu_m[:2], 1.0))
+        for name, vehicle in config.vehicles.items()
+    }
+    table = NeighbourTable(replace(config, vehicles=vehicles), "mav0")
+    table.hear(_state(position_enu_m=position_enu_m), 5 * S)
+    table.bodies_to_watch(2 * S, 0.02)
+    table.bodies_to_watch(6 * S, 0.02)
+    x, y, z = position_enu_m
+    for tick in range(3):
+        now_ns = 6 * S + tick * S // 50
+        moved_m = 0.02 * tick * velocity_m_s
+        pose = MocapPose(
+            body="mav1", boot_id=1, sequence=tick, stamp_ns=now_ns, is_tracked=True,
+            position_enu_m=(x + moved_m, y + 1e-4 * tick, z),
+            quaternion_enu_flu_wxyz=(1.0, 0.0, 0.0, 0.0),
+        )  # fmt: skip
+        assert table.hear_pose(pose, now_ns)
+    assert table.silent(now_ns) == (("mav1",) if is_silent else ())
 
 
 def test_the_body_of_a_silent_neighbour_is_watched_until_its_messages_come_regularly_again() -> (
