@@ -15,7 +15,7 @@ from typing import Literal
 
 import msgspec
 
-from onboard.config.earth import Origin, is_on_earth
+from onboard.config.earth import ALTITUDES_M, Origin, is_on_earth
 from onboard.config.toml_reading import bound_problems
 
 PASSWORD_VARIABLE = "COVEY_NTRIP_PASSWORD"  # environment variable of that node
@@ -104,7 +104,7 @@ def problems(corrections: CorrectionsConfig | None, origin: Origin | None) -> It
         )
     height_m = corrections.base_height_m
     if height_m is not None:
-        yield from bound_problems("corrections.base_height_m", height_m, -1000.0, 10_000.0)
+        yield from bound_problems("corrections.base_height_m", height_m, *ALTITUDES_M)
         if base_deg is None:
             yield (
                 "'corrections.base_height_m' is given without 'corrections.base_deg'. Give the "

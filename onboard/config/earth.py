@@ -11,6 +11,7 @@ import math
 import msgspec
 
 EARTH_RADIUS_M = 6_371_000.0  # radius of PX4's sphere
+ALTITUDES_M = (-1000.0, 10_000.0)  # above the sea, of places where vehicles fly
 _SAME_RAD = 1e-7  # an angle below this equals its sine
 
 

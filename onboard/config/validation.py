@@ -17,6 +17,7 @@ from onboard.config import mocap as mocap_config
 from onboard.config import radio as radio_config
 from onboard.config import sitl as sitl_profile
 from onboard.config.areas import START_BELOW_FLOOR_M
+from onboard.config.earth import ALTITUDES_M, Origin, is_on_earth
 from onboard.config.endpoints import LAST_PORT
 from onboard.config.fleet_config import (
     FleetConfig,
@@ -60,6 +61,8 @@ VEHICLE_BOUNDS: dict[str, tuple[float, float]] = {
 # Least vertical separation in body diameters. The downwash of a vehicle one body above pushes with
 # 8 % of the weight, and that of a vehicle two bodies above with 3 %.
 _LEAST_HEIGHT_BODIES = 2.0
+# One silent vehicle drives everybody in its range away by the margin, and finally to the walls.
+_LARGEST_UNCOOPERATIVE_MARGIN_M = 1.0
 
 _PX4_PARAM = re.compile(r"[A-Z][A-Z0-9_]{0,15}")  # MAVLink has room for 16 characters
 _AGENT_ENDPOINT = re.compile(r"(tcp|quic|tls|udp)/[A-Za-z0-9_.:\[\]-]+:\d{1,5}")
@@ -143,11 +146,23 @@ def _fleet_section_problems(config: FleetConfig) -> Iterator[str]:
                 yield sentence + _other_key(lowest, highest)
 
     yield from _vertical_problems(fleet, config.law)
+    yield from _origin_problems(fleet.global_origin)
 
     for axis in ("x", "y", "z"):
         low, high = getattr(fleet.geofence_m, axis)
         if not (math.isfinite(low) and math.isfinite(high) and low < high):
             yield f"'fleet.geofence_m.{axis}' is [{low}, {high}]; give [low, high] with low < high."
+
+
+def _origin_problems(origin: Origin | None) -> Iterator[str]:
+    if origin is None:
+        return
+    if not is_on_earth(origin.latitude_deg, origin.longitude_deg):
+        yield (
+            f"'fleet.origin' is {origin.latitude_deg}, {origin.longitude_deg}, which is no place "
+            "on Earth. Give latitude_deg within -90 to 90 and longitude_deg within -180 to 180."
+        )
+    yield from bound_problems("fleet.origin.altitude_m", origin.altitude_m, *ALTITUDES_M)
 
 
 def _corrections_problems(config: FleetConfig) -> Iterator[str]:
@@ -265,6 +280,9 @@ def law_bounds(key: str) -> tuple[float, float]:
     Returns:
         least and largest value.
     """
+    if key == "uncooperative_margin_m":
+        return 0.0, _LARGEST_UNCOOPERATIVE_MARGIN_M
+
     least = 1e-3
     if "margin" in key or "gain" in key:  # margins and the shortfall gain may be 0
         least = 0.0

@@ -28,7 +28,7 @@ from onboard.estimation.accuracies import ACCURACIES, Accuracy
 from onboard.feasibility import bounds, law_map
 from onboard.feasibility.blind_descent import blind_descent_findings
 from onboard.feasibility.fence_checks import braking_in_wind
-from onboard.feasibility.finding import Finding, at_least, worst, worst_first
+from onboard.feasibility.finding import Finding, at_least, at_most, worst, worst_first
 from onboard.feasibility.pair_checks import (
     crowding,
     effective_margin_m,
@@ -103,6 +103,8 @@ def fleet_findings(fleet: FleetConfig, *, errors: ErrorClass | None = None) -> t
     findings.append(fence_finding(fleet, starts, "take-off spots"))
     if fleet.obstacles and fleet.law.built_in != "off":
         findings.append(_obstacle_margin(fleet, accuracy))
+    if fleet.law.built_in == "covey":
+        findings.append(_speed_limit(fleet))
     for check in _CHECKS_OF_A_VEHICLE:
         findings.append(worst(check(fleet, vehicle) for vehicle in kinds))
     if fleet.people:
@@ -350,6 +352,20 @@ def _fence_finding(fleet: FleetConfig, name: str, spot: Xyz, label: str) -> Find
         limit_words = f"the buffer of the fence '{area_name}'"
         remedy = f"Move the spot away from it, correct '{area_name}', or lower max_speed_m_s."
 
+    margin_m = fleet.law.fence_margin_m
+    if room_m < margin_m and fleet.law.built_in != "off":
+        return at_least(
+            name=f"fence, {label}",
+            value=room_m,
+            bound=margin_m,
+            unit="m",
+            sentence=(
+                f"{_capitalized(label)}: {name} is <value> from {limit_words}, and "
+                "law.fence_margin_m keeps vehicles <bound> away from it"
+            ),
+            remedy="Lower law.fence_margin_m, or move the spot away from the fence.",
+        )
+
     stop_m = bounds.stopping_distance_m(
         speed_m_s=vehicle.max_speed_m_s,
         acceleration_m_s2=available_m_s2(vehicle),
@@ -367,6 +383,21 @@ def _fence_finding(fleet: FleetConfig, name: str, spot: Xyz, label: str) -> Find
         ),
         remedy=remedy,
         refuse_below=_LEAST_FENCE_M,
+    )
+
+
+def _speed_limit(fleet: FleetConfig) -> Finding:
+    """Check that the law brakes vehicles that fly faster than their limit."""
+    return at_most(
+        name="speed limit",
+        value=fleet.law.avoid_speed_frac,
+        bound=1.0,
+        unit="",
+        sentence=(
+            "law.avoid_speed_frac is <value>: the law brakes a vehicle only from this share of "
+            "max_speed_m_s on, which must be <relation> <bound>"
+        ),
+        remedy="Set law.avoid_speed_frac = 0.97.",
     )
 
 

@@ -46,6 +46,17 @@ WRONG = [
     ("types.ardrone.mas_kg", 2, "Did you mean 'mass_kg'?"),
     ("laws", {}, "Did you mean 'law'?"),
     ("fleet.origin", "moon", "It may be mocap."),
+    (
+        "fleet.origin",
+        {"latitude_deg": float("nan"), "longitude_deg": 8.5, "altitude_m": 440.0},
+        "no place on Earth",
+    ),
+    (
+        "fleet.origin",
+        {"latitude_deg": 47.4, "longitude_deg": 8.5, "altitude_m": float("inf")},
+        "'fleet.origin.altitude_m' is inf",
+    ),
+    ("law.uncooperative_margin_m", 20.0, "between 0 and 1"),
     ("types.ardrone.sitl.wings", 2, "unknown key 'types.ardrone.sitl.wings'"),
     ("types.ardrone.max_speed_m_s", -4.0, "'types.ardrone.max_speed_m_s' is -4.0"),
     ("types.ardrone.sitl.arm_m", 99.0, "'types.ardrone.sitl.arm_m' is 99.0"),

@@ -139,6 +139,8 @@ def test_the_fleet_file_declares_how_good_positions_are_and_check_and_flight_jud
 BROKEN: list[tuple[str, dict[str, Any], str]] = [
     ("margin", {"law.margin": "fixed", "law.design_margin_m": 0.02}, "refused"),
     ("shortfall gain", {"law.shortfall_gain": 1.1}, "refused"),
+    ("shortfall gain", {"law.shortfall_gain": 0.2}, "warning"),
+    ("speed limit", {"law.avoid_speed_frac": 2.0}, "refused"),
     ("body", {"fleet.body_diameter_m": 0.75}, "refused"),
     ("sensing range", {"law.range_m": 1.5}, "refused"),
     ("bus delay", {"radio": {"expected_delay_s": 0.2}}, "refused"),
@@ -161,6 +163,7 @@ BROKEN: list[tuple[str, dict[str, Any], str]] = [
         {"fleet.geofence_m": {"x": [-1.6, 4], "y": [-4, 4], "z": [0, 3]}},
         "refused",
     ),
+    ("fence, take-off spots", {"law.fence_margin_m": 5.0}, "refused"),
     ("height at full tilt", {"types.sih.hover_thrust_frac": 0.9}, "refused"),
     ("thrust reserve", {"types.sih.hover_thrust_frac": 0.9}, "refused"),
     ("gust reserve", {"types.sih.max_tilt_deg": 12.0}, "refused"),
