@@ -75,7 +75,7 @@ from onboard.flight.order_checks import OrderFacts
 from onboard.flight.path_flight import OtherClock, other_clocks
 from onboard.flight.types import FlightStep, FlightView
 from onboard.localization.odometry_forwarding import OdometryForwarder
-from onboard.localization.own_state import OwnEstimate, OwnState
+from onboard.localization.own_state import OwnEstimate, OwnState, normalised
 from onboard.message_counts import MessageCounts
 from onboard.neighbours.people import People
 from onboard.neighbours.table import NeighbourTable
@@ -568,7 +568,9 @@ class AgentCore:
         return []
 
     def _pose_received(self, received: PoseReceived, now_ns: int) -> list[Command]:
-        pose = received.pose
+        pose = normalised(received.pose)
+        if pose is not received.pose:
+            received = replace(received, pose=pose)
         self.preflight.hear(received)
         if pose.body != self.vehicle.body:
             if not self.people.hear_pose(pose, received.received_ns):

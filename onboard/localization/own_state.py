@@ -15,6 +15,8 @@ import math
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
+from msgspec.structs import replace
+
 from onboard import vectors
 from onboard.autopilot import Snapshot
 from onboard.bus.codec import is_finite
@@ -36,6 +38,7 @@ from onboard.safety.limits import LARGEST_POSITION_STD_M, LARGEST_VELOCITY_STD_M
 from onboard.tuples import Wxyz, Xyz
 from onboard.types import AttitudeSetpoint, State
 
+_UNIT_NORM = 1e-6  # a norm that differs from 1 by less is that of a unit quaternion
 _MAX_POSITION_M = 1e4  # largest coordinate of a pose
 _MAX_QUEUE = 8  # number of samples that may wait for a tick; the newest are kept
 _FUTURE_NS = 5_000_000  # a stamp may be ahead of its arrival by this time
@@ -453,11 +456,28 @@ def _with_past_height(
     return vectors.Vec3(position_enu_m.x, position_enu_m.y, position_enu_m.z + then_m - now_m)
 
 
-def _is_usable(pose: MocapPose) -> bool:
-    """Whether a pose has a possible position and a unit quaternion."""
+def normalised(pose: MocapPose) -> MocapPose:
+    """Return a mocap pose with a unit quaternion.
+
+    Programs of others may round the quaternions that they publish. A quaternion that is too far
+    from a unit quaternion is left as it is, and :meth:`OwnState.add_pose` refuses the pose.
+    """
     norm = math.hypot(*pose.quaternion_enu_flu_wxyz)
+    is_unit = abs(norm - 1.0) < _UNIT_NORM
+    if is_unit or not _is_nearly_unit(norm):
+        return pose
+    w, x, y, z = pose.quaternion_enu_flu_wxyz
+    return replace(pose, quaternion_enu_flu_wxyz=(w / norm, x / norm, y / norm, z / norm))
+
+
+def _is_nearly_unit(norm: float) -> bool:
+    return 0.9 < norm < 1.1
+
+
+def _is_usable(pose: MocapPose) -> bool:
+    """Whether a pose has a possible position and a quaternion that is nearly a unit quaternion."""
     return (
         is_finite(pose.position_enu_m, pose.quaternion_enu_flu_wxyz)
         and max(map(abs, pose.position_enu_m)) < _MAX_POSITION_M
-        and 0.9 < norm < 1.1
+        and _is_nearly_unit(math.hypot(*pose.quaternion_enu_flu_wxyz))
     )

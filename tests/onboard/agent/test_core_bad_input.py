@@ -250,3 +250,21 @@ def test_a_pose_stream_of_another_frame_is_no_position_and_the_vehicle_holds_and
     codes = [event.code for event in rig.events]
     assert "position-jumped" in codes
     assert rig.core.flight.state in ("holding", "landing")
+
+
+def test_a_mocap_that_rounds_its_quaternions_gives_the_same_heading_and_no_jumps() -> None:
+    rig = Rig()
+    half_turn_rad = math.radians(45.0)
+    rig.snapshot = replace(
+        rig.snapshot,
+        quaternion_enu_flu_wxyz=(math.cos(half_turn_rad), 0.0, 0.0, math.sin(half_turn_rad)),
+    )
+    rig.has_mocap = False
+    for norm in (0.95, 1.05) * 50:
+        turned = (norm * math.cos(half_turn_rad), 0.0, 0.0, norm * math.sin(half_turn_rad))
+        rig.pose(quaternion_enu_flu_wxyz=turned)
+        rig.step()
+    own = rig.core.own
+    assert own.counts.refused == 0
+    assert own.heading_offset_rad == pytest.approx(0.0, abs=1e-3)
+    assert rig.core.flight.state == "ready"
