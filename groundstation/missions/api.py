@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
-from collections.abc import AsyncIterator, Callable
+from collections.abc import AsyncIterator, Callable, Sequence
 from pathlib import Path
 from typing import Literal
 
@@ -169,6 +169,11 @@ class Fleet(Group):
             raise
 
     @property
+    def names(self) -> tuple[str, ...]:
+        """Vehicles that take part."""
+        return self._taking_part
+
+    @property
     def say(self) -> Callable[[str], None]:
         """The function that is called with each line of progress."""
         return self.ground.say
@@ -285,7 +290,13 @@ class Fleet(Group):
             if not is_rehearsal:
                 self.say(f"fault{when}: {sentence}")
 
-    async def land_all(self, timeout_s: float = 40.0, *, is_by_person: bool = False) -> bool:
+    async def land_all(
+        self,
+        timeout_s: float = 40.0,
+        *,
+        is_by_person: bool = False,
+        names: Sequence[str] | None = None,
+    ) -> bool:
         """Land all vehicles that are not down yet.
 
         Vehicles that land already get no new order, so an operator's order to land stays in force.
@@ -295,9 +306,10 @@ class Fleet(Group):
                 vehicles' heights.
             is_by_person: whether a person, and not only the mission, has ordered the landing. Then,
                 while this ground hears no agent, the order goes straight to the PX4s.
+            names: vehicles to land; None: all of the fleet.
 
         Returns:
-            Whether all are landed and disarmed.
+            Whether all of them are landed and disarmed.
         """
         superseded = []  # vehicles whose last order another ground has replaced
         if self.steps:
@@ -311,4 +323,5 @@ class Fleet(Group):
             link=self.ground.link,
             watch=self.ground.watch,
             is_by_person=is_by_person,
+            names=names,
         )

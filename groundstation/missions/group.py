@@ -99,7 +99,17 @@ class Group:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Vehicles of this group that take part."""
+        """Vehicles of this group that take part; if none does, all that the group names.
+
+        So vehicles that the mission goes on without can still be ordered by their names.
+        """
+        taking_part = self._taking_part
+        if not taking_part:
+            return self._names
+        return taking_part
+
+    @property
+    def _taking_part(self) -> tuple[str, ...]:
         return tuple(name for name in self._names if name not in self.ground.left_out)
 
     @property

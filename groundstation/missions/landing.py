@@ -42,6 +42,7 @@ async def land_all(
     link: OwnLink,
     watch: FleetWatch,
     is_by_person: bool = False,
+    names: Sequence[str] | None = None,
 ) -> bool:
     """Land all vehicles that are not down yet.
 
@@ -58,11 +59,15 @@ async def land_all(
             land it.
         is_by_person: whether a person, and not only the mission, has ordered the landing. Then the
             order does not wait for the link, and goes straight to PX4s whose agents do not answer.
+        names: vehicles to land; None: all of the fleet.
 
     Returns:
-        Whether all vehicles are landed and disarmed, except those that a pilot flies by hand.
+        Whether all these vehicles are landed and disarmed, except those that a pilot flies by hand.
     """
-    up = tuple(name for name in client.fleet.enabled_names if _may_fly(client, name))
+    is_everybody = names is None
+    if names is None:
+        names = client.fleet.enabled_names
+    up = tuple(name for name in names if _may_fly(client, name))
     for name in flown_by_hand(client):
         say(f"{name} is flown by hand: `land {name}` takes it.")
     descent_s = longest_descent_s(client.fleet, client.state)
@@ -104,7 +109,7 @@ async def land_all(
             continue
 
         say_once(f"Landing {listed(ordered)}.")
-        planned = client.plan(Land(vehicles=ordered, is_everybody=True))
+        planned = client.plan(Land(vehicles=ordered, is_everybody=is_everybody))
         order = client.send(planned, is_by_mission=not is_by_person)
         await client.wait_for(_has_ended(client, order), (end_ns - client.now_ns()) * 1e-9)
 

@@ -425,12 +425,17 @@ class MissionRun:
         return times
 
     async def _bring_down(self, task: asyncio.Task[Any]) -> None:
-        """Land the vehicles or do what the mission declares, unless the last step was done."""
+        """Land the vehicles or do what the mission declares, unless the last step was done.
+
+        Vehicles that the mission has gone on without are landed also after its last step.
+        """
+        watch = self.fleet.ground.watch
         is_stopped = self._is_stopped or task.cancelled()
         if not is_stopped and task.exception() is None:
+            if watch.takeover() is None:
+                await self._react(self._land_left_out())
             return
 
-        watch = self.fleet.ground.watch
         taken = watch.takeover() if watch.has_begun else None
         if taken is not None and not self._observations.is_interrupted:
             await self._leave_to(taken)
@@ -445,6 +450,12 @@ class MissionRun:
         taken = watch.takeover() if watch.has_begun else None
         if taken is not None and not self._observations.is_interrupted:
             await self._leave_to(taken)
+
+    async def _land_left_out(self) -> None:
+        """Land the vehicles that the mission has gone on without."""
+        left_out = self.fleet.ground.left_out - self.fleet.ground.disabled
+        if left_out:
+            await self.fleet.land_all(LAND_TIMEOUT_S, names=sorted(left_out))
 
     async def _bring_down_after_a_failure(self, task: asyncio.Task[Any]) -> None:
         """Do what the mission declares for a failure, if it has begun at all."""

@@ -1,0 +1,56 @@
+"""Vehicles that a mission goes on without: ordered by their names, and landed at its end."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+
+from groundstation.mission_files.loading import mission_from_mapping
+from groundstation.missions.api import Fleet
+from groundstation.missions.runner import MissionRun
+from onboard.config.fleet import FleetConfig
+
+UP = {"do": "takeoff", "height_m": 1.0}
+HALT = {"do": "move", "vehicles": ["mav0"], "position_enu_m": [0, 0, 1.5], "timeout_s": 0.2}
+
+
+@pytest.mark.parametrize("verb", ["hold", "home", "land"])
+async def test_an_order_to_one_vehicle_reaches_it_though_the_mission_goes_on_without_it(
+    client: Any, verb: str
+) -> None:
+    flown = Fleet(client)
+    await flown.takeoff(1.0)
+    flown.leave_out("mav0")
+    results = await getattr(flown["mav0"], verb)()
+    assert list(results) == ["mav0"]
+    assert results["mav0"].is_done
+    assert flown.names == ("mav1", "mav2")
+
+
+async def test_one_vehicle_without_which_the_mission_goes_on_has_a_goal_of_its_own(
+    client: Any,
+) -> None:
+    flown = Fleet(client)
+    await flown.takeoff(1.0)
+    flown.leave_out("mav0")
+    results = await flown["mav0"].go_to((0.0, 0.0, 1.5))
+    assert results["mav0"].is_done
+
+
+@pytest.mark.parametrize("ends_with_landing", [True, False])
+async def test_whoever_failed_is_landed_at_the_end_of_a_mission_that_goes_on(
+    fleet: FleetConfig, client: Any, bus: Any, ends_with_landing: bool
+) -> None:
+    last = {"do": "land"} if ends_with_landing else {"do": "wait", "duration_s": 0.01}
+    mission = mission_from_mapping(
+        {"schema": 1, "step": [UP, HALT, last], "on_failure": {"do": "go_on"}},
+        path="test.toml",
+        fleet=fleet,
+    )
+    bus.accept_only = {"move"}
+    run = MissionRun(mission, client)
+    verdict = await run.run()
+    assert verdict.landed == {"mav0": True, "mav1": ends_with_landing, "mav2": ends_with_landing}
+    landed = [name for name, order in bus.orders if order.kind == "land"]
+    assert sorted(landed) == (["mav0", "mav1", "mav2"] if ends_with_landing else ["mav0"])
