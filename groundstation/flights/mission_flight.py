@@ -33,7 +33,7 @@ from groundstation.processes.priority import take_priority
 from groundstation.processes.supervisor import ProcessError, Processes
 from groundstation.recording.channels import RECORDED
 from groundstation.recording.timeline import Timeline
-from groundstation.recording.writer import FLUSH_PERIOD_S, RecordWriter
+from groundstation.recording.writer import RecordWriter
 from groundstation.verdict.final_verdict import final_verdict
 from groundstation.verdict.verdict import Verdict
 from onboard.bus.schema import Event
@@ -43,8 +43,6 @@ from onboard.plain_text import plain_line, plain_lines
 
 READY_TIMEOUT_S = 10.0  # longest wait until agents that run already are ready
 _PROCESS_CHECK_PERIOD_S = 0.2
-# time after a flush period until the last message of that period is in the file
-_FLUSH_MARGIN_S = 0.3
 
 Say = Callable[[str], None]
 
@@ -228,17 +226,18 @@ class MissionFlight:
         assert self._record is not None
         if self.settings.is_headless and self._client is not None:
             await asyncio.to_thread(self._record.stop)
+            record_end = self._record.end
         else:
             # With a console the record goes on until the operator leaves. The verdict needs only
             # the messages until now.
-            await asyncio.sleep(FLUSH_PERIOD_S + _FLUSH_MARGIN_S)
+            record_end = await asyncio.to_thread(self._record.end_so_far)
 
         verdict = await asyncio.to_thread(
             final_verdict,
             run.flown(),
             run.mission.expect,
             self.settings.folder,
-            self._record.end,
+            record_end,
             earlier=tuple(self._verdicts),
         )
         self._verdicts.append(verdict)

@@ -30,6 +30,7 @@ from onboard.plain_text import plain_line
 
 WRITE_PERIOD_S = 0.1
 FLUSH_PERIOD_S = 1.0
+SLOWEST_DISK_S = 10.0  # longest wait until the disk has taken what was recorded
 MAX_QUEUED = 20_000
 RECORD_NAME = "flight.mcap"
 MADE_BY = "covey"  # name of the metadata about the program that wrote the record
@@ -67,7 +68,8 @@ class RecordWriter:
 
     Args:
         folder: the folder, which :meth:`start` creates.
-        on_failure: called once, on the writer's thread, with a sentence if the record had to end.
+        on_failure: called once, on the writer's thread or that of :meth:`stop`, with a sentence if
+            the record had to end.
         on_warning: called on the writer's thread, with a sentence about something that is not
             recorded.
         open_file: opens the record's file; tests replace it.
@@ -90,6 +92,9 @@ class RecordWriter:
         self._on_warning = on_warning
         self._open_file = open_file
         self._queue: deque[_Item] = deque()
+        self._counting = threading.Lock()  # held while a message is counted as queued or dropped
+        self._queued = 0  # number of messages that were put into the queue
+        self._synced = 0  # number of those that are on the disk
         self._is_ended = threading.Event()
         self._thread: threading.Thread | None = None
         self._has_warned = False  # of dropped messages
@@ -122,10 +127,12 @@ class RecordWriter:
         """
         if self.failure is not None or self._thread is None:
             return
-        if len(self._queue) < MAX_QUEUED:
-            self._queue.append((topic, name, message, received_ns))
-        else:
-            self.dropped += 1
+        with self._counting:
+            if len(self._queue) < MAX_QUEUED:
+                self._queue.append((topic, name, message, received_ns))
+                self._queued += 1
+            else:
+                self.dropped += 1
 
     @property
     def end(self) -> RecordEnd:
@@ -137,8 +144,29 @@ class RecordWriter:
             failure=self.failure,
         )
 
-    def stop(self, timeout_s: float = 10.0) -> None:
-        """Write the rest and finish the files; a second call does nothing."""
+    def end_so_far(self, timeout_s: float = SLOWEST_DISK_S) -> RecordEnd:
+        """Wait until all messages that were put so far are on the disk; the record goes on.
+
+        Args:
+            timeout_s: longest wait [s]; messages that are not on the disk then count as dropped.
+
+        Returns:
+            What is on the disk.
+        """
+        queued = self._queued
+        end_s = time.monotonic() + timeout_s
+        while self._synced < queued and self.failure is None and time.monotonic() < end_s:
+            time.sleep(WRITE_PERIOD_S)
+
+        waiting = max(0, queued - self._synced)
+        return self.end._replace(dropped=self.dropped + waiting)
+
+    def stop(self, timeout_s: float = SLOWEST_DISK_S) -> None:
+        """Write the rest and finish the files; a second call does nothing.
+
+        Args:
+            timeout_s: longest wait for the disk [s]; after it the record has failed.
+        """
         thread = self._thread
         self._thread = None
         if thread is None:
@@ -147,29 +175,37 @@ class RecordWriter:
         self._is_ended.set()
         # The thread is a daemon, so a disk that hangs does not prevent the exit.
         thread.join(timeout_s)
+        if thread.is_alive():
+            self._fail(
+                f"The end of the record was not written to {self.folder} within {timeout_s:g} s, "
+                "because the disk is too slow. Record to a faster disk."
+            )
 
     def _run(self, files: RecordFiles) -> None:
         """Write the waiting messages until the record ends; a failure ends the record only."""
         next_flush_s = time.monotonic() + FLUSH_PERIOD_S
         is_finished = False
+        taken = 0  # number of messages that were taken from the queue
         try:
             while not self._is_ended.wait(WRITE_PERIOD_S):
-                self._write(files)
+                taken += self._write(files)
                 self._warn_once_of_dropped()
                 if time.monotonic() >= next_flush_s:
                     files.flush()
                     self.written = files.written
+                    self._synced = taken
                     next_flush_s = time.monotonic() + FLUSH_PERIOD_S
 
-            self._write(files)
+            taken += self._write(files)
             files.finish()
             self.written = files.written
+            self._synced = taken
             is_finished = True
         except OSError as error:
             self._fail(failure_sentence(self.folder, error))
         finally:
             # An exception other than OSError is our own mistake; its trace goes to the log.
-            if not is_finished and self.failure is None:
+            if not is_finished:
                 self._fail(
                     "The record ended by a mistake of Covey's own. The flight goes on without it."
                 )
@@ -184,12 +220,17 @@ class RecordWriter:
             )
 
     def _fail(self, sentence: str) -> None:
-        self.failure = sentence
-        self.on_failure(sentence)
+        """Note the first failure, and report it."""
+        if self.failure is None:
+            self.failure = sentence
+            self.on_failure(sentence)
 
-    def _write(self, files: RecordFiles) -> None:
-        for _ in range(len(self._queue)):
+    def _write(self, files: RecordFiles) -> int:
+        """Write the messages that wait, and return their number."""
+        waiting = len(self._queue)
+        for _ in range(waiting):
             files.write(*self._queue.popleft())
+        return waiting
 
 
 class RecordFiles:

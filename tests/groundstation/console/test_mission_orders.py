@@ -212,9 +212,9 @@ async def test_each_mission_is_judged_by_its_own_distances_and_all_stand_in_one_
     verdicts: list[Verdict] = []
 
     async def judge(run: MissionRun) -> Verdict:
-        await asyncio.sleep(1.5)  # until the writer has flushed
+        end = await asyncio.to_thread(record.end_so_far)
         verdict = final_verdict(
-            run.flown(), run.mission.expect, record.folder, record.end, earlier=tuple(verdicts)
+            run.flown(), run.mission.expect, record.folder, end, earlier=tuple(verdicts)
         )
         verdicts.append(verdict)
         return verdict

@@ -214,6 +214,31 @@ def test_messages_that_a_slow_disk_leaves_no_room_for_are_counted_and_told_once(
     assert "The disk is too slow for the record" in told[0]
 
 
+def test_an_end_that_the_disk_does_not_take_in_time_is_missing_in_the_record(
+    tmp_path: Path,
+) -> None:
+    goes_on = threading.Event()
+    goes_on.set()
+    told: list[str] = []
+    writer = RecordWriter(
+        tmp_path, on_failure=told.append, open_file=lambda path: SlowDisk(goes_on)
+    )
+    writer.start()
+    thread = writer._thread
+    assert thread is not None
+    goes_on.clear()
+    for stamp in range(3):
+        writer.put(Topic.TRUTH, "mav0", truth("mav0", stamp, 0.0), 0)
+    assert writer.end_so_far(timeout_s=0.0).dropped == 3
+    assert writer.dropped == 0
+
+    writer.stop(timeout_s=0.01)
+    assert "The end of the record was not written" in (writer.end.failure or "")
+    goes_on.set()
+    thread.join(30.0)
+    assert told == [writer.end.failure]
+
+
 def test_a_folder_that_cannot_be_written_is_a_sentence_not_an_exception(tmp_path: Path) -> None:
     assert write_json(tmp_path / "v.json", {"passed": True}) is None
     assert json.loads((tmp_path / "v.json").read_text()) == {"passed": True}
