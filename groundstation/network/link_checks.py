@@ -43,6 +43,8 @@ _NOT_MEASURED_S = 1e3  # a clock that is not measured yet has a larger error tha
 # fields of telemetry that count messages which a vehicle could not use
 _UNUSED_FIELDS = ("malformed_messages", "refused_messages", "dropped_messages", "late_messages")
 
+_NOT_REACHED_REMEDY = "Does its agent run (covey agent status)? Is its computer reached (ping)?"
+
 
 @dataclass(slots=True)
 class Heard:
@@ -60,6 +62,7 @@ class Heard:
     sequences: dict[str, set[int]] = field(default_factory=lambda: defaultdict(set))
     # vehicle -> ages of its states when they arrived here
     ages_s: dict[str, list[float]] = field(default_factory=lambda: defaultdict(list))
+    last_state_ns: dict[str, int] = field(default_factory=dict)  # vehicle -> arrival of its last
     # (receiver, sender) -> ages of the newest state at each tick of the receiver
     ages_at_receiver_s: dict[tuple[str, str], list[float]] = field(
         default_factory=lambda: defaultdict(list)
@@ -71,6 +74,7 @@ class Heard:
     listening: set[str] = field(default_factory=set)
     state_ticks: int = 1  # difference of the sequence numbers of two consecutive states
     seconds: float = 0.0  # duration of listening
+    end_ns: int = 0  # end of listening
 
 
 def listen(fleet: FleetConfig, seconds: float) -> Heard:
@@ -113,6 +117,7 @@ def listen(fleet: FleetConfig, seconds: float) -> Heard:
             time.sleep(_STEP_S)
             bus.deliver()
 
+        heard.end_ns = time.monotonic_ns()
         heard.hosts[bus.node] = clock.clocks.host
         heard.clock_errors_s = clock.clocks.largest_errors_s(time.monotonic_ns())
         heard.nodes.discard(bus.node)
@@ -137,6 +142,7 @@ def _note(
             heard.sequences[name].clear()  # an agent that has restarted counts from 0
         heard.sequences[name].add(message.sequence)
         heard.ages_s[name].append((now_ns - sent_ns) * 1e-9)
+        heard.last_state_ns[name] = now_ns
     elif isinstance(message, Telemetry):
         heard.first.setdefault(name, message)
         heard.last[name] = message
@@ -207,7 +213,7 @@ def _silent_vehicle(name: str, fleet: FleetConfig, heard: Heard) -> Diagnosis:
         )
     else:
         text = f"Nobody answers at {endpoint}."
-        remedy = "Does its agent run (covey agent status)? Is its computer reached (ping)?"
+        remedy = _NOT_REACHED_REMEDY
     return Diagnosis(name, Grade.FAIL, text, remedy)
 
 
@@ -219,8 +225,23 @@ def _old_s(fleet: FleetConfig) -> float:
     return max(_OLD_S, message_age_s(fleet) + _STEP_S)
 
 
+def _silent_s(fleet: FleetConfig) -> float:
+    """Return the age [s] of its newest state above which a vehicle counts as silent."""
+    return SILENT_S + fleet.expected_radio.lateness_s
+
+
 def _arrivals(name: str, fleet: FleetConfig, heard: Heard) -> Diagnosis:
     """Return the finding about rate, loss and age of a vehicle's states as we receive them."""
+    last_ns = heard.last_state_ns.get(name, heard.end_ns)
+    silence_s = (heard.end_ns - last_ns) * 1e-9
+    if silence_s > _silent_s(fleet):
+        return Diagnosis(
+            name,
+            Grade.FAIL,
+            f"It fell silent while we listened: no state came in the last {silence_s:.1f} s.",
+            _NOT_REACHED_REMEDY,
+        )
+
     numbers = heard.sequences[name]
     sent_count = 1
     if numbers:
@@ -255,7 +276,7 @@ def _neighbours(name: str, fleet: FleetConfig, heard: Heard) -> Iterator[Diagnos
         return
 
     old_s = _old_s(fleet)
-    silent_s = SILENT_S + fleet.expected_radio.lateness_s
+    silent_s = _silent_s(fleet)
     old_ages_s = {other: age_s for other, age_s in ages_s.items() if age_s >= old_s}
 
     bad = Grade.WARN

@@ -111,6 +111,23 @@ def test_an_agent_that_restarts_meanwhile_has_lost_nothing(heard: Heard) -> None
     assert "0.0 % are lost" in found.sentence
 
 
+def test_a_vehicle_that_falls_silent_meanwhile_is_said(heard: Heard) -> None:
+    bus = session(load_fleet(PAPER), WATCHER)
+    clock = ClockNode(bus)
+    for name in heard.sequences:
+        link_checks._note(heard, bus, clock, name, state_message(vehicle=name, sequence=300))
+    heard.end_ns = heard.last_state_ns["mav2"] + 200_000_000
+    heard.last_state_ns["mav1"] = heard.end_ns - 300_000_000
+
+    found = _bad(heard)
+    assert {name: one.grade for name, one in found.items()} == {"mav1": Grade.FAIL}
+    assert "no state came in the last 0.3 s" in found["mav1"].sentence
+    assert found["mav1"].remedy
+
+    slow = msgspec.structs.replace(load_fleet(PAPER), radio=RadioConfig(expected_delay_s=0.18))
+    assert not [one for one in judged(slow, heard) if one.grade is not Grade.OK]
+
+
 def test_this_computer_is_looked_at_in_one_line_each(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
