@@ -464,6 +464,9 @@ def _forges_positions(context: AttackContext, identity: str) -> bool:
                 if newest is not None:
                     node.publish(Topic.STATE, identity, _beside(newest))
                 time.sleep(0.01)
+
+    if newest is None:
+        raise NoProofError(f"no state of {identity} was heard, so none was forged")
     return context.flight.separation_m < context.flight.fleet.fleet.safety_distance_m
 
 
@@ -506,13 +509,15 @@ def _imitates_px4(context: AttackContext, vehicle: str, id_offset: int) -> bool:
 def _sets_signing_key(context: AttackContext, vehicle: str) -> bool:
     """Set the intruder's signing key in PX4; it got in if the agent then loses the vehicle."""
     target = context.flight.fleet.vehicles[vehicle]
-    if target.direct is not None:
-        address = _address(target.direct)
-        payload = signing_key(target.system_id)
-        for sequence in range(20):
-            data = packet(SETUP_SIGNING, payload, _GROUND_SYSTEM_ID, sequence)
-            _send_datagram(address, data)
-            time.sleep(_PERIOD_S)
+    if target.direct is None:
+        raise NoProofError(f"no ground link leads to the PX4 of {vehicle}")
+
+    address = _address(target.direct)
+    payload = signing_key(target.system_id)
+    for sequence in range(20):
+        data = packet(SETUP_SIGNING, payload, _GROUND_SYSTEM_ID, sequence)
+        _send_datagram(address, data)
+        time.sleep(_PERIOD_S)
     return context.is_disturbed()
 
 

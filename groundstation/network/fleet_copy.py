@@ -94,13 +94,15 @@ def _vehicle_tables(
     taken_ids = {vehicle.system_id for vehicle in fleet.vehicles.values()}
     free_id = next(number for number in range(_LARGEST_ID, 0, -1) if number not in taken_ids)
     spare = {**vehicles[names[0]], "system_id": free_id, "enabled": False, "mocap_body": SPARE}
-    spare.pop("direct", None)  # PX4's second endpoint, which belongs to the first vehicle alone
     vehicles[SPARE] = spare
 
-    # endpoints on this machine; with_free_ports replaces their ports by free ones
+    # Endpoints on this machine; with_free_ports replaces their ports by free ones. PX4's ground
+    # link is attacked, too, so each copy has one.
     for port, table in enumerate(vehicles.values(), start=1000):
         table["agent"] = f"tcp/127.0.0.1:{port}"
         table["autopilot"] = f"udpin://127.0.0.1:{port}"
+        table["direct"] = f"udpout://127.0.0.1:{port + 1000}"
+    del spare["direct"]  # no PX4 belongs to it
     return vehicles
 
 

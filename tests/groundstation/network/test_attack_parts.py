@@ -4,16 +4,21 @@ anything starts.
 
 from __future__ import annotations
 
+import contextlib
 import threading
 import tomllib
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import pytest
+from msgspec.structs import replace
 from pymavlink.dialects.v20 import common
 
 from groundstation.cli import main
 from groundstation.network import stopped_reader
 from groundstation.network.attack import attack_copies
+from groundstation.network.attempts import NoProofError, attempts
 from groundstation.network.fleet_copy import SPARE, copy_of
 from groundstation.network.mavlink_frames import (
     HEARTBEAT,
@@ -120,8 +125,30 @@ def test_a_fleet_of_real_companions_is_copied(position: str, tmp_path: Path) -> 
     options = ["--vehicles", "3", "--position", position, "--companions", "192.168.7.11"]
     assert main(["init", str(tmp_path / "lab"), *options]) == 0
     assert main(["secure", str(tmp_path / "lab" / "fleet.toml")]) == 0
-    copy = copy_of(load_fleet(tmp_path / "lab" / "fleet.toml"), tmp_path / "copy", is_locked=True)
+    original = load_fleet(tmp_path / "lab" / "fleet.toml")
+    copy = copy_of(original, tmp_path / "copy", is_locked=True)
     assert is_local(copy)
+    # the ground link of each PX4 is attacked, although this fleet file names none
+    assert not any(vehicle.direct for vehicle in original.vehicles.values())
+    assert all(copy.vehicles[name].direct for name in copy.enabled_names)
+    assert copy.vehicles[SPARE].direct is None
+
+
+@pytest.mark.parametrize("name", ["SETUP_SIGNING in flight", "forged states of itself"])
+def test_an_attempt_that_was_not_made_is_no_proof(name: str) -> None:
+    paper = load_fleet("paper")
+    first = replace(paper.vehicles["mav0"], direct=None)
+    fleet = replace(paper, vehicles={**paper.vehicles, "mav0": first})
+    deaf_node = SimpleNamespace(subscribe=lambda *_arguments: None)
+    context: Any = SimpleNamespace(
+        flight=SimpleNamespace(fleet=fleet, names=fleet.enabled_names, separation_m=2.0),
+        joined=lambda *_names: contextlib.nullcontext(deaf_node),
+        duration_s=lambda *_durations_s: 0.0,
+        is_disturbed=lambda: False,
+    )
+    (attempt,) = [each for each in attempts(fleet.enabled_names) if name in each.name]
+    with pytest.raises(NoProofError):
+        attempt.gets_in(context)
 
 
 def test_the_packets_of_an_attack_are_packets_of_mavlink() -> None:
