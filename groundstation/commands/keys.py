@@ -37,6 +37,7 @@ from groundstation.keys.mavlink_keys import sign_mavlink
 from groundstation.keys.running import running_authorities
 from groundstation.keys.secured_fleet import (
     copied_files,
+    has_issued,
     issue_all,
     refuse_example,
     renew_authority,
@@ -117,13 +118,13 @@ def init(fleet: FleetArgument, /, *, force: bool = False) -> int:
 
     Args:
         fleet: the fleet file
-        force: replace an authority that is there
+        force: replace keys that are there
     """
     config = _loaded(fleet)
     folder = folder_of(config)
-    if (folder / "ca.pem").exists() and not force:
+    if has_issued(config) and not force:
         raise ConfigError(
-            f"{folder / 'ca.pem'} exists. "
+            f"{folder} has keys of this fleet. "
             "A new authority locks out every node until it has its new files: --force"
         )
 

@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from groundstation.keys.authority import (
+    AUTHORITY_KEY,
     CertificateAuthority,
     folder_of,
     issue,
@@ -41,7 +42,8 @@ def secure_fleet(path: str, now: datetime.datetime) -> FleetConfig:
         The changed fleet.
 
     Raises:
-        ConfigError: the fleet file is wrong, is an example, or cannot be written.
+        ConfigError: the fleet file is wrong, is an example, or cannot be written; or the
+            certificate of the authority is lost.
     """
     plain = load_fleet(path)
     refuse_example(plain)
@@ -57,9 +59,21 @@ def secure_fleet(path: str, now: datetime.datetime) -> FleetConfig:
 
 
 def _issue_missing(fleet: FleetConfig, now: datetime.datetime) -> None:
-    """Issue the missing certificates; if the authority itself is missing, issue all."""
+    """Issue the missing certificates; if there are no keys at all, make an authority and issue all.
+
+    Raises:
+        ConfigError: there are keys, but the certificate of their authority was lost.
+    """
     folder = folder_of(fleet)
-    has_authority = (folder / "ca.pem").exists()
+    authority_file = folder / "ca.pem"
+    has_authority = authority_file.exists()
+    if not has_authority and has_issued(fleet):
+        raise ConfigError(
+            f"{authority_file} is missing, but other keys of this fleet are there. A new authority"
+            " would lock out every vehicle that has its keys already. Copy ca.pem back from the"
+            f" keys of any vehicle, or begin anew: covey keys init {fleet.path} --force"
+        )
+
     missing = []
     for node in nodes_of(fleet):
         has_certificate = (folder / f"{node}.pem").exists()
@@ -74,6 +88,15 @@ def _issue_missing(fleet: FleetConfig, now: datetime.datetime) -> None:
     else:
         authority = make_authority(folder, fleet.fleet.name, now)
         issue_all(fleet, authority, nodes_of(fleet), now)
+
+
+def has_issued(fleet: FleetConfig) -> bool:
+    """Return whether the folder of the keys has a file of an authority or of any node."""
+    folder = folder_of(fleet)
+    names = ["ca.pem", AUTHORITY_KEY]
+    for node in nodes_of(fleet):
+        names += [f"{node}.pem", f"{node}.key"]
+    return any((folder / name).exists() for name in names)
 
 
 def copied_files(fleet: FleetConfig, node: str) -> list[str]:

@@ -60,6 +60,22 @@ def test_a_second_call_changes_nothing_and_makes_what_is_missing(folder: Path) -
     assert {name for name in before if before[name] != after[name]} == {"mav1.key", "mav1.pem"}
 
 
+@pytest.mark.parametrize(
+    "lost", [["ca.pem"], ["ca.pem", "mav1.key"], ["ca.pem", "ca.key"]], ids="-".join
+)
+def test_a_lost_authority_is_not_replaced_without_asking(
+    folder: Path, lost: list[str], capsys: pytest.CaptureFixture[str]
+) -> None:
+    for name in lost:
+        (folder / "keys" / name).unlink()
+    before = _contents(folder)
+    for command in (["keys", "secure"], ["keys", "init"]):
+        assert main([*command, str(folder / "fleet.toml")]) == 2
+        assert "--force" in capsys.readouterr().err
+        assert _contents(folder) == before
+    assert main(["keys", "init", str(folder / "fleet.toml"), "--force"]) == 0
+
+
 def test_a_key_that_cannot_be_written_is_refused_in_a_sentence(
     folder: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
