@@ -7,7 +7,7 @@ from pathlib import Path
 
 from groundstation.keys.key_folder import make_key_folder, write_files
 from groundstation.keys.secured_fleet import refuse_example
-from groundstation.starter.fleet_edit import write_changes
+from groundstation.starter.fleet_edit import checked_edit, write_text
 from onboard.config.fleet import FleetConfig, load_fleet
 from onboard.security.mavlink_key import KEY_BYTES, key_file, read_key
 
@@ -29,18 +29,20 @@ def sign_mavlink(path: str) -> FleetConfig:
     fleet = load_fleet(path)
     refuse_example(fleet)
 
+    unsigned = [name for name, vehicle in fleet.vehicles.items() if not vehicle.mavlink_signing]
+    tables = {name: {"mavlink_signing": True} for name in unsigned}
+    text = checked_edit(Path(fleet.path), {"vehicles": tables})
+
+    # The keys come first: without its key an agent of a vehicle that signs does not start.
     folder = Path(fleet.keys_folder)
     make_key_folder(folder)
-
-    unsigned = [name for name, vehicle in fleet.vehicles.items() if not vehicle.mavlink_signing]
-    if unsigned:
-        tables = {name: {"mavlink_signing": True} for name in unsigned}
-        write_changes(Path(fleet.path), {"vehicles": tables})
-
     for name in fleet.vehicles:
         file = folder / key_file(name)
         if file.exists():
             read_key(str(file), fleet.path)  # refuses a file that is not a key
         else:
             write_files({file: secrets.token_bytes(KEY_BYTES)})
+
+    if unsigned:
+        write_text(Path(fleet.path), text)
     return load_fleet(path)

@@ -127,6 +127,16 @@ def test_a_disk_that_fills_while_a_key_is_written_leaves_no_part_of_a_key(folder
     assert _contents(folder).keys() == before.keys() | {"mav1.key", "mav2.mavlink.key"}
 
 
+def test_no_vehicle_signs_its_mavlink_before_all_keys_are_made(folder: Path) -> None:
+    path = folder / "fleet.toml"
+    text = path.read_text(encoding="utf-8")
+    path.write_text(text.replace("[types.ardrone]", '[types.ardrone]\npx4_version = "1.18"'))
+    (folder / "keys" / "mav1.mavlink.key").write_bytes(b"no key")
+    with pytest.raises(ConfigError, match=r"mav1\.mavlink\.key"):
+        sign_mavlink(str(path))
+    assert not any(each.mavlink_signing for each in load_fleet(path).vehicles.values())
+
+
 def test_the_place_of_the_keys_is_no_part_of_what_agents_compare(folder: Path) -> None:
     fleet = load_fleet(folder / "fleet.toml")
     data, path, _ = read_toml(folder / "fleet.toml", "fleet file")
