@@ -1,8 +1,10 @@
-"""Refuses to write over a file that somebody else has written."""
+"""Writes files whole or not at all, and refuses to write over those that somebody else wrote."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import contextlib
+import os
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 from onboard.config.file_reading import OUTPUT_FILE, opened
@@ -33,3 +35,24 @@ def refuse_other_file(out: Path, is_own: Callable[[bytes], bool], *, other: str)
             f"{out}: this file is there already and {other}, so it is not overwritten. "
             "Name another with --out."
         )
+
+
+@contextlib.contextmanager
+def written_beside(path: Path) -> Iterator[Path]:
+    """Yield the path of a new file beside a file; at the end it replaces that file in one step.
+
+    So a reader never gets half a file, and after an error the former file is still there.
+
+    Args:
+        path: the file to replace, which need not exist.
+
+    Raises:
+        OSError: the file cannot be replaced.
+    """
+    part = path.with_name(f".{path.name}.{os.getpid()}.part")
+    try:
+        yield part
+        part.replace(path)
+    finally:
+        with contextlib.suppress(OSError):
+            part.unlink(missing_ok=True)

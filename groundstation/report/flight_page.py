@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-import contextlib
-import os
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import NamedTuple
 
 from groundstation.px4_logs.flight_logs import logs_of_flight
 from groundstation.recording.flight_reading import read_flight
-from groundstation.recording.output_file import refuse_other_file
+from groundstation.recording.output_file import refuse_other_file, written_beside
 from groundstation.report.payload import payload
 from groundstation.report.report_page import page
 from groundstation.scene.ground_tiles import GroundTiles, read_ground_tiles
@@ -108,14 +106,8 @@ def write_page(
     if out is not None:
         path = out
 
-    # Replacing the file in one step means that a reader never gets half a page.
-    part = path.with_name(f".{path.name}.{os.getpid()}.part")
-    try:
+    with written_beside(path) as part:
         part.write_bytes(text)
-        part.replace(path)
-    finally:
-        with contextlib.suppress(OSError):
-            part.unlink(missing_ok=True)
     return Written(path=path, size=len(text), notes=made.notes)
 
 

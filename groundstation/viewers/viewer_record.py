@@ -23,7 +23,7 @@ from mcap_protobuf.schema import register_schema
 
 from groundstation.recording.channels import json_schema
 from groundstation.recording.flight_reading import read_flight
-from groundstation.recording.output_file import refuse_other_file
+from groundstation.recording.output_file import refuse_other_file, written_beside
 from groundstation.recording.recorded_flight import Flight
 from groundstation.recording.timeline import Timeline
 from groundstation.viewers import scene_messages
@@ -92,14 +92,12 @@ def write_viewer_record(folder: Path, out: Path | None = None) -> Path:
     path = flight_folder / VIEWER_NAME
     if out is not None:
         path = out
-    part = path.with_suffix(".part")
-    try:
-        with contextlib.closing(Timeline(folder)) as timeline, part.open("wb") as stream:
-            _Output(stream).write(flight, timeline, flight_folder)
-        part.replace(path)
-    finally:
-        with contextlib.suppress(OSError):
-            part.unlink(missing_ok=True)
+    with (
+        written_beside(path) as part,
+        contextlib.closing(Timeline(folder)) as timeline,
+        part.open("wb") as stream,
+    ):
+        _Output(stream).write(flight, timeline, flight_folder)
     return path
 
 

@@ -1,4 +1,4 @@
-"""What ``--out`` may write over."""
+"""What may be written over, and what remains of a file that could not be written."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from groundstation.recording.output_file import refuse_other_file
+from groundstation.recording.output_file import refuse_other_file, written_beside
 from onboard.config.fleet import ConfigError
 
 
@@ -29,3 +29,22 @@ def test_a_file_of_somebody_else_is_refused_in_words(tmp_path: Path) -> None:
     out.write_bytes(b"mine")
     with pytest.raises(ConfigError, match="there already and is none of ours, so it is not over"):
         refuse_other_file(out, _is_own, other="is none of ours")
+
+
+def _fail_in_the_middle(out: Path) -> None:
+    with written_beside(out) as part:
+        part.write_bytes(b"ne")
+        raise OSError("full")
+
+
+def test_a_file_is_replaced_when_the_new_one_is_whole_and_no_part_is_left(tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    out.write_bytes(b"old")
+    with pytest.raises(OSError, match="full"):
+        _fail_in_the_middle(out)
+    assert out.read_bytes() == b"old"
+    with written_beside(out) as part:
+        part.write_bytes(b"new")
+        assert out.read_bytes() == b"old"
+    assert out.read_bytes() == b"new"
+    assert [path.name for path in tmp_path.iterdir()] == ["out"]

@@ -217,6 +217,16 @@ def test_the_file_is_at_most_twice_as_large(folder: Path, path: Path) -> None:
     assert path.stat().st_size < 2 * (folder / "flight.mcap").stat().st_size
 
 
+def test_out_may_have_any_name_and_leaves_other_files_alone(tmp_path: Path) -> None:
+    folder = write(tmp_path / "flight", rows(length_s=0.2))
+    mine = tmp_path / "my.part"
+    mine.write_bytes(b"mine")
+    for out in (tmp_path / "my.mcap", tmp_path / "other.part"):
+        assert write_viewer_record(folder, out) == out
+        assert out.stat().st_size > 0
+    assert mine.read_bytes() == b"mine"
+
+
 def test_outdoors_each_vehicle_has_its_fix(tmp_path: Path) -> None:
     fleet = (Path(__file__).parents[3] / "configs" / "fleets" / "px4-sitl.toml").read_text(
         encoding="utf-8"
