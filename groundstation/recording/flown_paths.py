@@ -12,6 +12,7 @@ import re
 from collections.abc import Iterator
 from pathlib import Path
 
+from groundstation.recording.output_file import refuse_other_file, written_beside
 from groundstation.recording.reader import (
     Sample,
     is_number,
@@ -23,6 +24,7 @@ from groundstation.recording.timeline import Timeline
 from onboard.config.fleet import ConfigError
 from onboard.frames import yaw_from_quaternion
 
+_HEADER = "t,x,y,z,yaw"
 # Form of a vehicle's name. A record may come from anybody, and each name becomes a file's name.
 _NAME = re.compile(r"[A-Za-z0-9_-]{1,40}")
 
@@ -71,7 +73,9 @@ def write_csvs(folder: Path, out: Path, rate_hz: float = 10.0) -> list[Path]:
     A vehicle whose name could lead out of the folder is left out.
 
     Raises:
-        ConfigError: there is no record, or it has no positions.
+        ConfigError: there is no record, or it has no positions; or a file of such a name is there
+            that has other columns.
+        OSError: a file cannot be written.
     """
     flown = {
         name: lines for name, lines in flown_paths(folder, rate_hz).items() if _NAME.fullmatch(name)
@@ -80,12 +84,19 @@ def write_csvs(folder: Path, out: Path, rate_hz: float = 10.0) -> list[Path]:
         raise ConfigError(f"{folder}: the record has no positions.")
 
     out.mkdir(parents=True, exist_ok=True)
-    paths = []
-    for name, lines in flown.items():
-        path = out / f"{name}.csv"
-        path.write_text("\n".join(["t,x,y,z,yaw", *lines]) + "\n", encoding="utf-8")
-        paths.append(path)
-    return paths
+    paths = {name: out / f"{name}.csv" for name in flown}
+    for path in paths.values():
+        refuse_other_file(path, _is_path, other=f"has other columns than {_HEADER}", option="--csv")
+    for name, path in paths.items():
+        with written_beside(path) as part:
+            part.write_text("\n".join([_HEADER, *flown[name]]) + "\n", encoding="utf-8")
+    return list(paths.values())
+
+
+def _is_path(begin: bytes) -> bool:
+    """Return whether a file that begins with these bytes has the columns of a flown path."""
+    first_line, _, _ = begin.partition(b"\n")
+    return first_line.rstrip() == _HEADER.encode()
 
 
 def _lines(samples: list[Sample], begin_ns: int, period_ns: int) -> list[str]:

@@ -13,7 +13,9 @@ from onboard.config.fleet import ConfigError
 _BEGIN_BYTES = 65_536  # what is read of the file
 
 
-def refuse_other_file(out: Path, is_own: Callable[[bytes], bool], *, other: str) -> None:
+def refuse_other_file(
+    out: Path, is_own: Callable[[bytes], bool], *, other: str, option: str = "--out"
+) -> None:
     """Refuse to write over a file that is not of the kind to be written.
 
     A new file and an empty one are never refused.
@@ -22,6 +24,7 @@ def refuse_other_file(out: Path, is_own: Callable[[bytes], bool], *, other: str)
         out: file to write.
         is_own: whether a file that begins with these bytes is of that kind.
         other: what is said of a file that is not: "is no page of a flight".
+        option: the option that names another place.
 
     Raises:
         ConfigError: the file is not of that kind, or cannot be read.
@@ -33,7 +36,7 @@ def refuse_other_file(out: Path, is_own: Callable[[bytes], bool], *, other: str)
     if not is_own(begin):
         raise ConfigError(
             f"{out}: this file is there already and {other}, so it is not overwritten. "
-            "Name another with --out."
+            f"Name another with {option}."
         )
 
 

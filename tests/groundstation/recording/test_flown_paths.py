@@ -39,6 +39,23 @@ def test_a_name_in_a_record_never_leads_out_of_the_folder(tmp_path: Path) -> Non
     assert list(tmp_path.rglob("*.csv")) == paths
 
 
+def test_a_file_of_other_columns_is_not_overwritten_and_no_other_is_written(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    flown = record(tmp_path / "flight", 1.0)
+    out = tmp_path / "csv"
+    assert main(["replay", str(flown), "--csv", str(out)]) == 0
+    assert main(["log", "export", str(flown), "--csv", str(out)]) == 0
+
+    (out / "mav0.csv").unlink()
+    (out / "mav1.csv").write_text("battery,note\n0.9,mine\n", encoding="utf-8")
+    for command in (["replay"], ["log", "export"]):
+        assert main([*command, str(flown), "--csv", str(out)]) == 2
+        assert "it is not overwritten. Name another with --csv." in capsys.readouterr().err
+    assert "mine" in (out / "mav1.csv").read_text(encoding="utf-8")
+    assert not (out / "mav0.csv").exists()
+
+
 def test_vehicles_with_clocks_of_their_own_have_one_zero_of_time(tmp_path: Path) -> None:
     folder = tmp_path / "flight"
     folder.mkdir()
