@@ -9,7 +9,7 @@ from typing import Any
 from groundstation.figures import attitude, avoidance, plan_figure, tracking
 from groundstation.figures.data import POSES, TOPICS, from_samples
 from groundstation.figures.style import save, styled
-from groundstation.recording.reader import DAMAGED_PIECE, read, record_path
+from groundstation.recording.reader import record_path
 from groundstation.recording.timeline import Timeline
 from onboard.config.fleet import ConfigError, load_fleet, read_toml
 from onboard.config.flight_space import outlines_of
@@ -51,14 +51,14 @@ def draw_record(folder: Path, out: Path | None = None) -> tuple[list[Path], list
     topics = list(TOPICS)
     if limits.get("people"):
         topics.append(POSES)
-    begin_ns, damage = _begin_and_damage(path)
-    damaged_pieces: list[str] = []
-    flight = from_samples(
-        read(path, topics, on_damage=lambda: damaged_pieces.append(DAMAGED_PIECE)),
-        title=title,
-        record_begin_ns=begin_ns,
-        **limits,
-    )
+    with contextlib.closing(Timeline(path)) as timeline:
+        flight = from_samples(
+            timeline.samples(topics),
+            title=title,
+            record_begin_ns=timeline.begin_ns,
+            **limits,
+        )
+        damage = timeline.broken
     if flight is None:
         raise ConfigError(
             f"{path}: no vehicle's ticks are in this record, so there is nothing to draw. It was"
@@ -66,8 +66,6 @@ def draw_record(folder: Path, out: Path | None = None) -> tuple[list[Path], list
             " DIR`."
         )
 
-    if damaged_pieces and not damage:  # the index of a record does not show it
-        damage = DAMAGED_PIECE
     if damage:
         notes.append(damage)
     target = flight_folder / "figures"
@@ -79,19 +77,6 @@ def draw_record(folder: Path, out: Path | None = None) -> tuple[list[Path], list
         for name, module in _FIGURES.items():
             paths += save(module.draw(flight), target, name)
     return paths, notes
-
-
-def _begin_and_damage(path: Path) -> tuple[int | None, str]:
-    """Return the first stamp of all messages of a record, and a sentence about its damage.
-
-    The stamp is None if it cannot be read; the sentence is empty for a whole record.
-    """
-    try:
-        timeline = Timeline(path)
-    except ConfigError as error:
-        return None, str(error)
-    with contextlib.closing(timeline):
-        return timeline.begin_ns, timeline.broken
 
 
 def _limits(flight_folder: Path, notes: list[str]) -> dict[str, Any]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -9,7 +10,8 @@ from typing import Any
 import numpy as np
 
 from groundstation.identification.logged_stretch import Log
-from groundstation.recording.reader import Sample, read
+from groundstation.recording.reader import Sample
+from groundstation.recording.timeline import Timeline
 from onboard.arrays import Array
 from onboard.config.fleet import FleetConfig
 
@@ -36,16 +38,17 @@ def logs_of(path: Path, fleet: FleetConfig, names: Sequence[str]) -> dict[str, L
         A log of each vehicle that flew.
 
     Raises:
-        ConfigError: there is no record.
+        ConfigError: there is no record, or no part of it can be read.
     """
     bodies = {fleet.vehicles[name].body: name for name in names}
     ticks: dict[str, list[Sample]] = {name: [] for name in names}
     poses: dict[str, list[Sample]] = {name: [] for name in names}
-    for sample in read(path, ("tick", "mocap")):
-        if sample.topic == "tick" and sample.name in ticks:
-            ticks[sample.name].append(sample)
-        elif sample.topic == "mocap" and sample.name in bodies and _is_tracked(sample):
-            poses[bodies[sample.name]].append(sample)
+    with contextlib.closing(Timeline(path)) as timeline:
+        for sample in timeline.samples(("tick", "mocap")):
+            if sample.topic == "tick" and sample.name in ticks:
+                ticks[sample.name].append(sample)
+            elif sample.topic == "mocap" and sample.name in bodies and _is_tracked(sample):
+                poses[bodies[sample.name]].append(sample)
     logs = {name: _log(ticks[name], poses[name]) for name in names}
     return {name: log for name, log in logs.items() if log is not None}
 

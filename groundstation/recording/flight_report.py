@@ -5,6 +5,7 @@ The verdict of a mission is computed from these figures.
 
 from __future__ import annotations
 
+import contextlib
 import itertools
 import math
 from collections import defaultdict
@@ -19,7 +20,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from groundstation.fleet.state import Separation
-from groundstation.recording.reader import Sample, is_vector, of_one_flight, read
+from groundstation.recording.reader import Sample, is_vector, of_one_flight
+from groundstation.recording.timeline import Timeline
 from onboard.config.pair_separation import separations_m
 from onboard.config.people import Person, body_of
 
@@ -89,7 +91,7 @@ def report(
         The figures of the flight.
 
     Raises:
-        ConfigError: there is no record.
+        ConfigError: there is no record, or no part of it can be read.
     """
     truths: dict[str, list[Sample]] = defaultdict(list)
     telemetry: dict[str, list[Sample]] = defaultdict(list)
@@ -99,15 +101,16 @@ def report(
     if people:
         topics += ["telemetry", "mocap"]
     periods_ms: dict[str, list[float]] = defaultdict(list)
-    for sample in read(folder, topics):
-        if sample.topic == "tick":
-            period_s = sample.values.get("period_s")
-            if isinstance(period_s, float) and 0.0 < period_s < math.inf:
-                periods_ms[sample.name].append(1e3 * period_s)
-        elif sample.stamp_ns < from_ns:
-            continue
-        elif is_vector(sample.values.get("position_enu_m"), 3):
-            samples_of[sample.topic][sample.name].append(sample)
+    with contextlib.closing(Timeline(folder)) as timeline:
+        for sample in timeline.samples(topics):
+            if sample.topic == "tick":
+                period_s = sample.values.get("period_s")
+                if isinstance(period_s, float) and 0.0 < period_s < math.inf:
+                    periods_ms[sample.name].append(1e3 * period_s)
+            elif sample.stamp_ns < from_ns:
+                continue
+            elif is_vector(sample.values.get("position_enu_m"), 3):
+                samples_of[sample.topic][sample.name].append(sample)
 
     tracks = _tracks(truths)
     begin_ns = min((int(motion.stamp_ns[0]) for motion in tracks.values()), default=0)

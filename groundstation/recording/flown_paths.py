@@ -9,7 +9,6 @@ from __future__ import annotations
 import contextlib
 import math
 import re
-from collections.abc import Iterator
 from pathlib import Path
 
 from groundstation.recording.output_file import refuse_other_file, written_beside
@@ -17,7 +16,6 @@ from groundstation.recording.reader import (
     Sample,
     is_number,
     is_vector,
-    json_object,
     of_one_flight,
 )
 from groundstation.recording.timeline import Timeline
@@ -29,18 +27,15 @@ _HEADER = "t,x,y,z,yaw"
 _NAME = re.compile(r"[A-Za-z0-9_-]{1,40}")
 
 
-def flown_paths(folder: Path, rate_hz: float) -> dict[str, list[str]]:
+def flown_paths(timeline: Timeline, rate_hz: float) -> dict[str, list[str]]:
     """Return the lines ``t,x,y,z,yaw`` of each vehicle, in seconds, metres and degrees.
 
     Args:
-        folder: flight folder, or the MCAP file itself.
+        timeline: the record.
         rate_hz: rate of the lines.
-
-    Raises:
-        ConfigError: there is no record.
     """
     samples: dict[str, dict[str, list[Sample]]] = {}  # vehicle -> topic -> samples
-    for sample in _samples(folder):
+    for sample in timeline.samples(("truth", "tick")):
         if is_vector(sample.values.get("position_enu_m"), 3):
             samples.setdefault(sample.name, {}).setdefault(sample.topic, []).append(sample)
 
@@ -57,16 +52,6 @@ def flown_paths(folder: Path, rate_hz: float) -> dict[str, list[str]]:
     return {name: _lines(path, begin_ns, period_ns) for name, path in flown.items()}
 
 
-def _samples(folder: Path) -> Iterator[Sample]:
-    """Yield truth and ticks of a record, stamped on its common clock."""
-    with contextlib.closing(Timeline(folder)) as timeline:
-        for number in range(timeline.chunk_count):
-            for raw in timeline.raw_messages(number, frozenset(("truth", "tick"))):
-                values = json_object(raw.data)
-                if values is not None:
-                    yield Sample(f"{raw.topic}/{raw.name}", raw.stamp_ns, values)
-
-
 def write_csvs(folder: Path, out: Path, rate_hz: float = 10.0) -> list[Path]:
     """Write a CSV file for each vehicle; return the files.
 
@@ -77,9 +62,9 @@ def write_csvs(folder: Path, out: Path, rate_hz: float = 10.0) -> list[Path]:
             that has other columns.
         OSError: a file cannot be written.
     """
-    flown = {
-        name: lines for name, lines in flown_paths(folder, rate_hz).items() if _NAME.fullmatch(name)
-    }
+    with contextlib.closing(Timeline(folder)) as timeline:
+        paths_by_name = flown_paths(timeline, rate_hz)
+    flown = {name: lines for name, lines in paths_by_name.items() if _NAME.fullmatch(name)}
     if not flown:
         raise ConfigError(f"{folder}: the record has no positions.")
 

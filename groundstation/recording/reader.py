@@ -1,26 +1,25 @@
-"""Reads the messages of a record, in the order of the file, as JSON mappings.
+"""Reads the pieces of a record: its chunks, and messages as JSON mappings.
 
-A record that was cut off is read as far as it goes. A record may come from anybody, so lengths and
-sizes in the file are not trusted.
+A record may come from anybody, so lengths and sizes in the file are not trusted. The timeline of a
+record (:mod:`groundstation.recording.timeline`) finds the chunks.
 """
 
 from __future__ import annotations
 
 import json
 import struct
-from collections.abc import Callable, Container, Iterator, Sequence
+from collections.abc import Container, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import IO, Any, cast
+from typing import Any
 
 from mcap.exceptions import McapError
 from mcap.opcode import Opcode
-from mcap.records import Channel, Chunk, McapRecord, Message
-from mcap.stream_reader import StreamReader, breakup_chunk, get_chunk_data_stream
+from mcap.records import Chunk, McapRecord
+from mcap.stream_reader import breakup_chunk, get_chunk_data_stream
 from zstandard import ZstdError, frame_content_size
 
 from groundstation.recording.writer import RECORD_NAME
-from onboard.config.file_reading import RECORD, opened
 from onboard.config.fleet import ConfigError
 
 # Largest unpacked chunk; the writer's chunks have half a megabyte. In memory the smallest messages
@@ -29,9 +28,7 @@ MAX_CHUNK_BYTES = 16 * 1024 * 1024
 MAX_FLIGHT_NS = 86_400_000_000_000  # a day: stamps further from the others do not belong to it
 # exceptions that mcap raises on damaged bytes
 DAMAGED = (McapError, ZstdError, EOFError, ValueError, OverflowError, struct.error)
-DAMAGED_PIECE = "A piece of the record is damaged; the flight jumps over it."
 _MAX_NUMBER = 1e300
-_MAX_STAMP_NS = (1 << 63) - 1
 
 # Parts of a chunk, little-endian. The head of any record: opcode and length. The head of a message
 # record: opcode, length, channel, sequence (skipped), log time, publish time (skipped).
@@ -76,62 +73,6 @@ def record_path(folder: Path) -> Path:
             f"{folder}: there is no {RECORD_NAME}. Give the folder of a recorded flight{example}."
         )
     return path
-
-
-def read(
-    folder: Path, topics: Sequence[str] = (), on_damage: Callable[[], None] = lambda: None
-) -> Iterator[Sample]:
-    """Read a record from its beginning.
-
-    A record that was cut off ends there, and damaged parts are left out.
-
-    Args:
-        folder: flight folder, or the MCAP file itself.
-        topics: only channels of these topics are read, for instance ``truth``; empty: all.
-        on_damage: called for each piece of the record that is damaged and left out.
-
-    Yields:
-        Samples in the order of the file.
-
-    Raises:
-        ConfigError: there is no record.
-    """
-    channels: dict[int, str] = {}
-    with opened(record_path(folder), RECORD) as stream:
-        for record in _records(stream, on_damage):
-            if isinstance(record, Channel):
-                channels[record.id] = record.topic
-            elif isinstance(record, Message):
-                sample = _sample(record, channels.get(record.channel_id, ""), topics)
-                if sample is not None:
-                    yield sample
-
-
-def count_messages(folder: Path) -> int:
-    """Return how many messages of a record can be read.
-
-    Args:
-        folder: flight folder, or the MCAP file itself.
-
-    Raises:
-        ConfigError: there is no record.
-    """
-    with record_path(folder).open("rb") as stream:
-        records = _records(stream, on_damage=lambda: None)
-        return sum(1 for record in records if isinstance(record, Message))
-
-
-def _sample(message: Message, channel: str, topics: Sequence[str]) -> Sample | None:
-    """Return a message of the file; None if it is damaged or of another topic."""
-    topic, _, _ = channel.partition("/")
-    is_wanted = not topics or topic in topics
-    if not channel or not is_wanted or message.log_time > _MAX_STAMP_NS:
-        return None
-
-    values = json_object(message.data)
-    if values is None:
-        return None
-    return Sample(channel, message.log_time, values)
 
 
 def of_one_flight(samples: Sequence[Sample]) -> list[Sample]:
@@ -231,52 +172,6 @@ def _fits(chunk: Chunk) -> bool:
     elif chunk.compression:
         return False
     return size_bytes <= MAX_CHUNK_BYTES
-
-
-def _records(stream: IO[bytes], on_damage: Callable[[], None]) -> Iterator[McapRecord]:
-    """Yield the records of the file; those of chunks are unpacked.
-
-    A damaged chunk is left out. Damage outside of a chunk ends the reading.
-    """
-    bounded = cast("IO[bytes]", _BoundedStream(stream))
-    records = StreamReader(bounded, emit_chunks=True, record_size_limit=MAX_CHUNK_BYTES).records
-    while True:
-        try:
-            record = next(records, None)
-        except DAMAGED:
-            on_damage()
-            return
-        if record is None:
-            return
-        if isinstance(record, Chunk):
-            records_of_chunk = chunk_records(record)
-            if records_of_chunk is None:
-                on_damage()
-            else:
-                yield from records_of_chunk
-        else:
-            yield record
-
-
-class _BoundedStream:
-    """A stream that refuses to read more than MAX_CHUNK_BYTES at once.
-
-    Lengths in a file are not trusted. The library limits the length of a record, but not the
-    lengths within it.
-    """
-
-    def __init__(self, stream: IO[bytes]) -> None:
-        self._stream = stream
-
-    def read(self, size: int) -> bytes:
-        """Return the next bytes.
-
-        Raises:
-            ValueError: they are more than a chunk may have.
-        """
-        if size > MAX_CHUNK_BYTES:
-            raise ValueError(f"{size} bytes in one piece are no part of a record")
-        return self._stream.read(size)
 
 
 def json_object(data: bytes) -> dict[str, Any] | None:

@@ -18,7 +18,7 @@ import io
 import math
 import struct
 from collections import Counter
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterator, Mapping
 from dataclasses import dataclass, field
 from functools import partial
 from itertools import accumulate
@@ -29,12 +29,13 @@ from mcap.data_stream import ReadDataStream
 from mcap.opcode import Opcode
 from mcap.records import Channel, Chunk, Metadata, Schema
 
-from groundstation.recording.channels import KINDS, REPLY, from_json
+from groundstation.recording.channels import KINDS, MAX_STAMP_NS, REPLY, from_json
 from groundstation.recording.reader import (
     DAMAGED,
-    DAMAGED_PIECE,
+    Sample,
     chunk_messages,
     chunk_records,
+    json_object,
     record_path,
 )
 from groundstation.recording.writer import MADE_BY
@@ -49,6 +50,7 @@ MAX_EVENTS = 20_000
 CLOCK_APART_NS = 5_000_000_000
 # A stamp further from the others of its chunk than this does not extend the chunk's time span.
 MAX_LATE_NS = 60_000_000_000
+DAMAGED_PIECE = "A piece of the record is damaged; the flight jumps over it."
 _MAGIC = b"\x89MCAP0\r\n"
 _GROUND = "ground"
 _MAX_METADATA_BYTES = 64 * 1024
@@ -376,6 +378,24 @@ class Timeline:
                 data=data,
             )
 
+    def samples(self, topics: Collection[str]) -> Iterator[Sample]:
+        """Yield all messages of some topics as JSON mappings.
+
+        Messages that are not JSON, and those whose stamp has no 63 bits, are left out.
+
+        Args:
+            topics: topics that are read, for instance ``telemetry``.
+
+        Yields:
+            Samples in the order of the file, stamped on the record's common clock.
+        """
+        read_topics = frozenset(topics)
+        for number in range(self.chunk_count):
+            for raw in self.raw_messages(number, read_topics):
+                values = json_object(raw.data)
+                if values is not None and 0 <= raw.stamp_ns <= MAX_STAMP_NS:
+                    yield Sample(f"{raw.topic}/{raw.name}", raw.stamp_ns, values)
+
     def raw_channels(self, number: int, topics: frozenset[str]) -> list[RawChannel]:
         """Return the messages of one chunk by channel, still as JSON.
 
@@ -431,6 +451,14 @@ class Timeline:
         topics = ("telemetry", "tick", "truth")
         names = {channel.name for channel in self._channels.values() if channel.topic in topics}
         return tuple(sorted(names, key=natural_sort_key))
+
+    def count_messages(self) -> int:
+        """Return how many messages of the record can be read."""
+        count = 0
+        for number in range(self.chunk_count):
+            for channel in self.raw_channels(number, self.topics):
+                count += len(channel.datas)
+        return count
 
     @property
     def chunk_count(self) -> int:

@@ -5,6 +5,7 @@ It is made of the live observations and of the record, and is written into the r
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -12,7 +13,7 @@ from typing import Any
 import msgspec
 
 from groundstation.recording.flight_report import FlightReport, report
-from groundstation.recording.reader import count_messages
+from groundstation.recording.timeline import Timeline
 from groundstation.recording.writer import RecordEnd, write_json
 from groundstation.verdict.expectations import Expect
 from groundstation.verdict.observations import FlightObservations
@@ -97,7 +98,8 @@ def _dropped_sentence(dropped: int) -> str | None:
 
 def _missing_sentence(folder: Path, written: int) -> str | None:
     """Return a sentence if a record has fewer messages than were written into it; else None."""
-    count = count_messages(folder)
+    with contextlib.closing(Timeline(folder)) as timeline:
+        count = timeline.count_messages()
     if count >= written:
         return None
     return (

@@ -6,6 +6,7 @@ writes configs/shows/thirty.skyc first.
 
 from __future__ import annotations
 
+import contextlib
 import math
 import tempfile
 from collections.abc import Mapping, Sequence
@@ -17,7 +18,7 @@ from matplotlib.patches import Circle
 from groundstation.figures.data import TOPICS, FlightData, from_samples
 from groundstation.figures.plan_figure import draw_outlines
 from groundstation.figures.style import LIMIT, SOFT, colour, new_figure, styled
-from groundstation.recording.reader import read, record_path
+from groundstation.recording.timeline import Timeline
 from groundstation.shows.gallery import GALLERY, SHOW, gallery_mission, sentence_of
 from onboard.config.flight_space import outlines_of
 from onboard.config.people import Person
@@ -109,7 +110,8 @@ def main(words: Sequence[str]) -> int:
                 verdict = flight.fly(mission)
             failed += not verdict.passed
             print(f"{name}: {verdict.summary}")
-            samples = read(record_path(Path(made)), TOPICS)
+            with contextlib.closing(Timeline(Path(made))) as timeline:
+                samples = list(timeline.samples(TOPICS))
             limits = mission.fleet.fleet
             flown = from_samples(
                 samples,

@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+import contextlib
 import math
 import shutil
+from collections.abc import Collection
 from pathlib import Path
 
+from groundstation.recording.reader import Sample
+from groundstation.recording.timeline import Timeline
 from groundstation.recording.writer import RecordFiles
 from onboard.bus.schema import Event, Message, TickSample, Truth
 from onboard.bus.topics import Topic
@@ -66,6 +70,12 @@ def record(
     files.finish()
     files.close()
     return folder
+
+
+def read(folder: Path, topics: Collection[str] = ()) -> list[Sample]:
+    """The samples of some topics of a record; of all topics if none is named."""
+    with contextlib.closing(Timeline(folder)) as timeline:
+        return list(timeline.samples(topics or timeline.topics))
 
 
 def tick(stamp_ns: int) -> TickSample:

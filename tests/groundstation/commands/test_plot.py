@@ -6,6 +6,7 @@ import dataclasses
 import json
 import math
 import tomllib
+from collections.abc import Iterable
 from pathlib import Path
 
 import numpy as np
@@ -18,13 +19,17 @@ from groundstation.figures import attitude, avoidance, plan_figure, record_figur
 from groundstation.figures.avoidance import _name_lines
 from groundstation.figures.data import TOPICS, FlightData, PairSeparation, from_samples
 from groundstation.figures.style import new_figure, styled
-from groundstation.recording.reader import read
+from groundstation.recording.reader import Sample
+from onboard.config.fleet import ConfigError
+from tests.groundstation.recorded import SECOND, read
+from tests.groundstation.report.made_up import ahead, rows, write
 
 FIGURES = ("fig2_attitude", "fig4_plan", "fig5_tracking", "fig6_avoidance")
 STARTS = ((-1.5, -1.5), (0.0, -1.5), (1.5, -1.5))
 GOALS = ((0.0, 2.12), (-0.8, 0.74), (0.8, 0.74))
 LENGTH_S = 16.0
 LIFTED_S = 0.12  # into the made-up flight, when it has left the ground
+SCHEMAS = {"tick": "covey.TickSample", "truth": "covey.Truth", "telemetry": "covey.Telemetry"}
 
 
 def place(index: int, time_s: float, bend_m: float = 0.0) -> tuple[float, float, float]:
@@ -55,7 +60,8 @@ def write_flight(folder: Path, *, has_truth: bool = True, ticks: bool = True) ->
 
         def put(channel: str, stamp_ns: int, values: dict[str, object]) -> None:
             if channel not in channels:
-                schema = writer.register_schema(channel, "jsonschema", b'{"type": "object"}')
+                topic, _, _ = channel.partition("/")
+                schema = writer.register_schema(SCHEMAS[topic], "jsonschema", b"{}")
                 channels[channel] = writer.register_channel(channel, "json", schema)
             writer.add_message(channels[channel], stamp_ns, json.dumps(values).encode(), stamp_ns)
 
@@ -136,6 +142,22 @@ def test_seconds_count_from_the_first_message_of_the_record_as_in_verdict_and_re
     assert recorded.take_off_s == pytest.approx(own.take_off_s + 2.5)
 
 
+def test_vehicles_of_an_older_record_with_clocks_of_their_own_are_drawn_at_one_time(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    stamps_ns: dict[str, int] = {}
+
+    def first_stamps(samples: Iterable[Sample], **_settings: object) -> None:
+        for sample in samples:
+            stamps_ns.setdefault(sample.channel, sample.stamp_ns)
+
+    monkeypatch.setattr(record_figures, "from_samples", first_stamps)
+    folder = write(tmp_path / "flight", ahead(rows(length_s=1.0), "mav1", 2400 * SECOND))
+    with pytest.raises(ConfigError, match="nothing to draw"):
+        record_figures.draw_record(folder)
+    assert stamps_ns["tick/mav1"] == pytest.approx(stamps_ns["tick/mav0"], abs=0.1 * SECOND)
+
+
 def test_the_arrays_are_what_was_flown(tmp_path: Path) -> None:
     write_flight(tmp_path)
     flight = flight_of(tmp_path)
@@ -203,19 +225,29 @@ def test_a_missing_record_is_a_sentence_and_status_2(
     assert "Give the folder of a recorded flight." in told
 
 
-@pytest.mark.parametrize("content", [b"", b"not an mcap file at all", b"\x89MCAP0\r\n"])
+@pytest.mark.parametrize(
+    ("content", "words"),
+    [
+        (b"", "this is no MCAP file"),
+        (b"not an mcap file at all", "this is no MCAP file"),
+        (b"\x89MCAP0\r\n", "nothing of a flight can be read"),
+    ],
+)
 def test_a_record_without_a_flight_is_a_sentence_and_status_2(
-    tmp_path: Path, content: bytes, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, content: bytes, words: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     (tmp_path / "flight.mcap").write_bytes(content)
     assert main(["plot", str(tmp_path)]) == 2
-    assert "nothing to draw" in capsys.readouterr().err
+    assert words in capsys.readouterr().err
     assert not (tmp_path / "figures").exists()
 
 
-def test_a_record_without_ticks_is_a_sentence_and_status_2(tmp_path: Path) -> None:
+def test_a_record_without_ticks_is_a_sentence_and_status_2(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     write_flight(tmp_path, ticks=False)
     assert main(["plot", str(tmp_path)]) == 2
+    assert "nothing to draw" in capsys.readouterr().err
 
 
 @pytest.mark.long

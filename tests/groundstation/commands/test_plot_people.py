@@ -11,9 +11,8 @@ from matplotlib.patches import Circle
 from groundstation.cli import main
 from groundstation.figures import plan_figure
 from groundstation.figures.data import POSES, TOPICS, from_samples
-from groundstation.recording.reader import read
 from onboard.config.people import Person
-from tests.groundstation.recorded import FLEET
+from tests.groundstation.recorded import FLEET, read
 from tests.groundstation.report.made_up import poses, rows, write
 
 PEOPLE = {"anna": Person(mocap_body="cap3", radius_m=0.5), "ben": Person()}

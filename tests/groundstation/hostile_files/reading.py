@@ -104,10 +104,11 @@ def _mission(path: Path) -> None:
 
 
 def _record(path: Path) -> None:
-    from groundstation.recording.reader import read
+    from groundstation.recording.timeline import Timeline
 
-    for _ in read(path):
-        pass
+    with contextlib.closing(Timeline(path)) as timeline:
+        for _ in timeline.samples(timeline.topics):
+            pass
 
 
 def _replay(path: Path) -> None:

@@ -359,7 +359,7 @@ async def test_the_verdict_and_the_record_count_seconds_from_the_same_begin(
 
 
 @pytest.mark.parametrize(
-    "damage", ["none", "removed", "cut", "ended early", "slow disk", "no verdict"]
+    "damage", ["none", "removed", "cut", "damaged", "ended early", "slow disk", "no verdict"]
 )
 async def test_a_flight_without_its_whole_record_or_its_verdict_has_not_passed(
     fleet: FleetConfig, client: Any, tmp_path: Path, damage: str
@@ -378,6 +378,10 @@ async def test_a_flight_without_its_whole_record_or_its_verdict_has_not_passed(
         record.unlink()
     elif damage == "cut":
         record.write_bytes(record.read_bytes()[: record.stat().st_size // 10])
+    elif damage == "damaged":
+        content = bytearray(record.read_bytes())
+        content[len(content) // 10] ^= 1
+        record.write_bytes(content)
     elif damage == "ended early":
         end = end._replace(failure="The record ended: disk full.")
     elif damage == "slow disk":
@@ -389,7 +393,8 @@ async def test_a_flight_without_its_whole_record_or_its_verdict_has_not_passed(
     words = {
         "none": "PASSED",
         "removed": "The record cannot be read.",
-        "cut": "messages that were written",
+        "cut": "The record was cut off",
+        "damaged": "messages that were written",
         "ended early": "The record ended: disk full.",
         "slow disk": "The record lacks 1240 messages, because the disk was too slow",
         "no verdict": "verdict.json cannot be written",

@@ -16,7 +16,6 @@ import pytest
 
 from groundstation.cli import main
 from groundstation.recording import timeline as timeline_module
-from groundstation.recording.reader import count_messages, read
 from groundstation.recording.timeline import Timeline
 from groundstation.recording.writer import RecordFiles, RecordWriter, write_json
 from onboard.config.fleet import ConfigError
@@ -86,13 +85,13 @@ def test_a_byte_that_the_disk_cannot_read_costs_a_piece_of_the_record_only(
 
 def opened(folder: Path) -> int:
     """Open a record in every way; returns how many messages it has, -1 when it is refused."""
-    count = count_messages(folder)
-    assert count == sum(1 for _ in read(folder))
     try:
         timeline = Timeline(folder)
     except ConfigError:
         return -1
     with contextlib.closing(timeline):
+        count = timeline.count_messages()
+        assert count == len(list(timeline.samples(timeline.topics)))
         reading = timeline.read(-1, timeline.topics)
         assert sum(1 for _ in reading.until(1 << 62)) == count
     return count
@@ -173,8 +172,7 @@ def test_a_full_disk_leaves_all_that_came_to_it_before(whole: Path, tmp_path: Pa
                     files.flush()
                     synced = files.written
             pytest.fail("the disk was not full")
-        assert count_messages(folder) >= synced
-        opened(folder)
+        assert max(0, opened(folder)) >= synced
 
 
 _RECORDING = """

@@ -8,7 +8,8 @@ import pytest
 
 from groundstation.recording.flight_report import report
 from onboard.config.people import Person
-from tests.groundstation.report.made_up import BEGIN_NS, Row, poses, rows, write
+from tests.groundstation.recorded import SECOND
+from tests.groundstation.report.made_up import BEGIN_NS, Row, ahead, poses, rows, write
 
 PEOPLE = {"anna": Person(mocap_body="cap3", radius_m=0.5), "ben": Person()}
 PLACE = (1.0, -1.5, 1.7)  # beside the way of mav0, which passes it after seven seconds
@@ -28,6 +29,18 @@ def test_the_distance_is_horizontal_and_to_the_circle(tmp_path: Path, has_truth:
     assert (nearest.vehicle, nearest.person) == ("mav0", "anna")
     assert nearest.distance_m == pytest.approx(1.0, abs=0.001)
     assert (nearest.stamp_ns - BEGIN_NS) * 1e-9 == pytest.approx(7.0, abs=0.1)
+
+
+def test_vehicles_of_an_older_record_with_clocks_of_their_own_have_a_distance(
+    tmp_path: Path,
+) -> None:
+    own_clocks = ahead(rows(has_truth=False), "mav0", 2400 * SECOND)
+    folder = write(tmp_path / "flight", [*own_clocks, *stand(0.0, 10.0)])
+
+    nearest = report(folder, people=PEOPLE).nearest_person
+    assert nearest is not None
+    assert nearest.vehicle == "mav0"
+    assert nearest.distance_m == pytest.approx(1.0, abs=0.05)
 
 
 def test_only_the_time_counts_in_which_the_person_is_seen(tmp_path: Path) -> None:

@@ -70,6 +70,17 @@ def rows(
     return told
 
 
+def ahead(told: list[Row], vehicle: str, ahead_ns: int) -> list[Row]:
+    """The same messages, those of a vehicle stamped by a clock of its own that is ahead."""
+    changed: list[Row] = []
+    for at_ns, topic, name, message in told:
+        if name == vehicle and topic in (Topic.TICK, Topic.TELEMETRY):
+            own: Any = message
+            message = msgspec.structs.replace(own, stamp_ns=own.stamp_ns + ahead_ns)
+        changed.append((at_ns, topic, name, message))
+    return changed
+
+
 def said(name: str, at_ns: int, step: int, place: tuple[float, float, float]) -> Message:
     battery_frac = math.nan if step == 0 else 0.9 - 0.0001 * step
     return telemetry(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 from collections import defaultdict
 from importlib.resources import files
@@ -19,7 +20,7 @@ from groundstation.cli import main
 from groundstation.recording.channels import RECORDED
 from groundstation.recording.flight_reading import read_flight
 from groundstation.recording.law_rows import RecordedLaw
-from groundstation.recording.reader import count_messages
+from groundstation.recording.timeline import Timeline
 from groundstation.viewers.viewer_record import write_viewer_record
 from onboard.config.fleet import ConfigError
 from tests.groundstation.recorded import FLEET, SECOND
@@ -196,7 +197,8 @@ def test_the_half_plane_of_who_is_held_back_stands_before_it(tmp_path: Path) -> 
 def test_the_records_own_messages_are_beside_them_as_they_are(
     folder: Path, found: dict[str, list[Message]]
 ) -> None:
-    before = count_messages(folder)
+    with contextlib.closing(Timeline(folder)) as timeline:
+        before = timeline.count_messages()
 
     own = {topic: messages for topic, messages in found.items() if not topic.startswith("/")}
     assert sum(map(len, own.values())) == before

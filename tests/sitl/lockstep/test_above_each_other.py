@@ -11,9 +11,9 @@ import pytest
 from msgspec.structs import replace
 
 from groundstation.mission_files.loading import mission_from_mapping
-from groundstation.recording.reader import read
 from groundstation.shows.gallery import gallery_mission
 from onboard.config.fleet import load_fleet
+from tests.groundstation.recorded import read
 
 GRID_S = 0.02
 ROOT = Path(__file__).resolve().parents[3]

@@ -18,10 +18,10 @@ import numpy as np
 import pytest
 
 from groundstation import cli
-from groundstation.recording.reader import read
 from groundstation.shows.gallery import ACCIDENTS, GALLERY
 from groundstation.verdict.verdict import Verdict
 from sitl.lockstep.flight import Lockstep
+from tests.groundstation.recorded import read
 
 ROOT = Path(__file__).resolve().parents[3]
 CONFIGS = ROOT / "configs"

@@ -10,8 +10,8 @@ import pytest
 from msgspec.structs import replace
 
 from groundstation.mission_files.loading import mission_from_mapping
-from groundstation.recording.reader import read
 from onboard.config.fleet import FleetConfig
+from tests.groundstation.recorded import read
 
 HEIGHT_M = 25.0
 
