@@ -21,6 +21,7 @@ from typing import Annotated, Any
 import msgspec
 from cyclopts import App, Parameter
 
+from groundstation.commands.notes import print_notes
 from groundstation.commands.parameters import File, Folder, Names
 from groundstation.recording.flown_paths import write_csvs
 from groundstation.recording.record_list import (
@@ -118,18 +119,24 @@ def export(
     """
     if not foxglove and csv is None:
         raise ConfigError("nothing to write: give --foxglove, --csv DIR or both.")
+    all_notes: list[str] = []
     try:
         if csv is not None:
-            print("\n".join(str(path) for path in write_csvs(flight, csv)))
+            paths, notes = write_csvs(flight, csv)
+            print("\n".join(str(path) for path in paths))
+            all_notes += notes
         if foxglove:
             # Imported here: only --foxglove needs the libraries of the extra `viewers`.
             from groundstation.viewers.viewer_record import write_viewer_record
 
-            print(write_viewer_record(flight, out))
+            path, notes = write_viewer_record(flight, out)
+            print(path)
+            all_notes += notes
     except OSError as error:
         raise ConfigError(
-            f"the file cannot be written: {error}. Give another place with --out."
+            f"the file cannot be written: {error}. Give another place with --csv or --out."
         ) from None
+    print_notes(flight, all_notes)
     return EXIT_OK
 
 

@@ -9,12 +9,12 @@ was cut off or is damaged; 2 nothing can be drawn.
 
 from __future__ import annotations
 
-import sys
 from pathlib import Path
 from typing import Annotated
 
 from cyclopts import Parameter
 
+from groundstation.commands.notes import print_notes
 from groundstation.commands.parameters import Folder
 from onboard.config.fleet import ConfigError
 from onboard.exit_status import EXIT_OK
@@ -39,6 +39,5 @@ def plot(folder: Annotated[Path, Parameter(name="DIR")], /, *, out: Folder | Non
 
     for path in paths:
         print(path)
-    for note in notes:
-        print(f"covey: {folder}: {note}", file=sys.stderr)
+    print_notes(folder, notes)
     return EXIT_OK

@@ -25,6 +25,7 @@ from typing import Annotated
 
 from cyclopts import Group, Parameter
 
+from groundstation.commands.notes import print_notes
 from groundstation.commands.parameters import File, Folder, Seconds
 from groundstation.commands.tui import require_terminal
 from groundstation.flights.changes import parse_change
@@ -80,7 +81,9 @@ def replay(
         raise ConfigError("--at and --speed are for the console: leave them out.")
 
     if csv is not None:
-        print("\n".join(str(path) for path in write_csvs(flight, Path(csv))))
+        paths, notes = write_csvs(flight, Path(csv))
+        print("\n".join(str(path) for path in paths))
+        print_notes(flight, notes)
         return EXIT_OK
 
     slowest = SPEEDS[0]

@@ -52,10 +52,18 @@ def flown_paths(timeline: Timeline, rate_hz: float) -> dict[str, list[str]]:
     return {name: _lines(path, begin_ns, period_ns) for name, path in flown.items()}
 
 
-def write_csvs(folder: Path, out: Path, rate_hz: float = 10.0) -> list[Path]:
-    """Write a CSV file for each vehicle; return the files.
+def write_csvs(folder: Path, out: Path, rate_hz: float = 10.0) -> tuple[list[Path], list[str]]:
+    """Write a CSV file for each vehicle.
 
     A vehicle whose name could lead out of the folder is left out.
+
+    Args:
+        folder: flight folder, or the MCAP file itself.
+        out: folder of the CSV files.
+        rate_hz: rate of the lines.
+
+    Returns:
+        Paths of the files, and sentences about what is damaged in the record.
 
     Raises:
         ConfigError: there is no record, or it has no positions; or a file of such a name is there
@@ -64,6 +72,7 @@ def write_csvs(folder: Path, out: Path, rate_hz: float = 10.0) -> list[Path]:
     """
     with contextlib.closing(Timeline(folder)) as timeline:
         paths_by_name = flown_paths(timeline, rate_hz)
+        notes = [timeline.broken] if timeline.broken else []
     flown = {name: lines for name, lines in paths_by_name.items() if _NAME.fullmatch(name)}
     if not flown:
         raise ConfigError(f"{folder}: the record has no positions.")
@@ -75,7 +84,7 @@ def write_csvs(folder: Path, out: Path, rate_hz: float = 10.0) -> list[Path]:
     for name, path in paths.items():
         with written_beside(path) as part:
             part.write_text("\n".join([_HEADER, *flown[name]]) + "\n", encoding="utf-8")
-    return list(paths.values())
+    return list(paths.values()), notes
 
 
 def _is_path(begin: bytes) -> bool:

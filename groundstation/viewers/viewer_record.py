@@ -65,12 +65,15 @@ class _Message(NamedTuple):
     content: Any  # message of protobuf
 
 
-def write_viewer_record(folder: Path, out: Path | None = None) -> Path:
-    """Write a record for third-party viewers; returns the file.
+def write_viewer_record(folder: Path, out: Path | None = None) -> tuple[Path, list[str]]:
+    """Write a record for third-party viewers.
 
     Args:
         folder: the flight folder, or the MCAP file in it.
         out: the file to write; None writes ``flight.foxglove.mcap`` in the flight folder.
+
+    Returns:
+        The file, and sentences about what is damaged or missing in the flight folder.
 
     Raises:
         ConfigError: there is no record, it has no vehicle, or it is too long; or ``out`` is a
@@ -98,7 +101,7 @@ def write_viewer_record(folder: Path, out: Path | None = None) -> Path:
         part.open("wb") as stream,
     ):
         _Output(stream).write(flight, timeline, flight_folder)
-    return path
+    return path, list(flight.notes)
 
 
 def _is_for_viewers(begin: bytes) -> bool:

@@ -33,10 +33,24 @@ def test_a_name_in_a_record_never_leads_out_of_the_folder(tmp_path: Path) -> Non
     names = ("mav0", "../outside", "/tmp/outside", "..")
     write(tmp_path / "flight", [(Topic.TICK, name, tick(SECOND)) for name in names])
 
-    paths = write_csvs(tmp_path / "flight", tmp_path / "out" / "csv")
+    paths, notes = write_csvs(tmp_path / "flight", tmp_path / "out" / "csv")
 
     assert paths == [tmp_path / "out" / "csv" / "mav0.csv"]
+    assert not notes
     assert list(tmp_path.rglob("*.csv")) == paths
+
+
+def test_csvs_of_a_record_that_was_cut_off_say_so(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    flown = record(tmp_path / "flight", 4.0)
+    file = flown / "flight.mcap"
+    file.write_bytes(file.read_bytes()[: file.stat().st_size // 2])
+    for command in (["replay"], ["log", "export"]):
+        assert main([*command, str(flown), "--csv", str(tmp_path / "csv")]) == 0
+        printed = capsys.readouterr()
+        assert f"covey: {flown}: The record was cut off" in printed.err
+        assert "cut off" not in printed.out
 
 
 def test_a_file_of_other_columns_is_not_overwritten_and_no_other_is_written(
@@ -69,6 +83,7 @@ def test_vehicles_with_clocks_of_their_own_have_one_zero_of_time(tmp_path: Path)
     files.finish()
     files.close()
 
-    for path in write_csvs(folder, tmp_path / "csv"):
+    paths, _ = write_csvs(folder, tmp_path / "csv")
+    for path in paths:
         _, first, *_ = path.read_text(encoding="utf-8").splitlines()
         assert float(first.partition(",")[0]) < 1.0, path.name

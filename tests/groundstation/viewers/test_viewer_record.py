@@ -91,7 +91,8 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="module")
 def path(folder: Path) -> Path:
-    return write_viewer_record(folder)
+    path, _ = write_viewer_record(folder)
+    return path
 
 
 @pytest.fixture(scope="module")
@@ -165,7 +166,7 @@ def test_a_person_who_is_not_seen_is_grey_and_marked_where_he_was_seen_last(
 
 
 def test_a_flight_without_persons_has_no_topic_of_theirs(tmp_path: Path) -> None:
-    found = read(write_viewer_record(write(tmp_path, rows(length_s=1.0))))
+    found = read(write_viewer_record(write(tmp_path, rows(length_s=1.0)))[0])
     assert "/scene" in found
     assert "/scene/people" not in found
 
@@ -178,7 +179,7 @@ def _people_at(found: dict[str, list[Message]], time_s: float) -> list[Any]:
 
 
 def test_the_half_plane_of_who_is_held_back_stands_before_it(tmp_path: Path) -> None:
-    found = read(write_viewer_record(write(tmp_path, head_on())))
+    found = read(write_viewer_record(write(tmp_path, head_on()))[0])
 
     _, _, update = found["/scene/law"][2]
     entities = {one.id: one for one in update.entities}
@@ -224,7 +225,7 @@ def test_out_may_have_any_name_and_leaves_other_files_alone(tmp_path: Path) -> N
     mine = tmp_path / "my.part"
     mine.write_bytes(b"mine")
     for out in (tmp_path / "my.mcap", tmp_path / "other.part"):
-        assert write_viewer_record(folder, out) == out
+        assert write_viewer_record(folder, out)[0] == out
         assert out.stat().st_size > 0
     assert mine.read_bytes() == b"mine"
 
@@ -235,7 +236,7 @@ def test_outdoors_each_vehicle_has_its_fix(tmp_path: Path) -> None:
     )
     folder = write(tmp_path / "flight", rows(length_s=2.0), fleet=fleet)
 
-    found = read(write_viewer_record(folder))
+    found = read(write_viewer_record(folder)[0])
 
     fixes = [content for _, _, content in found["/fix/mav0"]]
     assert {one.frame_id for one in fixes} == {"fleet"}
@@ -244,7 +245,7 @@ def test_outdoors_each_vehicle_has_its_fix(tmp_path: Path) -> None:
 
 
 def test_the_layout_shows_topics_that_are_there(folder: Path) -> None:
-    found = read(write_viewer_record(folder))
+    found = read(write_viewer_record(folder)[0])
     text = files("groundstation.viewers").joinpath("layouts/flight.json").read_text("utf-8")
     layout = json.loads(text)
 
@@ -299,7 +300,7 @@ def test_the_layout_of_foxglove_is_what_its_own_library_writes(folder: Path) -> 
 
     text = PATH.read_text(encoding="utf-8")
     assert text == layout(), "write it anew: python -m tests.groundstation.viewers.foxglove_layout"
-    topics = set(read(write_viewer_record(folder)))
+    topics = set(read(write_viewer_record(folder)[0]))
     for topic in ("/scene", "/scene/static", "/positions", "/log"):
         assert topic in topics
         assert f'"{topic}"' in text
@@ -311,6 +312,18 @@ def test_the_command_writes_it_beside_the_record(
     assert main(["log", "export", str(folder), "--foxglove"]) == 0
 
     assert capsys.readouterr().out.strip() == str(folder / "flight.foxglove.mcap")
+
+
+def test_the_command_says_of_a_record_that_it_was_cut_off(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    flown = write(tmp_path / "flight", rows(length_s=3.0))
+    file = flown / "flight.mcap"
+    file.write_bytes(file.read_bytes()[: file.stat().st_size // 2])
+
+    assert main(["log", "export", str(flown), "--foxglove"]) == 0
+
+    assert f"covey: {flown}: The record was cut off" in capsys.readouterr().err
 
 
 def test_neither_a_record_nor_a_file_of_somebody_else_is_overwritten(
@@ -329,4 +342,4 @@ def test_neither_a_record_nor_a_file_of_somebody_else_is_overwritten(
     assert notes.read_text() == "mine"
     assert record.read_bytes() == before
     assert kept_record.read_bytes() == before
-    assert write_viewer_record(folder, path) == path
+    assert write_viewer_record(folder, path)[0] == path
