@@ -154,7 +154,11 @@ def _print_backup(backup: Path, *, is_json: bool) -> None:
 
 
 def _with_reference(fleet: FleetConfig, chosen: list[Vehicle], diff: str) -> list[Vehicle]:
-    """Return the vehicles to read: the chosen ones, and the one to compare with."""
+    """Return the vehicles to read: the chosen ones, and the one to compare with.
+
+    Raises:
+        ConfigError: there is nothing to compare with, or no other vehicle to compare.
+    """
     if Path(diff).is_file():
         return chosen
     try:
@@ -166,6 +170,11 @@ def _with_reference(fleet: FleetConfig, chosen: list[Vehicle], diff: str) -> lis
         ) from None
 
     reference = fleet.vehicles[name]
+    if chosen == [reference]:
+        raise ConfigError(
+            f"--diff {diff}: there is no other vehicle to compare with {name}. Name others with"
+            " --vehicles, or compare with a file of --dump."
+        )
     if reference in chosen:
         return chosen
     return [*chosen, reference]

@@ -101,6 +101,15 @@ def test_options_that_contradict_each_other_are_refused(words: list[str], tmp_pa
     assert main(["px4", "params", "--fleet", "paper", *words]) == 2
 
 
+@pytest.mark.parametrize("diff", ["mav0", "0"])
+def test_a_vehicle_is_not_compared_with_itself_alone(
+    diff: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    command = ["px4", "params", "--fleet", "paper", "--vehicles", "mav0", "--diff", diff]
+    assert main(command) == 2
+    assert "no other vehicle to compare with mav0" in capsys.readouterr().err
+
+
 def test_what_a_version_changes_is_said_for_this_fleet(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["px4", "compare", "1.16", "1.18", "--fleet", "sih"]) == 0
     text = capsys.readouterr().out
