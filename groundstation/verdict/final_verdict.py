@@ -57,6 +57,11 @@ def final_verdict(
             failures.append(_dropped_sentence(record_end.dropped))
     except ConfigError as error:
         failures.append(f"The record cannot be read. {error}")
+    except OSError as error:
+        failures.append(
+            f"The record cannot be read ({error.strerror or error}). Look at the disk of {folder}, "
+            "and at its permissions."
+        )
 
     def judged_so_far() -> Verdict:
         sentences = [failure for failure in failures if failure]

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import asyncio
+import errno
 import itertools
 from pathlib import Path
-from typing import Any
+from typing import Any, NoReturn
 
 import numpy as np
 import pytest
@@ -358,11 +359,20 @@ async def test_the_verdict_and_the_record_count_seconds_from_the_same_begin(
     assert verdict.closest.time_s >= 0.5
 
 
+def _fail_to_read(_path: Path) -> NoReturn:
+    raise OSError(errno.EIO, "Input/output error")
+
+
 @pytest.mark.parametrize(
-    "damage", ["none", "removed", "cut", "damaged", "ended early", "slow disk", "no verdict"]
+    "damage",
+    ["none", "removed", "unreadable", "cut", "damaged", "ended early", "slow disk", "no verdict"],
 )
 async def test_a_flight_without_its_whole_record_or_its_verdict_has_not_passed(
-    fleet: FleetConfig, client: Any, tmp_path: Path, damage: str
+    fleet: FleetConfig,
+    client: Any,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    damage: str,
 ) -> None:
     folder = tmp_path / "flight"
     writer = RecordWriter(folder)
@@ -376,6 +386,8 @@ async def test_a_flight_without_its_whole_record_or_its_verdict_has_not_passed(
     end = writer.end
     if damage == "removed":
         record.unlink()
+    elif damage == "unreadable":
+        monkeypatch.setattr(Path, "is_file", _fail_to_read)
     elif damage == "cut":
         record.write_bytes(record.read_bytes()[: record.stat().st_size // 10])
     elif damage == "damaged":
@@ -393,6 +405,7 @@ async def test_a_flight_without_its_whole_record_or_its_verdict_has_not_passed(
     words = {
         "none": "PASSED",
         "removed": "The record cannot be read.",
+        "unreadable": "The record cannot be read (Input/output error).",
         "cut": "The record was cut off",
         "damaged": "messages that were written",
         "ended early": "The record ended: disk full.",
@@ -401,6 +414,7 @@ async def test_a_flight_without_its_whole_record_or_its_verdict_has_not_passed(
     }
     assert words[damage] in verdict.summary
     assert verdict.exit_status == (0 if damage == "none" else 1)
+    assert (folder / "verdict.json").exists() is (damage != "no verdict")
 
 
 async def test_only_those_that_have_touched_each_other_are_said_to_have_collided(
