@@ -10,7 +10,7 @@ from typing import Any
 
 import tomlkit
 
-from onboard.config.file_reading import FLEET_FILE, read_text, toml_values
+from onboard.config.file_reading import FLEET_FILE, read_bytes, read_text, toml_values
 from onboard.config.fleet import ConfigError, fleet_from_mapping
 
 
@@ -75,19 +75,24 @@ def checked_text(path: Path, more: str) -> str:
 
 
 def write_text(path: Path, text: str) -> None:
-    """Replace the text of a file, wholly or not at all; its permissions stay.
+    """Replace the text of a file, wholly or not at all; its permissions and line endings stay.
 
     Args:
         path: path of the file, or of a symbolic link to it.
         text: the new text, which has been checked.
 
     Raises:
-        ConfigError: the file cannot be written; it is unchanged.
+        ConfigError: the file cannot be read or written; it is unchanged.
     """
     target = path.resolve()
+    first_line, _, _ = read_bytes(target, FLEET_FILE).partition(b"\n")
+    line_ending = "\n"
+    if first_line.endswith(b"\r"):
+        line_ending = "\r\n"
+
     new_path = target.with_name(f".{target.name}.new")
     try:
-        new_path.write_text(text, encoding="utf-8")
+        new_path.write_text(text, encoding="utf-8", newline=line_ending)
         shutil.copymode(target, new_path)
         new_path.replace(target)
     except OSError as error:
