@@ -17,6 +17,8 @@ from groundstation.console.priority_keys import TerminalHooks
 from groundstation.console.screens.dialogs import QuitScreen
 from groundstation.console.widgets.fleet_table import FleetTable
 from groundstation.fleet.descent import longest_descent_s
+from groundstation.fleet.state import VehicleView
+from groundstation.orders.intents import Takeoff
 from onboard.config.fleet import FleetConfig
 
 INTERRUPTED = 130  # exit status of a program that Ctrl-C has ended
@@ -70,20 +72,33 @@ class Shutdown:
         """The landing before the end of the console, in words; empty if there is none."""
         if self._status is None:
             return ""
-        count = len(self._airborne)
+        count = len(self._up)
         if count:
             return f"landing, then leaving: {count} still up"
         return "leaving"
 
     @property
-    def _airborne(self) -> tuple[str, ...]:
-        return self._client.state.airborne_names
+    def _up(self) -> tuple[str, ...]:
+        """Vehicles that fly, and those that take off and are still on the ground."""
+        vehicles = self._client.state.vehicles
+        return tuple(name for name, view in vehicles.items() if self._is_up(name, view))
+
+    def _is_up(self, name: str, view: VehicleView) -> bool:
+        if view.is_airborne:
+            return True
+        if view.telemetry is not None and view.telemetry.state == "taking off":
+            return not view.is_disarmed_by_px4
+
+        newest = self._orders.newest
+        if newest is None or not isinstance(newest.planned.intent, Takeoff):
+            return False
+        return name in newest.results and newest.results[name].phase == "accepted"
 
     @property
     def _may_leave(self) -> bool:
-        """Whether no vehicle flies, or another ground operates the fleet."""
+        """Whether no vehicle flies or takes off, or another ground operates the fleet."""
         is_ours = self._orders.is_operator or self._mission.is_running
-        return not self._airborne or not is_ours
+        return not self._up or not is_ours
 
     @property
     def _quit_status(self) -> int:
@@ -96,7 +111,7 @@ class Shutdown:
         if self._status is None:
             return
         is_late = self._client.now_ns() >= self._deadline_ns
-        if not self._airborne or is_late:
+        if not self._up or is_late:
             self._app.exit(self._status)
 
     def quit(self) -> None:
@@ -105,7 +120,7 @@ class Shutdown:
             self._app.exit(self._quit_status)
         elif not isinstance(self._app.screen, QuitScreen):
             screen = QuitScreen(
-                lambda: self._airborne,
+                lambda: self._up,
                 can_stay_up=not self._mission.has_mission,
                 table=self._table,
             )

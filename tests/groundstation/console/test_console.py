@@ -159,6 +159,33 @@ async def test_ctrl_c_lands_and_a_second_one_leaves_at_once(fleet: FleetConfig) 
     assert app.return_value == 130
 
 
+@pytest.mark.parametrize("is_told", [True, False])
+async def test_vehicles_that_take_off_are_landed_before_the_console_leaves(
+    fleet: FleetConfig, is_told: bool
+) -> None:
+    """An agent that has accepted the order tells it with its next telemetry only."""
+    client = FakeClient(fleet)
+    app = ConsoleApp(fleet, client)
+    async with app.run_test(size=(80, 24)) as pilot:
+        for name in fleet.enabled_names:
+            client.hear(name, state="ready")
+        await pilot.press(":", *"takeoff all 1", "enter")
+        await pilot.pause(0.1)
+        assert client.ordered == ["takeoff mav0,mav1,mav2 1"]
+        for name in fleet.enabled_names:
+            if is_told:
+                client.hear(name, state="taking off", is_armed=True)
+            else:
+                client.handles[-1].update(name, "accepted", "")
+
+        await pilot.press("q")
+        assert isinstance(app.screen, QuitScreen)
+        await pilot.press("escape", "ctrl+c")
+        assert client.ordered[-1] == "land mav0,mav1,mav2"
+        await pilot.press("ctrl+c")
+    assert app.return_value == 130
+
+
 class Verdict:
     def __init__(self, is_passed: bool) -> None:
         self.passed = is_passed
