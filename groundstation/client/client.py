@@ -41,7 +41,14 @@ from groundstation.fleet.state import (
 from groundstation.fleet.tick_stream import BusTickStream
 from groundstation.orders.grammar import OrderError, default_formation, parse
 from groundstation.orders.held_formation import HeldFormation
-from groundstation.orders.intents import PATH_INTENTS, Intent, PathVerb, Takeoff
+from groundstation.orders.intents import (
+    PATH_INTENTS,
+    Formation,
+    Intent,
+    PathVerb,
+    Rotate,
+    Takeoff,
+)
 from groundstation.orders.obstruction import explained
 from groundstation.orders.path_orders import path_orders
 from groundstation.orders.plan import (
@@ -90,6 +97,7 @@ class FleetClient:
         send: SendDirect = send_in_thread,
         clock_ns: Callable[[], int] = time.monotonic_ns,
     ) -> None:
+        self.fleet_file = fleet  # without the formations of a mission
         self.fleet = fleet
         self.is_recording = False  # whether this ground records, as the vehicles were told
         self._bring_home_ids: set[str] = set()  # ids of a person's orders to bring home
@@ -319,7 +327,9 @@ class FleetClient:
         if refusal is not None:
             raise OrderError(refusal)
 
-        self._held = planned.held
+        # Any other order keeps what has been ordered since it was planned.
+        if planned.orders and isinstance(planned.intent, Formation | Rotate):
+            self._held = planned.held
         if not is_by_mission and planned.intent.verb in EMERGENCY:
             self.persons_stops += 1
         if is_by_mission:

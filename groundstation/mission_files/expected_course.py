@@ -35,7 +35,6 @@ from groundstation.mission_files.steps import (
 from groundstation.orders.grammar import default_formation
 from groundstation.orders.held_formation import HeldFormation, held_slots, slots_of
 from groundstation.orders.intents import (
-    LONGEST_MOVE_S,
     Formation,
     GoalIntent,
     Goto,
@@ -211,7 +210,7 @@ def with_speed(
     if not ways_m:
         return intent
 
-    duration_s = min(LONGEST_MOVE_S, _PEAK_OF_MEAN * max(ways_m) / intent.speed_m_s)
+    duration_s = _PEAK_OF_MEAN * max(ways_m) / intent.speed_m_s
     return structs.replace(intent, duration_s=duration_s)
 
 

@@ -57,7 +57,11 @@ class Mission(msgspec.Struct, frozen=True):
 
 
 def with_shapes(fleet: FleetConfig, shapes: Mapping[str, FormationShape]) -> FleetConfig:
-    """Return the fleet with a mission's own formations as well."""
+    """Return the fleet with a mission's own formations as well.
+
+    A formation of the mission replaces one of the same name in the fleet file.
+    """
     if not shapes:
         return fleet
-    return msgspec.structs.replace(fleet, shapes={**fleet.shapes, **shapes})
+    slots = {name: slots for name, slots in fleet.formations.items() if name not in shapes}
+    return msgspec.structs.replace(fleet, formations=slots, shapes={**fleet.shapes, **shapes})

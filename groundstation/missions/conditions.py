@@ -12,8 +12,9 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from typing import NamedTuple
 
-from groundstation.fleet.places import out_of_service
+from groundstation.fleet.places import by_vehicle, out_of_service, vehicles_at
 from groundstation.fleet.state import FleetState, LoggedEvent, VehicleView
+from onboard.config.fleet import ConfigError
 from onboard.config.pair_separation import separation_m
 from onboard.tuples import Xyz
 
@@ -57,8 +58,8 @@ def reached(goals: Mapping[str, Xyz], within_m: float = ARRIVED_M) -> WaitCondit
     def distances_m(moment: FleetMoment) -> dict[str, float]:
         """Return the distance of each vehicle; infinite where its position is not known."""
         distances = {}
-        for name, goal in goals.items():
-            view = moment.state.vehicles[name]
+        for name, goal in by_vehicle(goals, moment.state).items():
+            view = _view(name, moment.state)
             telemetry = view.telemetry
             distances[name] = math.inf
             if telemetry is None or not view.is_fresh(moment.now_ns):
@@ -187,17 +188,19 @@ def event(code: str, vehicles: Sequence[str] | str | None = None) -> WaitConditi
             own.
     """
 
-    def is_meant(logged: LoggedEvent) -> bool:
+    def is_meant(logged: LoggedEvent, state: FleetState) -> bool:
         is_warning = logged.event.severity in ("warning", "critical")
         has_code = logged.event.code == code
         if code == "*":
             has_code = is_warning
-        is_about_these = vehicles is None or logged.event.vehicle in _names(vehicles)
+        is_about_these = True
+        if vehicles is not None:
+            is_about_these = logged.event.vehicle in vehicles_at(_names(vehicles), state)
         return has_code and is_about_these
 
     def has_come(moment: FleetMoment) -> bool:
         return any(
-            logged.received_ns >= moment.begin_ns and is_meant(logged)
+            logged.received_ns >= moment.begin_ns and is_meant(logged, moment.state)
             for logged in moment.state.events
         )
 
@@ -331,13 +334,24 @@ def _is_own_silence(silent: VehicleView, moment: FleetMoment) -> bool:
 def _views(moment: FleetMoment, vehicles: Sequence[str] | str | None) -> dict[str, VehicleView]:
     """Return the vehicles that a condition is about.
 
-    A condition that names no vehicle is about all vehicles that take part.
+    A condition that names no vehicle is about all vehicles that take part. The name of a vehicle
+    that was swapped means the spare that has its place.
+
+    Raises:
+        ConfigError: a name is not that of a vehicle.
     """
     state = moment.state
     if vehicles is None:
         excluded = state.disabled | out_of_service(state)
         return {name: view for name, view in state.vehicles.items() if name not in excluded}
-    return {name: state.vehicles[name] for name in _names(vehicles)}
+    return {name: _view(name, state) for name in vehicles_at(_names(vehicles), state)}
+
+
+def _view(name: str, state: FleetState) -> VehicleView:
+    if name not in state.vehicles:
+        known = ", ".join(state.vehicles)
+        raise ConfigError(f"A condition names '{name}', which is not a vehicle: {known}.")
+    return state.vehicles[name]
 
 
 def _names(vehicles: Sequence[str] | str) -> list[str]:

@@ -74,8 +74,8 @@ class MissionGround:
         self.other_ends: dict[str, str] = {}
         self._last_orders: dict[str, LastOrder] = {}
 
-        # Countdown to a start at a wall-clock time.
-        self.countdown: Countdown | None = None
+        # Countdowns to starts at wall-clock times; parallel steps may have one each.
+        self._countdowns: list[Countdown] = []
         self.pause_line = ""  # short text about a pause of paths; empty without one
         self.follow_pauses: list[FollowPause] = []  # one for each group that follows a vehicle now
 
@@ -195,11 +195,11 @@ class MissionGround:
 
         clocks = clock_words(self.client.wall_clock, names)
         self.say(f"Starts at {at.words}, in {time_words(countdown.left_s)}. {clocks}".rstrip())
-        self.countdown = countdown
+        self._countdowns.append(countdown)
         try:
             yield countdown
         finally:
-            self.countdown = None
+            self._countdowns.remove(countdown)
 
     async def wait_for_time(self, at: WallTime, names: Sequence[str]) -> None:
         """Wait until a wall-clock time.
@@ -214,6 +214,11 @@ class MissionGround:
         with self.counting(at, names) as countdown:
             await count_down(countdown, self.say)
             self.say(f"{at.words}. {clock_words(self.client.wall_clock, names)}")
+
+    @property
+    def countdown(self) -> Countdown | None:
+        """The countdown that ends first; None if there is none."""
+        return min(self._countdowns, key=lambda countdown: countdown.left_s, default=None)
 
     @property
     def live_line(self) -> str:
@@ -232,15 +237,14 @@ class MissionGround:
         return ""
 
     def stop_countdown(self) -> bool:
-        """End the countdown without starting, as an operator orders.
+        """End all countdowns without starting, as an operator orders.
 
         Returns:
             Whether there was one.
         """
-        if self.countdown is None:
-            return False
-        self.countdown.stop("An operator has stopped the countdown.")
-        return True
+        for countdown in self._countdowns:
+            countdown.stop("An operator has stopped the countdown.")
+        return bool(self._countdowns)
 
     async def _take_off_in_waves(self, intent: Takeoff, timeout_s: float) -> Results:
         """Order one wave after the other, until a vehicle of a wave does not fly.

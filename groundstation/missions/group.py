@@ -275,6 +275,7 @@ class Group:
         intent = Move(
             vehicles=self.select(vehicles),
             position_enu_m=position_enu_m,
+            is_of_formation=means_all(vehicles) and len(self._names) > 1,
             yaw_deg=yaw_deg,
             duration_s=duration_s,
         )

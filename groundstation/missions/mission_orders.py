@@ -141,7 +141,7 @@ class MissionOrders:
         arguments = dict(word.split("=", 1) for word in words if "=" in word)
 
         try:
-            mission = load_mission(file, client.fleet)
+            mission = load_mission(file, client.fleet_file)
             if arguments and not mission.is_python:
                 return f"{file}: only Python missions have arguments."
             mission = replace(mission, arguments=arguments)
@@ -212,7 +212,10 @@ class MissionOrders:
         }
         content = {"schema": 1, "step": [step], "expect": {"all_landed": False}}
         content["on_failure"] = {"do": "hold"}
-        mission = mission_from_mapping(content, path="takeoff", fleet=client.fleet)
+        try:
+            mission = mission_from_mapping(content, path="takeoff", fleet=client.fleet_file)
+        except ConfigError as error:
+            return str(error)
         return self._begin_run(MissionRun(mission, client, say=self._say, ready_timeout_s=_READY_S))
 
     def _begin_run(self, run: MissionRun) -> str:

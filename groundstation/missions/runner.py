@@ -133,7 +133,7 @@ class MissionRun:
                 :meth:`flown`.
         """
         # not before: a mission that is not flown changes no formation of the one that flies
-        self.client.fleet = with_shapes(self.client.fleet, self.mission.shapes)
+        self.client.fleet = with_shapes(self.client.fleet_file, self.mission.shapes)
         task = asyncio.create_task(self._fly_steps())
         task.add_done_callback(lambda _: self._steps_end.set())
         self._task = task

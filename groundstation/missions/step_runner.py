@@ -38,7 +38,7 @@ from groundstation.missions import conditions
 from groundstation.missions.api import Fleet
 from groundstation.missions.conditions import WaitCondition
 from groundstation.missions.path_following import Lights
-from groundstation.orders.intents import GoalIntent, Goto, Intent
+from groundstation.orders.intents import GoalIntent, Goto, Intent, for_fewer, means_all
 from groundstation.verdict.expectations import check
 from onboard.control.path import Path
 from onboard.tuples import Xyz
@@ -128,6 +128,10 @@ class StepRunner:
         fleet = self._fleet
         intent = _at_places(resolved(step, fleet.config), fleet.state)
         intent = _without(intent, fleet.ground.left_out)
+        if means_all(step.vehicles) and not intent.brings_down:
+            taking_part = _without(intent, fleet.ground.still_lost())
+            if taking_part.names:
+                intent = taking_part
         if not intent.names:
             return
 
@@ -288,7 +292,7 @@ def _without(intent: Intent, left_out: set[str]) -> Intent:
     if isinstance(intent, Goto):
         goals = {name: intent.goals[name] for name in names}
         return replace(intent, vehicles=names, goals=goals)
-    return replace(intent, vehicles=names)
+    return for_fewer(intent, names)
 
 
 def _blocks(step: MissionStep) -> tuple[Sequence[MissionStep], ...]:

@@ -202,7 +202,7 @@ def _flight_s(begin_enu_m: Xyz, end_enu_m: Xyz, max_speed_m_s: float) -> float:
 def _move(intent: Move, facts: GoalFacts) -> Goals:
     """Return the position itself for one vehicle, or slots of the present formation for several."""
     names = facts.names
-    if len(names) == 1:
+    if len(names) == 1 and not intent.is_of_formation:
         return Goals(intent, {names[0]: intent.position_enu_m})
 
     held = facts.held

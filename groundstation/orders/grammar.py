@@ -35,7 +35,13 @@ from __future__ import annotations
 import math
 
 from groundstation.formations.slots import formation_names, formation_slots
-from groundstation.orders.intents import INTENTS, LONGEST_MOVE_S, Intent, LineWords
+from groundstation.orders.intents import (
+    INTENTS,
+    LONGEST_EVERY_S,
+    LONGEST_MOVE_S,
+    Intent,
+    LineWords,
+)
 from onboard.config.fleet import ConfigError, FleetConfig
 from onboard.plain_text import meant_words
 from onboard.tuples import Xyz
@@ -45,7 +51,7 @@ _OPTION_MEANINGS = {
     "yaw": "heading in degrees",
     "turned": "angle in degrees",
     "by": "number of vehicles in a wave, 1 or more",
-    "every": f"time between two waves, 0 to {LONGEST_MOVE_S:g} s",
+    "every": f"time between two waves, 0 to {LONGEST_EVERY_S:g} s",
 }
 _MOST_QUOTED = 40  # characters of a wrong word that a sentence repeats
 
@@ -82,8 +88,8 @@ def parse(text: str, fleet: FleetConfig) -> Intent:
     if kind.verb == "formation":
         formation = _formation_of(words, kind, fleet)
         words = words[1:]
-        is_nearest = "nearest" in words
-        words = [word for word in words if word != "nearest"]
+        is_nearest = any(word.lower() == "nearest" for word in words)
+        words = [word for word in words if word.lower() != "nearest"]
     options, words = _take_options(words, kind)
 
     if kind.verb == "goto":
@@ -171,17 +177,18 @@ def _take_options(words: list[str], kind: type[Intent]) -> tuple[dict[str, float
     """Return the numbers after options at the end of a line, and the words before them."""
     begin = len(words)
     for index, word in enumerate(words):
-        if word in _OPTION_MEANINGS:
+        if word.lower() in _OPTION_MEANINGS:
             begin = index
             break
 
     options: dict[str, float] = {}
     tail = words[begin:]
     while tail:
-        option, *behind_option = tail
+        option_word, *behind_option = tail
+        option = option_word.lower()
         if option not in kind.options or option in options or not behind_option:
             raise OrderError(
-                f"'{option[:_MOST_QUOTED]}' is not understood there. Write: {kind.usage}"
+                f"'{option_word[:_MOST_QUOTED]}' is not understood there. Write: {kind.usage}"
             )
 
         number_word, *tail = behind_option
@@ -203,7 +210,7 @@ def _may_follow(option: str, value: float) -> bool:
     if option == "by":
         return value >= 1.0 and value.is_integer()
     if option == "every":
-        return 0.0 <= value <= LONGEST_MOVE_S
+        return 0.0 <= value <= LONGEST_EVERY_S
     return math.isfinite(value)
 
 
@@ -283,6 +290,8 @@ def _take_swapped(words: list[str], fleet: FleetConfig) -> tuple[str, ...]:
 
 def _select(word: str, fleet: FleetConfig) -> tuple[str, ...]:
     """Return the vehicles that a word selects."""
+    if word.lower() == "all":
+        word = "all"
     try:
         return fleet.select(word)
     except ConfigError as error:

@@ -31,7 +31,8 @@ from onboard.tuples import Xyz
 
 DEFAULT_HEIGHT_M = 1.0
 DEFAULT_EVERY_S = 3.0  # time between two waves of a take-off
-LONGEST_MOVE_S = 600.0  # longest duration of a move, and longest time between two waves
+LONGEST_MOVE_S = 3600.0  # longest duration of a move
+LONGEST_EVERY_S = 600.0  # longest time between two waves
 
 # "all", names or indices: "mav0,mav2", "0-1"; or a list of names
 Names = str | tuple[str, ...]
@@ -286,8 +287,11 @@ class Move(GoalIntent, frozen=True, kw_only=True):
     number_counts = (3,)
     options = ("in", "yaw")
     must_name_vehicles = True
+    planned_fields = ("is_of_formation",)
 
     position_enu_m: Xyz  # east, north, up in the fleet frame
+    # whether the position is that of the formation although only one vehicle is left
+    is_of_formation: bool = False
 
     @classmethod
     def from_line(cls, line: LineWords) -> Self:
@@ -730,6 +734,20 @@ INTENTS: dict[str, type[Intent]] = {
     )
 }
 PATH_INTENTS: dict[PathVerb, type[Intent]] = {"load_path": LoadPath, "follow_path": FollowPath}
+
+
+def for_fewer(intent: Intent, names: tuple[str, ...]) -> Intent:
+    """Return an order for some of its vehicles; the others take no part.
+
+    A vehicle that is left of several still flies to its slot of the formation.
+
+    Args:
+        intent: an order with the names of its vehicles.
+        names: the vehicles that are left.
+    """
+    if isinstance(intent, Move) and len(intent.names) > 1:
+        return msgspec.structs.replace(intent, vehicles=names, is_of_formation=True)
+    return msgspec.structs.replace(intent, vehicles=names)
 
 
 def _number_words(values: Xyz) -> list[str]:

@@ -23,6 +23,7 @@ from groundstation.fleet.stoppable import stoppable
 from groundstation.orders.goals import GoalFacts, goals_of
 from groundstation.orders.held_formation import HeldFormation, held_after, held_slots
 from groundstation.orders.intents import (
+    LONGEST_EVERY_S,
     LONGEST_MOVE_S,
     Formation,
     Goto,
@@ -31,6 +32,7 @@ from groundstation.orders.intents import (
     Rotate,
     Swap,
     Takeoff,
+    for_fewer,
 )
 from groundstation.orders.reachable_goals import unreachable
 from groundstation.orders.swap import names_that_hear, swap_refusals, with_place
@@ -192,7 +194,7 @@ def _without_disabled(intent: Intent, fleet: FleetConfig, state: FleetState | No
     names = tuple(name for name in intent.names if name not in excluded)
     if not names or len(names) == len(intent.names):
         return intent
-    return msgspec.structs.replace(intent, vehicles=names)
+    return for_fewer(intent, names)
 
 
 def _without_bystanders(intent: Intent, fleet: FleetConfig, state: FleetState | None) -> Intent:
@@ -209,7 +211,7 @@ def _without_bystanders(intent: Intent, fleet: FleetConfig, state: FleetState | 
     names = stoppable(state, [name for name in intent.names if name in state.vehicles])
     if not names:
         return intent
-    return msgspec.structs.replace(intent, vehicles=names)
+    return for_fewer(intent, names)
 
 
 def _without_slotless(
@@ -232,7 +234,7 @@ def _without_slotless(
     names = tuple(name for name in intent.names if place_of(name, state) in slots)
     if not names:
         return intent
-    return msgspec.structs.replace(intent, vehicles=names)
+    return for_fewer(intent, names)
 
 
 def _is_to_all(intent: Intent, fleet: FleetConfig, state: FleetState | None) -> bool:
@@ -378,11 +380,11 @@ def _bad_number(intent: Intent) -> str | None:
         return f"A duration of {duration_s:g} s is outside 0 to {LONGEST_MOVE_S:g} s."
 
     if isinstance(intent, Takeoff):
-        is_period_valid = 0.0 <= intent.every_s <= LONGEST_MOVE_S
+        is_period_valid = 0.0 <= intent.every_s <= LONGEST_EVERY_S
         if intent.by < 0 or not is_period_valid:
             return (
                 f"Waves of {intent.by} vehicles every {intent.every_s:g} s: "
-                f"give 1 or more, and 0 to {LONGEST_MOVE_S:g} s."
+                f"give 1 or more, and 0 to {LONGEST_EVERY_S:g} s."
             )
 
     spacing_m = intent.spacing_m if isinstance(intent, Formation) else None

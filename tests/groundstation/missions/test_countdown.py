@@ -155,6 +155,18 @@ async def test_a_countdown_that_is_stopped_starts_nothing(
     assert not run.fleet.ground.stop_countdown()
 
 
+async def test_an_operator_stops_all_countdowns_of_parallel_steps(client: Any) -> None:
+    clock = client.wall_clock = MovableClock(client.now_ns)
+    ground = Fleet(client).ground
+    with ground.counting(clock.after(120.0), ()) as late:
+        with ground.counting(clock.after(60.0), ()) as early:
+            assert ground.countdown is early
+        assert ground.countdown is late
+        assert ground.stop_countdown()
+        assert "An operator has stopped" in late.problem()
+    assert not ground.stop_countdown()
+
+
 async def test_a_vehicle_that_is_not_ready_any_more_when_the_time_comes_starts_nobody(
     fleet: FleetConfig, client: Any, bus: Any
 ) -> None:

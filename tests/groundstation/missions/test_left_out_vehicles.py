@@ -6,6 +6,7 @@ from typing import Any
 
 import pytest
 
+from groundstation.formations.slots import formation_slots
 from groundstation.mission_files.loading import mission_from_mapping
 from groundstation.missions.api import Fleet
 from groundstation.missions.runner import MissionRun
@@ -54,3 +55,24 @@ async def test_whoever_failed_is_landed_at_the_end_of_a_mission_that_goes_on(
     assert verdict.landed == {"mav0": True, "mav1": ends_with_landing, "mav2": ends_with_landing}
     landed = [name for name, order in bus.orders if order.kind == "land"]
     assert sorted(landed) == (["mav0", "mav1", "mav2"] if ends_with_landing else ["mav0"])
+
+
+@pytest.mark.parametrize("is_python", [True, False])
+async def test_the_last_vehicle_of_a_formation_flies_to_its_slot(
+    fleet: FleetConfig, client: Any, bus: Any, is_python: bool
+) -> None:
+    to_center = {"do": "move", "position_enu_m": [0.0, 1.2, 1.2]}
+    mission = mission_from_mapping(
+        {"schema": 1, "step": [UP, to_center, {"do": "land"}]}, path="test.toml", fleet=fleet
+    )
+    run = MissionRun(mission, client)
+    run.fleet.leave_out("mav1", "mav2")
+    if is_python:
+        await run.fleet.takeoff(1.0)
+        await run.fleet.move((0.0, 1.2, 1.2))
+    else:
+        assert (await run.run()).passed
+
+    (goal,) = [order.position_enu_m for _, order in bus.orders if order.kind == "move"]
+    x, y, z = formation_slots(fleet, "triangle")["mav0"]
+    assert goal == pytest.approx((x, y + 1.2, z + 1.2))

@@ -7,6 +7,7 @@ from typing import Any
 
 import pytest
 
+from groundstation.mission_files.loading import mission_from_mapping
 from groundstation.missions.conditions import (
     FleetMoment,
     any_of,
@@ -16,6 +17,7 @@ from groundstation.missions.conditions import (
 )
 from groundstation.missions.ground import MissionGround
 from groundstation.missions.group import Group
+from groundstation.missions.runner import MissionRun
 from onboard.config.fleet import FleetConfig
 
 
@@ -84,3 +86,22 @@ async def test_a_goal_is_reached_when_a_vehicle_says_so_and_not_when_it_would_be
     await asyncio.sleep(0.1)
     assert arrival.holds(FleetMoment(group.state, group.client.now_ns(), 0))
     assert not arrival.holds(FleetMoment(group.state, heard_ns + 3_000_000_000, 0))
+
+
+async def test_a_reaction_of_a_mission_file_orders_all_but_whoever_is_lost(
+    fleet: FleetConfig, client: Any, bus: Any
+) -> None:
+    wait = {"do": "wait", "duration_s": 60.0}
+    turn = {"do": "yaw", "yaw_deg": 90.0}
+    react = {"do": "react", "when": {"fails": True}, "steps": [wait], "then": [turn]}
+    steps = [{"do": "takeoff", "height_m": 1.0}, react, {"do": "land"}]
+    mission = mission_from_mapping({"schema": 1, "step": steps}, path="test.toml", fleet=fleet)
+    run = MissionRun(mission, client)
+    flown = asyncio.create_task(run.run())
+    assert await client.wait_for(lambda state: len(state.airborne_names) == 3, 5.0)
+    bus.tell("mav1", state="landing", reason="The battery is low.", order_id="")
+    await asyncio.wait_for(flown, 10.0)
+    turned = [name for name, order in bus.orders if order.yaw_deg == 90.0]
+    assert turned == ["mav0", "mav2"]
+    landed = [name for name, order in bus.orders if order.kind == "land"]
+    assert sorted(set(landed)) == ["mav0", "mav1", "mav2"]

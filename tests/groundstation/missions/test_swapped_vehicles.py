@@ -14,14 +14,16 @@ from groundstation.client.preflight_page import page_of
 from groundstation.fleet import state as fleet_state
 from groundstation.fleet.state import FleetState
 from groundstation.mission_files.loading import mission_from_mapping
+from groundstation.missions import conditions
 from groundstation.missions.api import Fleet
+from groundstation.missions.conditions import FleetMoment, WaitCondition
 from groundstation.missions.runner import MissionRun
 from groundstation.orders.grammar import OrderError, parse
 from groundstation.orders.held_formation import HeldFormation
 from groundstation.orders.plan import plan_order
 from groundstation.orders.result import OrderResult
 from onboard.bus.schema import SERVICE
-from onboard.config.fleet import FleetConfig, fleet_from_mapping
+from onboard.config.fleet import ConfigError, FleetConfig, fleet_from_mapping
 from tests.groundstation.console.fake import telemetry
 
 SECOND = 1_000_000_000
@@ -261,3 +263,29 @@ def test_orders_to_all_about_a_formation_leave_out_a_spare_until_it_has_a_slot(
     )
     third = "mav3" if is_swapped else "mav2"
     assert set(planned.orders) == {"mav0", "mav1", third}, planned.refusals
+
+
+async def test_conditions_of_a_place_are_about_the_vehicle_that_has_it(
+    bus: Any, swapped: Any
+) -> None:
+    await tell(swapped, bus, "mav2", is_airborne=True, is_armed=True, state="flying")
+    moment = FleetMoment(swapped.state, swapped.now_ns(), 0)
+    assert not conditions.landed("mav1").holds(moment)
+    assert conditions.flying("mav1").holds(moment)
+    here = bus.vehicles["mav2"].position_enu_m
+    assert conditions.reached({"mav1": here}).holds(moment)
+
+
+@pytest.mark.parametrize(
+    "condition",
+    [
+        conditions.battery_below(20.0, "mav9"),
+        conditions.landed(["mav0", "mav9"]),
+        conditions.reached({"mav9": (0.0, 0.0, 1.0)}),
+    ],
+)
+async def test_a_condition_about_somebody_who_is_no_vehicle_is_a_sentence(
+    client: Any, condition: WaitCondition
+) -> None:
+    with pytest.raises(ConfigError, match="'mav9', which is not a vehicle: mav0, mav1, mav2"):
+        await Fleet(client).until(condition, 1.0)

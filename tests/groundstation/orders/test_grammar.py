@@ -476,3 +476,29 @@ def test_a_formation_may_be_named_as_an_option_is(fleet: FleetConfig) -> None:
         plain = parse(f"formation {name}", named)
         assert isinstance(plain, Formation)
         assert (plain.name, plain.assign) == (name, "ids")
+
+
+@pytest.mark.parametrize(
+    ("shouted", "said"),
+    [
+        ("HOLD ALL", "hold all"),
+        ("Land All", "land all"),
+        ("MOVE mav1 0 0 1 YAW 90 IN 5 s", "move mav1 0 0 1 yaw 90 in 5 s"),
+        ("formation triangle 3.0 NEAREST", "formation triangle 3.0 nearest"),
+    ],
+)
+def test_words_of_an_order_may_be_written_in_capitals(
+    fleet: FleetConfig, shouted: str, said: str
+) -> None:
+    assert parse(shouted, fleet) == parse(said, fleet)
+
+
+@pytest.mark.parametrize(("duration_s", "is_refused"), [(3600.0, False), (3601.0, True)])
+def test_a_move_takes_as_long_as_a_vehicle_accepts(
+    fleet: FleetConfig, duration_s: float, is_refused: bool
+) -> None:
+    intent = Move(vehicles=("mav0",), position_enu_m=(0.0, 0.0, 1.0), duration_s=duration_s)
+    planned = plan_order(
+        intent, fleet, None, held=NONE, author="test", now_ns=0, new_id=itertools.count().__str__
+    )
+    assert bool(planned.refusals) is is_refused
