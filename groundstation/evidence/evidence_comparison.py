@@ -11,7 +11,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 from groundstation.evidence.evidence_summary import Evidence
-from groundstation.evidence.intervals import two_sided
+from onboard.confidence_intervals import two_sided
 
 
 class Agreement(NamedTuple):

@@ -14,8 +14,8 @@ from collections.abc import Iterable, Mapping, Sequence
 import msgspec
 
 from groundstation.evidence.hazards import HAZARDS, Hazard
-from groundstation.evidence.intervals import two_sided, upper_bound
 from groundstation.evidence.kept_flights import FlownCase, digest
+from onboard.confidence_intervals import two_sided, upper_bound
 from onboard.safety.failsafe_table import TABLE, WORDS, Condition, Situation
 
 SHOWN = "shown"

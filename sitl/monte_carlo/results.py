@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from onboard.confidence_intervals import upper_bound
 from sitl.monte_carlo.batch_flight import Flown
 from sitl.monte_carlo.campaign_settings import Setup
 
@@ -186,58 +187,3 @@ def _numbers(records: Sequence[FlightRecord], key: str) -> list[float]:
 
 def _mean(records: Sequence[FlightRecord], key: str) -> float:
     return float(np.mean([values[key] for values in records]))
-
-
-def upper_bound(events: int, count: int) -> float:
-    """Return the upper bound of the true rate of events, with 95 % confidence.
-
-    This is the one-sided Clopper-Pearson bound, the rate at which the probability of at most this
-    many events is 5 %. Without any event it is 1 - 0.05^(1/n), nearly 3/n.
-    """
-    if events >= count:
-        return 1.0
-
-    return _upper_end(events, count, 0.05)
-
-
-def interval(events: int, count: int) -> tuple[float, float]:
-    """Return the exact interval of the true rate of events, with 95 % confidence.
-
-    This is the Clopper-Pearson interval. If all flights or none have the event, one end is 1 or 0,
-    and all 5 % lie beyond the other end, as in :func:`upper_bound`.
-    """
-    tail = 0.025  # the probability beyond each end
-    if events in (0, count):
-        tail = 0.05
-
-    low = 0.0
-    if events > 0:
-        low = 1.0 - _upper_end(count - events, count, tail)
-    high = 1.0
-    if events < count:
-        high = _upper_end(events, count, tail)
-    return low, high
-
-
-def _upper_end(events: int, count: int, tail: float) -> float:
-    """Return the rate at which the probability of at most this many events is ``tail``."""
-    low = events / count
-    high = 1.0
-    for _ in range(60):  # bisection
-        rate = 0.5 * (low + high)
-        if _chance_of_at_most(events, count, rate) > tail:
-            low = rate
-        else:
-            high = rate
-    return high
-
-
-def _chance_of_at_most(events: int, count: int, rate: float) -> float:
-    """Return the binomial probability of at most this number of events."""
-    term = (1.0 - rate) ** count  # probability of exactly k events
-    chance = 0.0
-    for k in range(events + 1):
-        chance += term
-        # 1e-300 avoids a division by 0 at a rate of 1
-        term *= (count - k) / (k + 1) * rate / max(1.0 - rate, 1e-300)
-    return chance

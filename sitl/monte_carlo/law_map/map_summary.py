@@ -9,13 +9,13 @@ import json
 from collections.abc import Iterable, Mapping
 from typing import Literal
 
+from onboard.confidence_intervals import upper_bound
 from onboard.estimation.accuracies import ACCURACIES
 from onboard.feasibility.law_map import SCHEMA, MapCell, values_of
 from onboard.feasibility.pair_checks import effective_margin_m
 from sitl.monte_carlo.campaign_settings import setup_for
 from sitl.monte_carlo.law_map.cells import AXES, ERRORS, STAGES, Cell, changes
 from sitl.monte_carlo.law_map.unit_flights import MapRow
-from sitl.monte_carlo.results import upper_bound
 
 # "screened": flown without a failure, but too few flights for a promise; "-": not flown
 CellVerdict = Literal["holds", "failed", "screened", "-"]

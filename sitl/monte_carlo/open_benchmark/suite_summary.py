@@ -8,8 +8,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from onboard.confidence_intervals import exact_interval
 from sitl.monte_carlo.open_benchmark.suite import SuiteRow, flights_of
-from sitl.monte_carlo.results import FlightRecord, interval
+from sitl.monte_carlo.results import FlightRecord
 
 COLUMNS = (
     "flights",
@@ -73,8 +74,11 @@ def is_flawless(flight: FlightRecord) -> bool:
 
 def share(events: int, count: int) -> str:
     """Return a share with its exact interval, in per cent."""
-    low, high = interval(events, count)
-    return f"{events} = {100.0 * events / count:.0f} % ({100.0 * low:.0f} to {100.0 * high:.0f})"
+    interval = exact_interval(events, count)
+    return (
+        f"{events} = {100.0 * events / count:.0f} % "
+        f"({100.0 * interval.low:.0f} to {100.0 * interval.high:.0f})"
+    )
 
 
 def _mean(values: Sequence[float]) -> str:

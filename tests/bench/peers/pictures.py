@@ -11,7 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from groundstation.figures.style import COLOURS, LIMIT, SOFT, colour, new_figure, styled
-from tests.bench.peers.report import Outcome, Summary, interval
+from onboard.confidence_intervals import exact_interval
+from tests.bench.peers.report import Outcome, Summary
 
 Array = NDArray[np.float64]
 
@@ -49,10 +50,9 @@ def comparison(rows: Mapping[str, Summary], path: Path, title: str) -> None:
             axis.set_xlim(0.0, 1.3 * top)
             axis.grid(visible=False, axis="y")
         for place, s in enumerate(values):
-            low, high = interval(s.violations, s.flights)
-            axes[1].plot(
-                [100.0 * low, 100.0 * high], [place + 0.28] * 2, color=LIMIT, linewidth=1.2
-            )
+            interval = exact_interval(s.violations, s.flights)
+            ends_percent = [100.0 * interval.low, 100.0 * interval.high]
+            axes[1].plot(ends_percent, [place + 0.28] * 2, color=LIMIT, linewidth=1.2)
         axes[0].set_yticks(places, names)
         axes[0].invert_yaxis()
         figure.savefig(path)

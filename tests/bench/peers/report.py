@@ -10,6 +10,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from onboard.confidence_intervals import exact_interval
+
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
@@ -76,39 +78,10 @@ def summary(outcomes: Sequence[Outcome], us_per_step: float = math.nan) -> Summa
     )
 
 
-def interval(hits: int, count: int, confidence: float = 0.95) -> tuple[float, float]:
-    """Exact (Clopper-Pearson) interval of a share; with no hit or only hits it is one-sided: 0 of n
-    is below 3/n.
-    """
-    miss = (1.0 - confidence) / (1.0 if hits in (0, count) else 2.0)
-
-    def at_most(k: int, share: float) -> float:
-        if share <= 0.0 or share >= 1.0:
-            return 1.0 if share <= 0.0 or k >= count else 0.0
-        logs = [
-            math.lgamma(count + 1) - math.lgamma(i + 1) - math.lgamma(count - i + 1)
-            + i * math.log(share) + (count - i) * math.log1p(-share)
-            for i in range(k + 1)
-        ]  # fmt: skip
-        return math.fsum(map(math.exp, logs))
-
-    def solve(k: int, level: float) -> float:
-        low = 0.0
-        high = 1.0
-        for _ in range(50):
-            middle = 0.5 * (low + high)
-            low, high = (middle, high) if at_most(k, middle) > level else (low, middle)
-        return 0.5 * (low + high)
-
-    lower = 0.0 if hits == 0 else solve(hits - 1, 1.0 - miss)
-    upper = 1.0 if hits == count else solve(hits, miss)
-    return lower, upper
-
-
 def share(hits: int, count: int) -> str:
     """``12 % (8-17)``: a share with its interval, in per cent."""
-    low, high = interval(hits, count)
-    return f"{_percent(hits / count)} % ({_percent(low)}-{_percent(high)})"
+    interval = exact_interval(hits, count)
+    return f"{_percent(hits / count)} % ({_percent(interval.low)}-{_percent(interval.high)})"
 
 
 def _percent(value: float) -> str:

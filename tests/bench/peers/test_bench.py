@@ -15,7 +15,7 @@ from tests.bench.__main__ import main as run_benchmark
 from tests.bench.peers import arena, bench, pages
 from tests.bench.peers.ablation import VARIANTS
 from tests.bench.peers.contestants import COVEY, PEERS, named, same
-from tests.bench.peers.report import Outcome, interval, summary, table
+from tests.bench.peers.report import Outcome, summary, table
 
 ROOT = Path(__file__).parents[3]
 PAGES = ["law.md", "law-measured.md"]
@@ -129,13 +129,6 @@ def test_a_summary_counts_what_happened_and_takes_the_ratio_of_those_that_arrive
     assert found.worst_m == 0.4
     assert found.ratio == pytest.approx((1.2 + 1.4 + 1.2) / 3)
     assert "| a | 4 | 75 % | 50 % (6.8-93) | 1 | 0.400 |" in table({"a": found})
-
-
-def test_none_of_n_is_bounded_by_three_over_n():
-    assert interval(0, 300) == pytest.approx((0.0, 3.0 / 300), rel=0.01)
-    assert interval(300, 300)[0] == pytest.approx(1.0 - 3.0 / 300, rel=0.001)
-    low, high = interval(5, 100)  # Clopper and Pearson's own kind of table: 1.64 to 11.28 per cent
-    assert (low, high) == pytest.approx((0.01643, 0.11284), abs=1e-5)
 
 
 @pytest.mark.long  # ten seconds of interpreted flights

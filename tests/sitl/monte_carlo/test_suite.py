@@ -11,7 +11,6 @@ from onboard.config.law import BUILT_IN
 from onboard.rollout import batch
 from sitl.monte_carlo.law_map.results_file import ResultsFile
 from sitl.monte_carlo.open_benchmark import suite, suite_command, suite_summary
-from sitl.monte_carlo.results import interval
 
 FLIGHT = {
     "seed": 1000,
@@ -57,12 +56,11 @@ def flown(monkeypatch):
 
 
 @pytest.mark.parametrize(
-    ("events", "count", "low", "high"),
-    # from the tables of Clopper and Pearson; one-sided where nothing or all happened
-    [(0, 10, 0.0, 0.2589), (10, 10, 0.7411, 1.0), (2, 20, 0.0123, 0.3170), (5, 10, 0.1871, 0.8129)],
+    ("events", "count", "text"),
+    [(0, 280, "0 = 0 % (0 to 1)"), (5, 280, "5 = 2 % (1 to 4)"), (2, 200, "2 = 1 % (0 to 4)")],
 )
-def test_intervals_are_those_of_clopper_and_pearson(events, count, low, high):
-    assert interval(events, count) == pytest.approx((low, high), abs=1e-4)
+def test_a_share_is_printed_with_its_exact_interval(events, count, text):
+    assert suite_summary.share(events, count) == text
 
 
 def test_a_suite_has_each_seed_of_each_scene_once_and_another_law_other_units():

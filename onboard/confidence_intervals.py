@@ -48,6 +48,22 @@ def two_sided(events: int, count: int) -> Interval:
     return Interval(events=events, flights=count, low=low, high=high)
 
 
+def exact_interval(events: int, count: int) -> Interval:
+    """Return the two-sided interval; without any event, or with events only, a one-sided one.
+
+    Then one end is 0 or 1, and all 5 % lie beyond the other end: 0 of n is below 3/n.
+
+    Args:
+        events: number of events.
+        count: number of flights, 1 or more.
+    """
+    if events == 0:
+        return Interval(events=events, flights=count, low=0.0, high=upper_bound(0, count))
+    if events == count:
+        return Interval(events=events, flights=count, low=1.0 - upper_bound(0, count), high=1.0)
+    return two_sided(events, count)
+
+
 def upper_bound(events: int, count: int) -> float:
     """Return the one-sided upper bound of the true share, with 95 % confidence.
 
