@@ -13,6 +13,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from typing import Any
 
+from onboard.config.example_files import EXAMPLES
 from onboard.config.fleet import (
     ConfigError,
     FleetConfig,
@@ -422,6 +423,8 @@ def _examples() -> dict[str, Any]:
     """Return the content of a fleet file that has only the vehicle types of the examples."""
     types: dict[str, Any] = {}
     for name in _EXAMPLES:
-        example, _, _ = read_toml(name, "fleet file")
+        # by its path, because a name alone may be that of a user's file
+        path = os.path.join(EXAMPLES, "fleets", f"{name}.toml")
+        example, _, _ = read_toml(path, "fleet file")
         types |= example.get("types", {})
     return {"types": types}

@@ -236,7 +236,7 @@ def scenes() -> str:
     """Print the scenes of the open benchmark."""
     lines = ["| scene | what happens |", "|---|---|"]
     for name in scene_structs.names():
-        lines.append(f"| `{name}` | {scene_structs.load(f'{name}.json').about} |")
+        lines.append(f"| `{name}` | {scene_structs.packaged(name).about} |")
     return "\n".join(lines)
 
 

@@ -175,8 +175,18 @@ def load(path: str | os.PathLike[str]) -> Scene:
                 f"{path}: there is no such scene. Give the path of an existing one, or one of "
                 f"Covey's: {known}."
             )
-        found = Path(str(files(_PACKAGE).joinpath("scenes", found.name)))
+        return packaged(found.stem)
     return parsed(read_bytes(found, SCENE_FILE), str(path))
+
+
+def packaged(name: str) -> Scene:
+    """Return a scene of this software, whatever files of its name exist elsewhere.
+
+    Args:
+        name: one of :func:`names`.
+    """
+    file = f"{name}{_SUFFIX}"
+    return parsed(files(_PACKAGE).joinpath("scenes", file).read_bytes(), file)
 
 
 def parsed(data: bytes, path: str) -> Scene:

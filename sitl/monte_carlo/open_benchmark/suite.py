@@ -69,7 +69,7 @@ class Unit:
 
 def scenes() -> list[Scene]:
     """Return the scenes of the suite: those of this software that are over in a few minutes."""
-    known = [scene_file.load(f"{name}.json") for name in scene_file.names()]
+    known = [scene_file.packaged(name) for name in scene_file.names()]
     return [scene for scene in known if scene.within_s is None or scene.within_s <= _LONGEST_S]
 
 

@@ -3,6 +3,7 @@
 import json
 import pickle
 
+import msgspec
 import pytest
 
 from groundstation.cli import main
@@ -10,7 +11,7 @@ from onboard.config.fleet import ConfigError
 from onboard.config.law import BUILT_IN
 from onboard.rollout import batch
 from sitl.monte_carlo.law_map.results_file import ResultsFile
-from sitl.monte_carlo.open_benchmark import suite, suite_command, suite_summary
+from sitl.monte_carlo.open_benchmark import scene_file, suite, suite_command, suite_summary
 
 FLIGHT = {
     "seed": 1000,
@@ -76,6 +77,22 @@ def test_a_suite_has_each_seed_of_each_scene_once_and_another_law_other_units():
     # processes and workers of a cluster get units in this way
     for unit in units:
         assert pickle.loads(pickle.dumps(unit)) == unit
+
+
+def test_the_suite_flies_the_scenes_of_this_software_whatever_files_are_in_the_folder(
+    tmp_path, monkeypatch
+):
+    scenes = suite.scenes()
+    keys = [unit.cell for unit in suite.units("covey", range(1000, 1001))]
+    edited = msgspec.structs.replace(scenes[0], jitter_m=0.5)
+    (tmp_path / f"{edited.name}.json").write_bytes(msgspec.json.encode(edited))
+    (tmp_path / "wind.json").write_text("[]", encoding="utf-8")
+    (tmp_path / "sih").write_text("no fleet file", encoding="utf-8")
+
+    monkeypatch.chdir(tmp_path)
+    assert scene_file.load(f"{edited.name}.json") == edited
+    assert suite.scenes() == scenes
+    assert [unit.cell for unit in suite.units("covey", range(1000, 1001))] == keys
 
 
 def test_each_built_in_law_is_judged_also_the_one_of_two_vehicles():
