@@ -161,7 +161,7 @@ class SimBus:
             if pair not in healed:
                 self._held.append(entry)
             elif now_ns - held_since_ns < _LEASE_NS:
-                delay_ns = round(self._quality(pair).delay_s * 1e9)
+                delay_ns = round(self.quality(pair).delay_s * 1e9)
                 self._push(now_ns + delay_ns, pair, function, args)
 
         for pair in healed:
@@ -172,6 +172,12 @@ class SimBus:
     def is_cut(self, first: str, second: str) -> bool:
         """Return whether nothing passes between two nodes."""
         return (first, second) in self._cut
+
+    def quality(self, pair: Pair) -> BusSettings:
+        """Return the quality between two nodes."""
+        if not self._links:
+            return self.settings
+        return self._links.get(pair, self.settings)
 
     def call_at(self, due_ns: int, function: Call, *args: object) -> None:
         """Call a function at a time [ns]; faults of the bus do not affect the call."""
@@ -205,7 +211,7 @@ class SimBus:
             args: arguments of that call.
         """
         now_ns = self.now_ns()
-        settings = self._quality(pair)
+        settings = self.quality(pair)
         is_latest = delivery is Delivery.LATEST
         is_cut = bool(self._cut) and pair in self._cut
 
@@ -308,12 +314,6 @@ class SimBus:
         while count < _MAX_RESENDS and self._rng.random() < loss:
             count += 1
         return count
-
-    def _quality(self, pair: Pair) -> BusSettings:
-        """Return the quality between two nodes."""
-        if not self._links:
-            return self.settings
-        return self._links.get(pair, self.settings)
 
     def _push(self, due_ns: int, pair: Pair, function: Call, args: Arguments) -> None:
         heappush(self._queue, (due_ns, next(self._count), pair, function, args))

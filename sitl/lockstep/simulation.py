@@ -12,7 +12,7 @@ import heapq
 import itertools
 from collections.abc import Callable
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 from onboard.bus.pose_publisher import PosePublisher
 from onboard.bus.topics import Topic
@@ -35,6 +35,13 @@ STEP_NS = round(STEP_S * 1e9)
 EPOCH_NS = 1_000_000_000  # the time at the start; it is not 0, because a time of 0 means "never"
 TICK_STEPS = 5  # physics steps from one tick of the agents to the next
 _SIMULATOR = "sitl"
+
+
+class _BusFault(NamedTuple):
+    """An active fault of the bus."""
+
+    fault: Fault
+    others: list[str]  # nodes whose connection with the faulty vehicle it has changed
 
 
 class Simulation:
@@ -102,6 +109,8 @@ class Simulation:
         self._planned: list[tuple[int, int, Callable[[], object]]] = []
         self._count = itertools.count()
 
+        self._bus_faults: dict[str, _BusFault] = {}  # active faults of the bus by vehicle
+
     def _new_bus(self, settings: BusSettings, seed: int) -> SimBus:
         """Return a bus with these settings, to which the fleet's radio adds delays and losses."""
         radio = None
@@ -157,24 +166,46 @@ class Simulation:
             if self.base is not None:
                 self.base.move(east_m)
             return
-        for other in self._others(fault):
-            self._change_connection(fault, other, is_on)
+        if is_on:
+            self._bus_faults[fault.vehicle] = _BusFault(fault, [])
+            self._extend_bus_faults()
+            return
+        _, others = self._bus_faults.pop(fault.vehicle)
+        for other in others:
+            self._end_connection_fault(fault, other)
 
-    def _change_connection(self, fault: Fault, other: str, is_on: bool) -> None:
-        """Begin or end a fault of the connection of two nodes."""
+    def _extend_bus_faults(self) -> None:
+        """Apply the active faults of the bus to nodes that have joined it meanwhile."""
+        for fault, others in self._bus_faults.values():
+            for name in self.bus.nodes:
+                if name not in others and self._concerns(fault, name):
+                    others.append(name)
+                    self._begin_connection_fault(fault, name)
+
+    def _begin_connection_fault(self, fault: Fault, other: str) -> None:
+        """Begin a fault of the connection of two nodes."""
         if fault.name == "bus_cut":
-            if is_on:
-                self.bus.cut(fault.vehicle, other)
-            else:
-                self.bus.heal((fault.vehicle, other))
-        elif is_on:
-            usual = self.bus.settings
-            quality = replace(
-                usual,
-                loss=fault.number("share"),
-                delay_s=usual.delay_s + fault.number("delay_s"),
-            )
-            self.bus.set_link(fault.vehicle, other, quality)
+            self.bus.cut(fault.vehicle, other)
+            return
+        usual = self.bus.settings
+        quality = replace(
+            usual,
+            loss=fault.number("share"),
+            delay_s=usual.delay_s + fault.number("delay_s"),
+        )
+        self.bus.set_link(fault.vehicle, other, quality)
+
+    def _end_connection_fault(self, fault: Fault, other: str) -> None:
+        """End a fault of the connection of two nodes, unless the other one has the same fault."""
+        fault_of_other = self._bus_faults.get(other)
+        if fault_of_other is not None:
+            is_same_kind = fault_of_other.fault.name == fault.name
+            if is_same_kind and fault.vehicle in fault_of_other.others:
+                self._begin_connection_fault(fault_of_other.fault, fault.vehicle)
+                return
+
+        if fault.name == "bus_cut":
+            self.bus.heal((fault.vehicle, other))
         else:
             self.bus.reset_link(fault.vehicle, other)
 
@@ -190,18 +221,19 @@ class Simulation:
         else:
             agent.resume()
 
-    def _others(self, fault: Fault) -> list[str]:
-        """Return the names of the nodes whose connection with the faulty vehicle changes."""
+    def _concerns(self, fault: Fault, other: str) -> bool:
+        """Return whether a fault of the bus acts on the faulty vehicle's connection to a node."""
+        if other in (fault.vehicle, _SIMULATOR):
+            return False
+
         which = "all"
         if fault.name == "bus_cut":
             which = fault.word("others")
-
-        others = [name for name in self.bus.nodes if name not in (fault.vehicle, _SIMULATOR)]
         if which == "all":
-            return others
+            return True
         if which == "vehicles":
-            return [name for name in others if name in self.agents]
-        return [name for name in others if name not in self.agents]
+            return other in self.agents
+        return other not in self.agents
 
     def step(self) -> None:
         """Advance by 4 ms."""
@@ -218,6 +250,8 @@ class Simulation:
         steps = self.emulator.world.vehicles.steps
         if steps % TRUTH_EVERY_STEPS == 0:
             self._publish()
+        if self._bus_faults:
+            self._extend_bus_faults()
         self.bus.deliver()
         if steps % TICK_STEPS == 0:
             self._tick_agents()

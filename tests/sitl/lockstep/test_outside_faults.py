@@ -9,8 +9,15 @@ import pytest
 
 from groundstation.mission_files.loading import mission_from_mapping
 from groundstation.missions import conditions
+from onboard.config.fleet import load_fleet
 from sitl.faults.catalogue import Fault
+from sitl.lockstep.simulation import Simulation
 
+# kinds of faults of the bus, and a check of whether the fault acts between two nodes
+BUS_FAULTS = {
+    "bus_cut": lambda bus, one, other: bus.is_cut(one, other),
+    "bus_loss": lambda bus, one, other: bus.quality((one, other)).loss > 0.0,
+}
 PAPER = Path(__file__).resolve().parents[3] / "configs/fleets/paper.toml"
 
 
@@ -41,6 +48,57 @@ def test_faults_of_bus_and_agents_are_steps_of_a_mission(lockstep: Any) -> None:
     verdict = flight.fly(mission_from_mapping(data, path="faults.toml", fleet=flight.config))
     assert verdict.passed, verdict.summary
     assert sum("Fault ordered" in event.sentence for event in flight.events) == 3
+
+
+@pytest.fixture
+def simulation() -> Simulation:
+    """The paper's three vehicles on the ground, without a ground station."""
+    return Simulation(load_fleet(PAPER), is_compiled=False)
+
+
+def run_until(simulation: Simulation, time_s: float) -> None:
+    """Advance to a time."""
+    while simulation.time_s < time_s:
+        simulation.step()
+
+
+@pytest.mark.parametrize("kind", BUS_FAULTS)
+def test_a_fault_of_the_bus_ends_for_an_agent_that_is_dead_at_its_end(
+    simulation: Simulation, kind: str
+) -> None:
+    simulation.inject(Fault(kind, "mav0", at_s=0.1, duration_s=0.2))
+    simulation.inject(Fault("agent_dead", "mav1", at_s=0.2, duration_s=0.2))
+    run_until(simulation, 0.25)
+    assert BUS_FAULTS[kind](simulation.bus, "mav0", "mav1")
+    run_until(simulation, 0.5)
+    assert not BUS_FAULTS[kind](simulation.bus, "mav0", "mav1")
+    assert simulation.bus.is_quiet
+
+
+@pytest.mark.parametrize("kind", BUS_FAULTS)
+def test_a_fault_of_the_bus_acts_on_an_agent_that_starts_during_it(
+    simulation: Simulation, kind: str
+) -> None:
+    simulation.inject(Fault("agent_dead", "mav1", at_s=0.05, duration_s=0.1))
+    simulation.inject(Fault(kind, "mav0", at_s=0.1, duration_s=0.2))
+    run_until(simulation, 0.2)
+    assert BUS_FAULTS[kind](simulation.bus, "mav0", "mav1")
+    run_until(simulation, 0.4)
+    assert simulation.bus.is_quiet
+
+
+@pytest.mark.parametrize("kind", BUS_FAULTS)
+def test_the_end_of_a_fault_of_the_bus_leaves_that_of_another_vehicle(
+    simulation: Simulation, kind: str
+) -> None:
+    simulation.inject(Fault(kind, "mav0", at_s=0.1, duration_s=0.1))
+    simulation.inject(Fault(kind, "mav1", at_s=0.1, duration_s=0.2))
+    run_until(simulation, 0.25)
+    for one, other in (("mav0", "mav1"), ("mav2", "mav1")):
+        assert BUS_FAULTS[kind](simulation.bus, one, other)
+    assert not BUS_FAULTS[kind](simulation.bus, "mav0", "mav2")
+    run_until(simulation, 0.4)
+    assert simulation.bus.is_quiet
 
 
 @pytest.mark.long
