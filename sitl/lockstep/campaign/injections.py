@@ -257,12 +257,14 @@ INJECTIONS: tuple[Injection, ...] = (
         own=_SILENT,
         others=_SILENT,
         is_cut_off=True,
+        is_of_two=True,
     ),
     Injection(
         "all cut apart, mocap stays",
         cut(6.0, keeps=("sitl",), all_agents=True),
         own=_f(C.BUS_LOST, C.BUS_LOST_LONG, *_SILENT),
         is_cut_off=True,
+        is_of_two=True,
     ),
     Injection("ground lost", cut_ground(2.0), own=_f(C.GROUND_LOST), is_cut_off=True),
     Injection(

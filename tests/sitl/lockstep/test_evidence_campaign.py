@@ -88,6 +88,13 @@ def test_only_what_a_fleet_has_can_break(paper: FleetConfig) -> None:
     assert possible_victims(alone, injection_of("motor dead")) == ["mav0"]
 
 
+@pytest.mark.parametrize("fault", ["cut off from all but the mocap", "all cut apart, mocap stays"])
+def test_a_vehicle_alone_is_not_cut_off_from_neighbours(paper: FleetConfig, fault: str) -> None:
+    alone = msgspec.structs.replace(paper, vehicles={"mav0": paper.vehicles["mav0"]}, formations={})
+    assert possible_victims(alone, injection_of(fault)) == []
+    assert possible_victims(paper, injection_of(fault)) == [*paper.vehicles]
+
+
 @pytest.mark.parametrize("wind_m_s", [-1.0, float("nan"), 9.0])
 def test_a_wind_in_which_the_fleet_does_not_set_out_is_refused(
     paper: FleetConfig, wind_m_s: float
