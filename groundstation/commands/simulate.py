@@ -24,7 +24,7 @@ a map fails; 1 otherwise; 2 wrong input.
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Annotated
 
@@ -59,22 +59,22 @@ _FLIGHTS_OF_CELL = 500
 
 def simulate(
     *scenario: Annotated[str, Parameter(name="SCENARIO")],
-    seeds: Annotated[str, Parameter(metavar="A:B")] = _DEFAULT_SEEDS,
+    seeds: Annotated[str | None, Parameter(metavar="A:B")] = None,
     law: LawName = None,
-    errors: Annotated[str, Parameter(metavar="CLASS")] = _DEFAULT_ERRORS,
+    errors: Annotated[str | None, Parameter(metavar="CLASS")] = None,
     type: Annotated[str | None, Parameter(metavar="NAME[,NAME]")] = None,
     fleet: File | None = None,
-    scale: float = _DEFAULT_SCALE,
+    scale: Annotated[float | None, Parameter(metavar="X")] = None,
     set: Annotated[tuple[str, ...], Parameter(metavar="KEY=VALUE")] = (),
-    physics: Annotated[str, Parameter(metavar="NAME")] = worlds.DEFAULT,
+    physics: Annotated[str | None, Parameter(metavar="NAME")] = None,
     jobs: Annotated[int, Parameter(metavar="N")] = 1,
     json: bool = False,
     trace: Folder | None = None,
     plot: Annotated[Folder | None, Parameter(metavar="FILE_OR_DIR")] = None,
     map: bool = False,
-    map_file: Annotated[Path, Parameter(metavar="FILE")] = _MAP_FILE,
+    map_file: Annotated[Path | None, Parameter(metavar="FILE")] = None,
     cells: Annotated[tuple[str, ...], Parameter(metavar="AXIS=VALUES")] = (),
-    flights: Annotated[int, Parameter(metavar="N")] = _FLIGHTS_OF_CELL,
+    flights: Annotated[int | None, Parameter(metavar="N")] = None,
     scheduler: Annotated[str | None, Parameter(metavar="ADDRESS")] = None,
     suite: Annotated[str | None, Parameter(metavar="NAME")] = None,
     keep: Annotated[Path | None, Parameter(metavar="FILE")] = None,
@@ -88,22 +88,22 @@ def simulate(
 
     Args:
         scenario: one or several, or one file with a scene
-        seeds: half-open range, or one seed (default for the suite: 1000:1020)
+        seeds: half-open range, or one seed (default 0:10, for the suite 1000:1020)
         law: avoidance law, or your own as module:function (default covey)
-        errors: class of errors of the estimate
+        errors: class of errors of the estimate (default mocap)
         type: vehicle types, which the vehicles get in turn (default sih)
         fleet: take types, law and distances from this fleet file (no obstacles, no fence)
-        scale: factor on every spacing
+        scale: factor on every spacing (default 1)
         set: change one value; repeatable
-        physics: the emulator's, or that of a library: rotorpy (extra 'bench')
+        physics: the emulator's (default), or that of a library: rotorpy (extra 'bench')
         jobs: number of processes
         json: one JSON object per flight on standard output
         trace: write one .npz per flight
         plot: a picture (PNG, SVG, PDF) of a flight, or of each
         map: fly the map of the law in place of scenarios, or continue it
-        map_file: file that keeps the map
+        map_file: file that keeps the map (default law-map.jsonl)
         cells: only these cells of the map; repeatable
-        flights: number of flights in each cell of the map that does not fail
+        flights: number of flights in each cell of the map that does not fail (default 500)
         suite: judge a law over all scenes of a benchmark; there is one benchmark, named open
         keep: file that keeps the flights of the suite, from which the same command goes on
         scheduler: fly the map or the suite on a Dask cluster (extra 'cluster')
@@ -112,25 +112,48 @@ def simulate(
     if jobs < 1:
         raise ConfigError(f"--jobs is {jobs}; it must be 1 or more.")
 
+    # options that only one way of flying takes
+    of_scenarios = {
+        "--errors": errors,
+        "--type": type,
+        "--fleet": fleet,
+        "--scale": scale,
+        "--set": set,
+        "--json": json,
+        "--trace": trace,
+        "--plot": plot,
+    }
+    of_map = {"--map-file": map_file, "--cells": cells, "--flights": flights}
+
+    physics_name = worlds.DEFAULT
+    if physics is not None:
+        physics_name = physics
+
     # First way: the suite of the open benchmark.
     if keep is not None and suite is None:
         raise ConfigError("--keep is for --suite; --json prints the flights of scenarios.")
     if suite is not None:
-        is_changed = (errors, scale) != (_DEFAULT_ERRORS, _DEFAULT_SCALE)
         if suite != "open":
             raise ConfigError(f"--suite is '{suite}'; there is only the suite 'open'.")
-        if is_changed or any((scenario, set, type, fleet, trace, plot, json, map, cells)):
+        extra = [*scenario, *_given({**of_scenarios, "--map": map, **of_map})]
+        if extra:
             raise ConfigError(
-                "--suite flies its own scenes and values; of the other options it takes --law, "
-                "--seeds, --physics, --jobs, --scheduler, --keep and --anew."
+                f"--suite flies its own scenes and values: leave out {', '.join(extra)}. Of the "
+                "other options it takes --law, --seeds, --physics, --jobs, --scheduler, --keep and "
+                "--anew."
             )
-        suite_seeds = seeds
-        if seeds == _DEFAULT_SEEDS:
-            suite_seeds = _SUITE_SEEDS
+        if anew and keep is None:
+            raise ConfigError(
+                "--anew begins the file of --keep anew, and no file is named. Add --keep FILE, or "
+                "leave --anew out."
+            )
+        suite_seeds = _SUITE_SEEDS
+        if seeds is not None:
+            suite_seeds = seeds
         are_flawless = suite_command.judge(
             law or "covey",
             _seeds(suite_seeds),
-            physics=physics,
+            physics=physics_name,
             jobs=jobs,
             scheduler=scheduler,
             keep=keep,
@@ -140,19 +163,22 @@ def simulate(
 
     # Second way: the map of the law.
     if map:
-        values = (seeds, errors, scale, physics)
-        defaults = (_DEFAULT_SEEDS, _DEFAULT_ERRORS, _DEFAULT_SCALE, worlds.DEFAULT)
-        options_of_scenarios = (scenario, set, law, type, fleet, trace, plot, json)
-        if values != defaults or any(options_of_scenarios):
+        options = {"--seeds": seeds, "--law": law, "--physics": physics, **of_scenarios}
+        extra = [*scenario, *_given(options)]
+        if extra:
             raise ConfigError(
-                "--map flies its own scenarios and values; of the other options it takes --jobs. "
-                "Its cells are chosen with --cells, for instance --cells errors=vision."
+                f"--map flies its own scenarios and values: leave out {', '.join(extra)}. Of the "
+                "other options it takes --map-file, --cells, --flights, --jobs, --scheduler and "
+                "--anew. Its cells are chosen with --cells, for instance --cells errors=vision."
             )
 
+        least_flights = _FLIGHTS_OF_CELL
+        if flights is not None:
+            least_flights = flights
         has_no_failure = fly_map(
-            map_file,
+            map_file or _MAP_FILE,
             selection=cells,
-            least_flights=flights,
+            least_flights=least_flights,
             jobs=jobs,
             scheduler=scheduler,
             is_anew=anew,
@@ -160,15 +186,16 @@ def simulate(
         return EXIT_OK if has_no_failure else EXIT_FAILED
 
     # Third way: one scene from a file, or scenarios by their names.
-    is_map_changed = (map_file, flights) != (_MAP_FILE, _FLIGHTS_OF_CELL)
-    if is_map_changed or cells or scheduler is not None or anew:
+    if _given({**of_map, "--scheduler": scheduler, "--anew": anew}):
         raise ConfigError(
             "--map-file, --cells and --flights are for --map; --scheduler and --anew are for --map "
             "and --suite."
         )
     if not scenario:
         raise ConfigError(f"name a scenario, or --map. Known: {scenarios.KNOWN}.")
-    flown_seeds = _seeds(seeds)
+    flown_seeds = _seeds(_DEFAULT_SEEDS)
+    if seeds is not None:
+        flown_seeds = _seeds(seeds)
 
     subjects, setup = _flown_subjects(
         scenario, law=law, types=type, fleet_path=fleet, errors=errors, scale=scale, changes=set
@@ -179,12 +206,22 @@ def simulate(
         setup,
         jobs=jobs,
         is_json=json,
-        physics=physics,
+        physics=physics_name,
         trace_folder=trace,
         picture=plot,
     )
     is_flawless = all(results.is_flawless(record) for record in records)
     return EXIT_OK if is_flawless else EXIT_FAILED
+
+
+def _given(options: Mapping[str, object]) -> list[str]:
+    """Return the names of the options that the command line has, with whatever value."""
+    names = []
+    for name, value in options.items():
+        is_missing = value is None or value is False or value == ()
+        if not is_missing:
+            names.append(name)
+    return names
 
 
 def _flown_subjects(
@@ -193,8 +230,8 @@ def _flown_subjects(
     law: str | None,
     types: str | None,
     fleet_path: str | None,
-    errors: str,
-    scale: float,
+    errors: str | None,
+    scale: float | None,
     changes: Sequence[str],
 ) -> tuple[Sequence[flight_plans.Subject], campaign_settings.Setup]:
     """Return the scenarios, or the scene, of a command line, and the settings of their flights.
@@ -207,8 +244,8 @@ def _flown_subjects(
             law=law,
             types=types,
             fleet_path=fleet_path,
-            errors=errors,
-            scale=scale,
+            errors=_DEFAULT_ERRORS if errors is None else errors,
+            scale=_DEFAULT_SCALE if scale is None else scale,
             changes=changes,
         )
         return _names(scenario), setup
@@ -217,7 +254,7 @@ def _flown_subjects(
         raise ConfigError(
             "a scene has settings of its own: name one file with a scene, and nothing else."
         )
-    if types is not None or (errors, scale) != (_DEFAULT_ERRORS, _DEFAULT_SCALE):
+    if _given({"--type": types, "--errors": errors, "--scale": scale}):
         raise ConfigError(
             f"{scenario[0]} says types, errors and places itself. Leave --type, --errors and "
             "--scale out; --set changes a value."

@@ -247,6 +247,8 @@ def test_a_damaged_map_is_refused_in_words_and_what_is_no_map_is_left_as_it_is(t
         (["swap8"], "--map flies its own scenarios"),
         (["--errors", "vision"], "--cells errors=vision"),
         (["--seeds", "0:3"], "--map flies its own scenarios"),
+        (["--seeds", "0:10"], "leave out --seeds."),
+        (["swap8", "--physics", "emulator"], "leave out swap8, --physics."),
         (["--jobs", "0"], "--jobs is 0"),
     ],
 )
@@ -258,7 +260,14 @@ def test_wrong_words_are_refused_before_anything_is_flown(tmp_path, capsys, word
 
 @pytest.mark.parametrize(
     "words",
-    [["--cells", "errors=vision"], ["--map-file", "my.jsonl"], ["--flights", "9"], ["--anew"]],
+    [
+        ["--cells", "errors=vision"],
+        ["--map-file", "my.jsonl"],
+        ["--map-file", "law-map.jsonl"],
+        ["--flights", "9"],
+        ["--flights", "500"],
+        ["--anew"],
+    ],
 )
 def test_options_of_the_map_are_refused_for_scenarios(
     words: list[str], capsys: pytest.CaptureFixture[str]

@@ -167,6 +167,10 @@ def test_the_table_counts_what_happened():
         (["--suite", "open", "swap8"], "--suite flies its own scenes"),
         (["--suite", "open", "--errors", "vision"], "--suite flies its own scenes"),
         (["--suite", "open", "--cells", "vehicles=3"], "--suite flies its own scenes"),
+        (["--suite", "open", "--flights", "500"], "leave out --flights."),
+        (["--suite", "open", "--map-file", "law-map.jsonl"], "leave out --map-file."),
+        (["--suite", "open", "--errors", "mocap"], "leave out --errors."),
+        (["--suite", "open", "--anew"], "Add --keep FILE, or leave --anew out."),
         (["--suite", "open", "--seeds", "3:3"], "holds no seed"),
         (["--suite", "open", "--law", "nowhere:law"], "the module nowhere cannot be imported"),
         (["swap8", "--keep", "kept.jsonl"], "--keep is for --suite"),
@@ -178,6 +182,22 @@ def test_the_table_counts_what_happened():
 def test_wrong_words_are_refused_before_anything_is_flown(capsys, words, sentence):
     assert main(["simulate", *words]) == 2
     assert sentence in " ".join(capsys.readouterr().err.split())
+
+
+@pytest.mark.parametrize(
+    ("words", "seeds"),
+    [([], range(1000, 1020)), (["--seeds", "0:10"], range(10)), (["--seeds", "7"], range(7, 8))],
+)
+def test_the_suite_flies_the_seeds_of_the_command_line(monkeypatch, words, seeds):
+    flown_seeds = []
+
+    def judge(_law, seeds, **_options):
+        flown_seeds.append(seeds)
+        return True
+
+    monkeypatch.setattr(suite_command, "judge", judge)
+    assert main(["simulate", "--suite", "open", *words]) == 0
+    assert flown_seeds == [seeds]
 
 
 @pytest.mark.long
