@@ -273,6 +273,9 @@ INJECTIONS: tuple[Injection, ...] = (
         own=_f(C.GROUND_LOST_LONG),
         others=_f(C.GROUND_LOST_LONG),
         is_cut_off=True,
+        # A ground that does not hear its only vehicle takes the agent for hung, and lands the
+        # vehicle past it.
+        is_of_two=True,
     ),
     Injection("bad bus", bad_bus, is_of_two=True),
     Injection("nonsense on the bus", nonsense, is_of_two=True),

@@ -88,8 +88,13 @@ def test_only_what_a_fleet_has_can_break(paper: FleetConfig) -> None:
     assert possible_victims(alone, injection_of("motor dead")) == ["mav0"]
 
 
-@pytest.mark.parametrize("fault", ["cut off from all but the mocap", "all cut apart, mocap stays"])
-def test_a_vehicle_alone_is_not_cut_off_from_neighbours(paper: FleetConfig, fault: str) -> None:
+@pytest.mark.parametrize(
+    "fault",
+    ["cut off from all but the mocap", "all cut apart, mocap stays", "ground lost for good"],
+)
+def test_what_only_a_vehicle_with_neighbours_can_notice_is_not_flown_with_one_alone(
+    paper: FleetConfig, fault: str
+) -> None:
     alone = msgspec.structs.replace(paper, vehicles={"mav0": paper.vehicles["mav0"]}, formations={})
     assert possible_victims(alone, injection_of(fault)) == []
     assert possible_victims(paper, injection_of(fault)) == [*paper.vehicles]
