@@ -107,7 +107,7 @@ def simulate(
         suite: judge a law over all scenes of a benchmark; there is one benchmark, named open
         keep: file that keeps the flights of the suite, from which the same command goes on
         scheduler: fly the map or the suite on a Dask cluster (extra 'cluster')
-        anew: begin the map or the suite anew; the old file is kept as .old
+        anew: begin the map or the suite anew; the old file is kept as .old, .old2 and so on
     """
     if jobs < 1:
         raise ConfigError(f"--jobs is {jobs}; it must be 1 or more.")

@@ -17,7 +17,10 @@ from typing import NamedTuple
 
 from onboard.config.file_reading import RESULTS_FILE, json_values, opened, read_bytes
 from onboard.config.fleet import ConfigError
+from sitl.monte_carlo.executors import say
 from sitl.monte_carlo.law_map.unit_flights import SCHEMA, MapRow
+
+_HEAD_BYTES = 64  # longer than the begin of a first line that tells the kind of the file
 
 
 class ResultsKind(NamedTuple):
@@ -51,7 +54,7 @@ class ResultsFile:
             path: path of the file.
             version: version of the law that flies now (``unit_flights.version``).
             kind: kind of the file.
-            is_anew: whether an existing file is put aside as PATH.old, and a new one begun.
+            is_anew: whether an existing file is put aside, and a new one begun.
 
         Raises:
             ConfigError: another run is writing the file, or it is a different kind of file, or of
@@ -60,26 +63,11 @@ class ResultsFile:
         self.path = path
         self._kind = kind
         self.version = version
+        self._descriptor = _locked(path)
         try:
-            if is_anew and path.exists():
-                path.replace(path.with_name(f"{path.name}.old"))
-            path.parent.mkdir(parents=True, exist_ok=True)
-            if path.exists():
-                opened(path, RESULTS_FILE).close()  # refuses a pipe, where os.open would block
-            self._descriptor = os.open(path, os.O_RDWR | os.O_CREAT | os.O_APPEND, 0o644)
-        except OSError as error:
-            raise ConfigError(
-                f"{path}: the results cannot be kept there ({error.strerror}). Name another file."
-            ) from None
-
-        try:
-            fcntl.flock(self._descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            if is_anew:
+                self._put_aside()
             self.rows = self._read()
-        except OSError:
-            os.close(self._descriptor)
-            raise ConfigError(
-                f"{path}: another run is writing this file. Let it end, or name another file."
-            ) from None
         except ConfigError:
             os.close(self._descriptor)
             raise
@@ -97,18 +85,45 @@ class ResultsFile:
         """Close the file, so that other runs can write it."""
         os.close(self._descriptor)
 
+    def _put_aside(self) -> None:
+        """Rename the file, unless it is empty, and begin a new one."""
+        begin = os.pread(self._descriptor, _HEAD_BYTES, 0)
+        self._check_kind(begin)
+        if not begin:
+            return
+
+        aside = _free_name(self.path)
+        try:
+            self.path.rename(aside)
+        except OSError as error:
+            raise ConfigError(
+                f"{self.path}: it cannot be renamed to {aside.name} ({error.strerror}). Name "
+                "another file."
+            ) from None
+        new_descriptor = _locked(self.path)
+        os.close(self._descriptor)
+        self._descriptor = new_descriptor
+        say(f"the former results are kept in {aside}")
+
+    def _check_kind(self, data: bytes) -> None:
+        """Refuse a file of another kind, which is not changed.
+
+        Args:
+            data: the begin of the file; its first line may be incomplete.
+        """
+        begin = f'{{"{self._kind.head}": '.encode()
+        if data and not data.startswith(begin[: len(data)]):
+            raise ConfigError(
+                f"{self.path}: this is no file of `{self._kind.command}`. Name another one."
+            )
+
     def _read(self) -> dict[tuple[str, int], MapRow]:
         """Return the complete rows, and cut off an incomplete line that a killed run has left."""
         data = read_bytes(self.path, RESULTS_FILE)
         after_last_newline = data.rfind(b"\n") + 1
         complete = data[:after_last_newline]
 
-        # A file of another kind is not changed. The first line may be incomplete, too.
-        begin = f'{{"{self._kind.head}": '.encode()
-        if data and not data.startswith(begin[: len(data)]):
-            raise ConfigError(
-                f"{self.path}: this is no file of `{self._kind.command}`. Name another one."
-            )
+        self._check_kind(data)
 
         head: MapRow = {}
         rows: dict[tuple[str, int], MapRow] = {}
@@ -126,7 +141,7 @@ class ResultsFile:
                 f"{self.path} was flown by another version of the law, its vehicles, or on another "
                 f"kind of processor ({head['version']}, here {self.version}): its flights and "
                 "these are not added up. Continue with that version, name another file with "
-                f"{self._kind.option}, or begin anew with --anew, which keeps it as .old."
+                f"{self._kind.option}, or begin anew with --anew, which puts this one aside."
             )
         return rows
 
@@ -149,6 +164,42 @@ class ResultsFile:
                 f"{self.path}: a result could not be written; is the disk full? Make room; the "
                 "same command goes on."
             )
+
+
+def _locked(path: Path) -> int:
+    """Return the descriptor of a file that no other run writes meanwhile.
+
+    Raises:
+        ConfigError: another run is writing the file, or it cannot be written.
+    """
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        if path.exists():
+            opened(path, RESULTS_FILE).close()  # refuses a pipe, where os.open would block
+        descriptor = os.open(path, os.O_RDWR | os.O_CREAT | os.O_APPEND, 0o644)
+    except OSError as error:
+        raise ConfigError(
+            f"{path}: the results cannot be kept there ({error.strerror}). Name another file."
+        ) from None
+
+    try:
+        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except OSError:
+        os.close(descriptor)
+        raise ConfigError(
+            f"{path}: another run is writing this file. Let it end, or name another file."
+        ) from None
+    return descriptor
+
+
+def _free_name(path: Path) -> Path:
+    """Return the first of PATH.old, PATH.old2, PATH.old3 and so on that does not exist."""
+    name = path.with_name(f"{path.name}.old")
+    number = 1
+    while name.exists():
+        number += 1
+        name = path.with_name(f"{path.name}.old{number}")
+    return name
 
 
 def parsed(
@@ -181,13 +232,13 @@ def parsed(
     except (ValueError, KeyError, TypeError) as error:
         raise ConfigError(
             f"{path}: this is no file of `{kind.command}`, or it is damaged ({error}). Name "
-            "another, or begin anew with --anew, which keeps it as .old."
+            "another, or begin anew with --anew, which puts this one aside."
         ) from None
 
     if schema != SCHEMA:
         raise ConfigError(
             f"{path}: a file of schema {schema}; this version of Covey reads {SCHEMA}. "
-            "Begin with --anew."
+            "Begin anew with --anew, which puts this one aside."
         )
     return {"version": version}, rows
 

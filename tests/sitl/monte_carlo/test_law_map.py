@@ -192,7 +192,7 @@ def test_a_cluster_whose_workers_die_is_said_in_words_and_one_can_be_interrupted
         )
 
 
-def test_a_file_of_another_version_another_kind_or_in_use_is_refused_in_words(tmp_path):
+def test_a_file_of_another_version_another_kind_or_in_use_is_refused_in_words(tmp_path, capsys):
     path = tmp_path / "map.jsonl"
     with ResultsFile(path, "a"), pytest.raises(ConfigError, match="another run is writing"):
         ResultsFile(path, "a")
@@ -204,6 +204,12 @@ def test_a_file_of_another_version_another_kind_or_in_use_is_refused_in_words(tm
         assert file.rows == {}
     assert path.with_name("map.jsonl.old").exists()
 
+    with ResultsFile(path, "c", is_anew=True):
+        pass
+    assert '"version": "a"' in path.with_name("map.jsonl.old").read_text()
+    assert '"version": "b"' in path.with_name("map.jsonl.old2").read_text()
+    assert f"the former results are kept in {path}.old2" in capsys.readouterr().err
+
     for text in ("[1, 2]\n", "not json\n", '{"law_map": 99, "version": "b"}\n', '{"a": 1}\n'):
         path.write_text(text)
         with pytest.raises(ConfigError, match=r"map\.jsonl"):
@@ -211,6 +217,22 @@ def test_a_file_of_another_version_another_kind_or_in_use_is_refused_in_words(tm
 
     with pytest.raises(ConfigError, match="Name another file"):
         ResultsFile(tmp_path / "map.jsonl" / "below", "b")
+
+
+def test_a_map_begun_anew_takes_no_file_from_another_run_and_none_of_another_kind(tmp_path):
+    path = tmp_path / "map.jsonl"
+    with (
+        ResultsFile(path, "a") as file,
+        pytest.raises(ConfigError, match="another run is writing"),
+    ):
+        ResultsFile(path, "a", is_anew=True)
+    assert file.path.exists()
+
+    path.write_text("precious notes")
+    with pytest.raises(ConfigError, match="no file of"):
+        ResultsFile(path, "a", is_anew=True)
+    assert path.read_text() == "precious notes"
+    assert [entry.name for entry in tmp_path.iterdir()] == ["map.jsonl"]
 
 
 @pytest.mark.parametrize("left", [{}, {"below": None}, {"below": "none", "flights": 21}])
