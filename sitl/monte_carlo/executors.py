@@ -8,10 +8,7 @@ from __future__ import annotations
 
 import contextlib
 import logging
-import multiprocessing
-import os
 import sys
-import threading
 from collections.abc import Callable, Hashable, Iterator, Sequence
 from concurrent.futures import (
     FIRST_COMPLETED,
@@ -27,6 +24,7 @@ from typing import Any, Protocol, TypeVar
 from onboard.config.fleet import ConfigError
 from onboard.rollout import batch as rollout_batch
 from sitl.monte_carlo.law_map import unit_flights
+from sitl.worker_pool import new_pool
 
 Say = Callable[[str], None]
 Row = dict[str, Any]  # one line of a file of results
@@ -179,8 +177,7 @@ def _executors(
     if jobs == 1:
         yield _SameProcess(), 1
     for _ in range(3):
-        spawn = multiprocessing.get_context("spawn")
-        yield ProcessPoolExecutor(jobs, mp_context=spawn, initializer=_end_with_parent), jobs
+        yield new_pool(jobs), jobs
 
     raise ConfigError("three times a process has ended before its time. Fly with fewer --jobs.")
 
@@ -196,18 +193,6 @@ class _SameProcess(Executor):
         except Exception as error:  # noqa: BLE001 raised when the result is read, as by executors
             future.set_exception(error)
         return future
-
-
-def _end_with_parent() -> None:
-    """Let this worker process end when its parent is killed, instead of waiting forever."""
-
-    def _watch() -> None:
-        parent = multiprocessing.parent_process()
-        if parent is not None:
-            parent.join()
-            os._exit(1)
-
-    threading.Thread(target=_watch, daemon=True).start()
 
 
 def cluster(address: str) -> tuple[Executor, int]:

@@ -6,14 +6,13 @@ The sizes of the chunks and the number of processes do not change a digit of the
 from __future__ import annotations
 
 import math
-import multiprocessing
 from collections.abc import Iterator, Sequence
-from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
 
 from sitl.monte_carlo import flight_plans, results, worlds
 from sitl.monte_carlo.batch_flight import fly
 from sitl.monte_carlo.campaign_settings import Setup
+from sitl.worker_pool import worker_pool
 
 # most vehicles in a chunk: enough to make interpreter overhead negligible, and few enough for the
 # processor's caches
@@ -39,6 +38,9 @@ def campaign(
         jobs: number of processes.
         physics: name of the physics, of :data:`sitl.monte_carlo.worlds.WORLDS`.
         trace_folder: folder for a trace of each flight; None writes none.
+
+    Raises:
+        ConfigError: a process has ended before its time.
     """
     chunks = []
     for subject in subjects:
@@ -49,13 +51,8 @@ def campaign(
         yield from map(_fly_chunk, chunks)
         return
 
-    spawn = multiprocessing.get_context("spawn")
-    with ProcessPoolExecutor(min(jobs, len(chunks)), mp_context=spawn) as pool:
-        try:
-            yield from pool.map(_fly_chunk, chunks)
-        except BaseException:  # including an interrupt; drop chunks that have not begun
-            pool.shutdown(wait=False, cancel_futures=True)
-            raise
+    with worker_pool(min(jobs, len(chunks))) as pool:
+        yield from pool.map(_fly_chunk, chunks)
 
 
 def _parts(seeds: Sequence[int], count: int, jobs: int) -> list[Sequence[int]]:

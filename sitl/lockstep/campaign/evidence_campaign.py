@@ -13,9 +13,9 @@ from __future__ import annotations
 
 import functools
 import math
-import multiprocessing
+from collections import deque
 from collections.abc import Callable, Collection, Iterator, Sequence
-from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures import as_completed
 from typing import NamedTuple
 
 import numpy as np
@@ -33,6 +33,7 @@ from sitl.lockstep.campaign.extent import Extent
 from sitl.lockstep.campaign.injections import FIELD_INJECTIONS, INJECTIONS, Injection
 from sitl.lockstep.campaign.judge import action_of_table
 from sitl.lockstep.flight import Lockstep
+from sitl.worker_pool import worker_pool
 
 _SEEDS_OF_A_ROUND = 1000  # seeds reserved for each round
 _ARMING_S = 1.0  # the earliest fault comes this long before the first vehicle is in the air
@@ -104,7 +105,8 @@ def fly_campaign(
         say: called with a line after each flight.
 
     Raises:
-        ConfigError: the mission does not take off, although nothing fails.
+        ConfigError: the mission does not take off, although nothing fails; or a process has ended
+            before its time.
     """
     mission = _mission(campaign.fleet_path, campaign.mission_path)
     undisturbed = undisturbed_cases(campaign)
@@ -209,34 +211,33 @@ def _fly_missing(
 ) -> None:
     """Fly and keep the cases that are not among the kept flights.
 
-    Without a total (0) nothing is reported.
+    Each flight is kept as soon as it is flown, and reported in the order of the cases. Without a
+    total (0) nothing is reported.
     """
     missing = [case for case in cases if case not in kept.flown]
     done = len(cases) - len(missing)
+    unreported = deque(missing)
     fly_one = functools.partial(fly_case, campaign.fleet_path, campaign.mission_path)
     for flown in _flown(fly_one, missing, jobs):
         kept.keep(flown)
-        done += 1
-        if total:
-            say(f"{done} of {total}  {line_of(flown)}")
+        while total and unreported and unreported[0] in kept.flown:
+            case = unreported.popleft()
+            done += 1
+            say(f"{done} of {total}  {line_of(kept.flown[case])}")
 
 
 def _flown(
     fly_one: Callable[[FlightCase], FlownCase], cases: Sequence[FlightCase], jobs: int
 ) -> Iterator[FlownCase]:
-    """Fly the cases in a number of processes, and yield each outcome in the order of the cases."""
+    """Fly the cases in a number of processes, and yield each outcome as soon as it is there."""
     if jobs == 1 or len(cases) < 2:
         yield from map(fly_one, cases)
         return
 
-    # spawned, not forked, because the threads of compiled code do not survive a fork
-    context = multiprocessing.get_context("spawn")
-    with ProcessPoolExecutor(jobs, mp_context=context) as pool:
-        try:
-            yield from pool.map(fly_one, cases)
-        except BaseException:
-            pool.shutdown(wait=False, cancel_futures=True)
-            raise
+    with worker_pool(jobs) as pool:
+        flights = [pool.submit(fly_one, case) for case in cases]
+        for flight in as_completed(flights):
+            yield flight.result()
 
 
 def line_of(flown: FlownCase) -> str:

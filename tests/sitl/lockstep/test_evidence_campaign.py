@@ -2,15 +2,24 @@
 
 from __future__ import annotations
 
+import threading
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import msgspec
 import pytest
 
-from groundstation.evidence.kept_flights import FlownCase, KeptFlights, digest
+from groundstation.evidence.kept_flights import (
+    NOTHING,
+    FlightCase,
+    FlownCase,
+    KeptFlights,
+    digest,
+)
 from groundstation.evidence.matrix import SHOWN, WRONG, matrix
 from onboard.config.fleet import ConfigError, FleetConfig, load_fleet
 from onboard.safety.failsafe_table import TABLE, Action, Condition, Situation
+from sitl.lockstep.campaign import evidence_campaign
 from sitl.lockstep.campaign.broken_flight import injection_of
 from sitl.lockstep.campaign.evidence_campaign import (
     Campaign,
@@ -133,6 +142,37 @@ def test_a_campaign_has_the_same_digest_again_and_flies_nothing_that_it_has(
     assert digest(_fly(hop, second)[0]) == digest(flights)
     again, said = _fly(hop, first)
     assert (again, said) == (flights, [])
+
+
+def test_a_flight_behind_a_slow_one_is_kept_at_once_and_reported_in_its_turn(
+    hop: Campaign, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    kept_broken = threading.Event()
+
+    class Kept(KeptFlights):
+        def keep(self, flight: FlownCase) -> None:
+            super().keep(flight)
+            if flight.case.fault == FAULT:
+                kept_broken.set()
+
+    def fly_case(_fleet: str, _mission: str, case: FlightCase) -> FlownCase:
+        is_slow = case.fault == NOTHING and case.round == 1
+        if is_slow:
+            assert kept_broken.wait(timeout=2.0)
+        return msgspec.structs.replace(flown(), case=case)
+
+    monkeypatch.setattr(evidence_campaign, "fly_case", fly_case)
+    monkeypatch.setattr(evidence_campaign, "worker_pool", ThreadPoolExecutor)
+    kept = Kept(tmp_path / "flights.jsonl", {"of": "a test"})
+    said: list[str] = []
+    flights = fly_campaign(hop, kept, jobs=2, say=said.append)
+
+    assert [flight.case.fault for flight in flights] == [NOTHING, NOTHING, FAULT]
+    assert [flight.case.fault for flight in kept.flown.values()] == [NOTHING, FAULT, NOTHING]
+    assert [line.split(" (")[0].split(", ")[0] for line in said] == [
+        "2 of 3  nothing",
+        f"3 of 3  {FAULT}",
+    ]
 
 
 @pytest.mark.long

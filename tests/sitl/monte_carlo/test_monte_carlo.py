@@ -1,6 +1,7 @@
 """``covey simulate``: the same digits for the same seed, honest judgement, bad input refused."""
 
 import json
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import numpy as np
@@ -11,7 +12,14 @@ from groundstation.cli import main as covey
 from onboard.control.pipeline import pipeline_params
 from onboard.rollout import batch as rollout_batch
 from onboard.rollout import layouts
-from sitl.monte_carlo import batch_flight, campaign_settings, radio, results, scenarios
+from sitl.monte_carlo import (
+    batch_flight,
+    campaign_settings,
+    process_chunks,
+    radio,
+    results,
+    scenarios,
+)
 
 KEYS = {
     *(
@@ -376,6 +384,20 @@ def test_last_of_two_values_for_a_key_counts():
     )
     assert setup.fleet(2).vehicles["v0"].max_tilt_deg == 22
     assert setup.perturbation.delay_s == 0.2
+
+
+def test_chunks_are_flown_by_the_pool_whose_processes_end_with_this_one(monkeypatch):
+    jobs_of_pools = []
+
+    def pool(jobs):
+        jobs_of_pools.append(jobs)
+        return ThreadPoolExecutor(jobs)
+
+    monkeypatch.setattr(process_chunks, "worker_pool", pool)
+    monkeypatch.setattr(process_chunks, "_fly_chunk", lambda chunk: [*chunk[1]])
+    setup = campaign_settings.setup_for()
+    assert list(process_chunks.campaign(["swap2"], range(4), setup, jobs=2)) == [[0, 1], [2, 3]]
+    assert jobs_of_pools == [2]
 
 
 def test_table_counts_flights_and_bounds_the_rate_of_violations(capsys):
