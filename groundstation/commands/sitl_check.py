@@ -184,7 +184,10 @@ def _check(
         )
         return EXIT_NO_ANSWER
     except KeyboardInterrupt:
-        say("interrupted; the vehicle was put down and its parameters were put back")
+        say(
+            "interrupted; the vehicle was put down and its parameters were put back, unless a line "
+            "above names what was not"
+        )
         return EXIT_INTERRUPTED
 
     counts = {verdict.value: report.count(verdict) for verdict in FactVerdict}

@@ -39,7 +39,8 @@ class ParameterClient:
 
     def __init__(self, client: Messenger) -> None:
         self._client = client
-        # Value and type of each changed parameter before its first change.
+        # Value and type of each changed parameter before its first change. A parameter is removed
+        # when the vehicle has confirmed that it has its original value again.
         self._originals: dict[str, tuple[float, int]] = {}
 
     def read(self, name: str) -> float | None:
@@ -64,10 +65,18 @@ class ParameterClient:
         return self._write(name, value, kind)
 
     def restore(self) -> None:
-        """Restore the original values of all changed parameters."""
-        while self._originals:
-            name, (value, kind) = self._originals.popitem()
-            self._write(name, value, kind)
+        """Restore the original values of all changed parameters, the last change first.
+
+        A parameter that the vehicle does not confirm stays in :attr:`changed`.
+        """
+        for name, (value, kind) in reversed([*self._originals.items()]):
+            if self._write(name, value, kind) == value:
+                del self._originals[name]
+
+    @property
+    def changed(self) -> dict[str, float]:
+        """Original values of the parameters that are not restored."""
+        return {name: value for name, (value, _) in self._originals.items()}
 
     def _read(self, name: str) -> tuple[float, int] | None:
         for _ in range(_ATTEMPTS):
@@ -85,25 +94,31 @@ class ParameterClient:
         return None
 
     def _write(self, name: str, value: float, kind: int) -> float | None:
-        encoded = value
-        if kind != _MAV_PARAM_TYPE_REAL32:
+        """Send a value until the vehicle answers with it; return the last value that it answers."""
+        if kind == _MAV_PARAM_TYPE_REAL32:
+            packed = struct.pack("<f", value)
+        else:
             # the bytes of the whole number, put into the field of a float
             packed = struct.pack(_INTEGER_STRUCTS[kind], int(value)).ljust(4, b"\0")
-            (encoded,) = struct.unpack("<f", packed)
+        (encoded,) = struct.unpack("<f", packed)
 
-        count_before = len(self._values)
-        self._client.send(
-            "PARAM_SET",
-            target_system=self._client.system_id,
-            target_component=1,
-            param_id=name.encode("ascii"),
-            param_value=encoded,
-            param_type=kind,
-        )
-        answer = self._answer(name, count_before)
-        if answer is None:
-            return None
-        answered_value, _ = answer
+        answered_value = None
+        for _ in range(_ATTEMPTS):
+            count_before = len(self._values)
+            self._client.send(
+                "PARAM_SET",
+                target_system=self._client.system_id,
+                target_component=1,
+                param_id=name.encode("ascii"),
+                param_value=encoded,
+                param_type=kind,
+            )
+            answer = self._answer(name, count_before)
+            if answer is None:
+                continue
+            answered_value, _ = answer
+            if answered_value == _decoded(encoded, kind):
+                break
         return answered_value
 
     @property
@@ -135,16 +150,19 @@ class ParameterClient:
 
 
 def parameter_value(message: Any) -> tuple[float, int]:
-    """Return value and type of a PARAM_VALUE.
-
-    The message has only a float field. For an integer parameter the field holds the bytes of the
-    integer.
-    """
+    """Return value and type of a PARAM_VALUE."""
     kind = int(message.param_type)
+    return _decoded(message.param_value, kind), kind
+
+
+def _decoded(field: float, kind: int) -> float:
+    """Return the value of a parameter from the float field of a message.
+
+    For an integer parameter the field holds the bytes of the integer.
+    """
     if kind not in _INTEGER_STRUCTS:
-        return float(message.param_value), kind
+        return float(field)
 
     layout = struct.Struct(_INTEGER_STRUCTS[kind])
-    packed = struct.pack("<f", message.param_value)
-    (value,) = layout.unpack(packed[: layout.size])
-    return float(value), kind
+    (value,) = layout.unpack(struct.pack("<f", field)[: layout.size])
+    return float(value)

@@ -221,11 +221,14 @@ def _measure_all(
     finally:
         # This runs after an interrupt as well, so that no vehicle stays in the air and no parameter
         # stays changed.
-        client.params.restore()
-        if may_turn_motors:
-            _put_down(client, say)
-        if _has_greeted(client):
-            default_streams(client)
+        try:
+            client.params.restore()
+            if may_turn_motors:
+                _put_down(client, say)
+            if _has_greeted(client):
+                default_streams(client)
+        finally:
+            _say_what_stays_changed(client, say)
 
 
 def _has_greeted(client: VehicleClient) -> bool:
@@ -270,6 +273,16 @@ def _measure(
     client.vision_duty.act = None
     client.params.restore()
     report.fail(group.facts, reason)  # only facts that the group has not measured
+
+
+def _say_what_stays_changed(client: VehicleClient, say: Callable[[str], None]) -> None:
+    """Name the parameters whose original values the vehicle has not confirmed."""
+    if client.params.changed:
+        listed = ", ".join(f"{name} = {value:g}" for name, value in client.params.changed.items())
+        say(
+            f"afterwards: the vehicle did not confirm that these parameters have their former "
+            f"values again: {listed}. Set them yourself."
+        )
 
 
 def _put_down(client: VehicleClient, say: Callable[[str], None]) -> None:
