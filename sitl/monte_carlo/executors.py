@@ -28,7 +28,7 @@ from sitl.worker_pool import new_pool
 
 Say = Callable[[str], None]
 Row = dict[str, Any]  # one line of a file of results
-_LOST = (BrokenExecutor, CancelledError, OSError)  # errors that mean the executor itself is gone
+_LOST = (BrokenExecutor, CancelledError)  # errors that mean the executor itself is gone
 _WORKERS_S = 15.0  # longest wait for the first worker of a cluster
 _ANSWER_S = 180.0  # longest wait until all workers have compiled the law
 
@@ -148,7 +148,7 @@ def _reason(error: BaseException, scheduler: str | None) -> str:
         return "a process has ended before its time (out of memory?);"
 
     loss = "has lost its workers"
-    if isinstance(error, _LOST):
+    if isinstance(error, (*_LOST, OSError)):
         loss = "is gone"
     return (
         f"the scheduler at {scheduler} {loss} ({type(error).__name__}); "

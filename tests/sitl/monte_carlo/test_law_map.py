@@ -192,6 +192,26 @@ def test_a_cluster_whose_workers_die_is_said_in_words_and_one_can_be_interrupted
         )
 
 
+def test_an_error_of_a_file_in_a_flight_is_no_lost_process_and_the_flight_is_not_repeated(
+    tmp_path, monkeypatch
+):
+    flights = []
+
+    def fly(unit):
+        flights.append(unit)
+        raise FileNotFoundError("weights.npz")
+
+    monkeypatch.setattr(unit_flights, "fly", fly)
+    sentences: list[str] = []
+    with (
+        ResultsFile(tmp_path / "map.jsonl", "a") as file,
+        pytest.raises(FileNotFoundError, match="weights"),
+    ):
+        run.run(cells.cells(SMALL), file, stages=1, tell=sentences.append)
+    assert len(flights) == 1
+    assert not any("process has ended" in sentence for sentence in sentences)
+
+
 def test_a_file_of_another_version_another_kind_or_in_use_is_refused_in_words(tmp_path, capsys):
     path = tmp_path / "map.jsonl"
     with ResultsFile(path, "a"), pytest.raises(ConfigError, match="another run is writing"):
