@@ -53,6 +53,7 @@ _NOT_A_VEHICLE_VALUE = (
     "sitl",
     "mocap_required",
 )
+_UNCHECKED_SPACING_M = 10.0  # between starts, where the safety distance is no number
 _UNBOUNDED_M = 1e6  # half width of a geofence too large for any flight to reach
 
 
@@ -187,7 +188,10 @@ class Setup:
             ConfigError: the values are inconsistent.
         """
         # The scenarios replace these starts. They only have to be valid, so they are far apart.
-        spacing_m = 2.0 + 10.0 * float(self.fleet_table.get("safety_distance_m", 0.8))
+        spacing_m = _UNCHECKED_SPACING_M
+        safety_distance_m = self.fleet_table.get("safety_distance_m", 0.8)
+        if isinstance(safety_distance_m, int | float):  # anything else is refused below
+            spacing_m = 2.0 + 10.0 * safety_distance_m
         vehicles = {}
         for i in range(count):
             vehicles[f"v{i}"] = {

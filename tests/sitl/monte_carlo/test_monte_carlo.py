@@ -341,6 +341,7 @@ def test_goal_beside_a_frozen_vehicle_is_blocked_and_any_other_is_reached():
         (["form3", "--set", "loss_share=2"], "from 0 to 1"),
         (["form3", "--set", "law.kappa_1_1_s=inf"], "must be finite"),
         (["form3", "--set", "law.kappa_1_1_s=fast"], "law.kappa_1_1_s"),
+        (["form3", "--set", "fleet.safety_distance_m=abc"], "it must be a number, not a text"),
         (["form3", "--set", "vehicle.max_tilt_deg=80"], "max_tilt_deg"),
         (["swap8", "--law", "paper"], "ring"),
         (["form3", "--set", "delay_s=[1]"], "from 0 to 2"),
