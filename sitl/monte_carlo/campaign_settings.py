@@ -48,6 +48,7 @@ _NOT_A_VEHICLE_VALUE = (
     "mocap_body",
     "type",
     "enabled",
+    "emulated",
     "px4_version",
     "px4_params",
     "sitl",

@@ -9,6 +9,7 @@ import pytest
 
 from groundstation.cli import main
 from groundstation.cli import main as covey
+from onboard.config.fleet import ConfigError
 from onboard.control.pipeline import pipeline_params
 from onboard.rollout import batch as rollout_batch
 from onboard.rollout import layouts
@@ -364,6 +365,18 @@ def test_bad_input_is_a_sentence_and_status_2(words, said, capsys):
     assert said in captured.err
     assert captured.err.startswith("covey: ")
     assert captured.err.rstrip().endswith(".")
+
+
+def test_each_key_of_set_is_one_of_a_fleet_file():
+    names = campaign_settings.keys()
+    unknown = []
+    for key in names:
+        try:
+            campaign_settings.setup_for(changes=[f"{key}=0.5"]).fleet(1)
+        except ConfigError as error:
+            if "unknown key" in str(error):
+                unknown.append(key)
+    assert unknown == []
 
 
 @pytest.mark.parametrize(
