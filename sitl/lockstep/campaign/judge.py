@@ -27,6 +27,7 @@ from sitl.lockstep.campaign.crossed_edges import beyond_m
 from sitl.lockstep.campaign.injections import Injection
 from sitl.lockstep.flight import Lockstep
 
+_NODE = "watcher-judge"  # a fleet file may not give a vehicle a name that begins with "watcher-"
 _FENCE_SLACK_M = 0.30
 _TILT_SLACK_DEG = 0.5
 
@@ -106,7 +107,7 @@ class Judge:
         self._newest_order_id: dict[str, str] = {}
         self._demanded: dict[str, Action] = {}  # action demanded in its last tick
 
-        node = flight.bus.node("judge")
+        node = flight.bus.node(_NODE)
         node.start()
         node.subscribe(Topic.TRUTH, "*", self._truth_received)
         for shell in flight.agents.values():

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import threading
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
@@ -29,6 +30,8 @@ from sitl.lockstep.campaign.evidence_campaign import (
     refuse_strong_wind,
     undisturbed_cases,
 )
+from sitl.lockstep.campaign.judge import Judge
+from sitl.lockstep.flight import Lockstep
 from tests.groundstation.evidence.campaigns import flown
 
 FAULT = "mocap lost for good"
@@ -142,6 +145,22 @@ def test_a_campaign_has_the_same_digest_again_and_flies_nothing_that_it_has(
     assert digest(_fly(hop, second)[0]) == digest(flights)
     again, said = _fly(hop, first)
     assert (again, said) == (flights, [])
+
+
+def test_vehicles_may_be_named_like_what_the_campaign_adds_to_the_bus(
+    tmp_path: Path, lockstep: Callable[..., Lockstep]
+) -> None:
+    text = Path("configs/fleets/paper.toml").read_text(encoding="utf-8")
+    file = tmp_path / "fleet.toml"
+    file.write_text(text.replace("mav0", "judge").replace("mav1", "liar"), encoding="utf-8")
+    flight = lockstep(load_fleet(file))
+
+    injection = injection_of("nonsense on the bus")
+    Judge(flight, injection, "judge", silenced=())
+    injection.inject(flight, "judge")
+    for name in ("judge", "liar"):
+        assert flight.bus.nodes[name] is flight.agents[name].node
+    assert len(flight.bus.nodes) == len(flight.agents) + 4  # ground, emulator and the two
 
 
 def test_a_flight_behind_a_slow_one_is_kept_at_once_and_reported_in_its_turn(
