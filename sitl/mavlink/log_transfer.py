@@ -337,6 +337,7 @@ class LogSender:
             if self._offset >= self._end:
                 self._file = None
                 break
+            # like PX4, whole pieces: the last one may reach beyond the count that was requested
             end = min(self._offset + LOG_DATA_BYTES, len(self._file.content))
             pieces.append(
                 (self._number, self._offset, bytes(self._file.content[self._offset : end]))
