@@ -32,7 +32,6 @@ from sitl.lockstep.campaign.broken_flight import Breaking, fly_broken, injection
 from sitl.lockstep.campaign.extent import Extent
 from sitl.lockstep.campaign.injections import FIELD_INJECTIONS, INJECTIONS, Injection
 from sitl.lockstep.campaign.judge import action_of_table
-from sitl.lockstep.flight import Lockstep
 from sitl.worker_pool import worker_pool
 
 _SEEDS_OF_A_ROUND = 1000  # seeds reserved for each round
@@ -269,11 +268,7 @@ def fly_case(fleet_path: str, mission_path: str, case: FlightCase) -> FlownCase:
         injection = injection_of(case.fault)
         at_s = case.at_s
 
-    extents: list[Extent] = []  # one flight, once it exists
-
-    def watch(flight: Lockstep) -> None:
-        extents.append(Extent(flight))
-
+    extent = Extent()
     victim = case.victim
     if not victim:  # an undisturbed flight; any name will do
         victim = mission.fleet.enabled_names[0]
@@ -288,7 +283,7 @@ def fly_case(fleet_path: str, mission_path: str, case: FlightCase) -> FlownCase:
             wind=wind_of(case.wind_enu_m_s),
             height_m=planned_height_m(mission),
             action_of=_action_by_claims,
-            watch=watch,
+            watch=extent.watch,
         )
     except Exception as error:  # noqa: BLE001 - one failed flight does not end the campaign
         wrong.append(f"ends with {type(error).__name__}: {error}")
@@ -299,7 +294,6 @@ def fly_case(fleet_path: str, mission_path: str, case: FlightCase) -> FlownCase:
         if case.fault == NOTHING and not flown.verdict.passed:
             wrong.append(flown.verdict.sentences[-1])
 
-    extent = extents[0]
     free_m, one_silenced_m, _ = smallest_m
     first_airborne_s = 0.0
     if extent.took_off:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import math
 
 from groundstation.evidence.volumes import Point, convex_hull
@@ -11,20 +12,18 @@ _SAMPLE_S = 0.1  # time between two samples
 
 
 class Extent:
-    """Samples the truth of a flight ten times a second.
+    """The positions, heights and speeds of a flight's vehicles; of no flight before ``watch``."""
 
-    Args:
-        flight: the flight, which is sampled from now on.
-    """
-
-    def __init__(self, flight: Lockstep) -> None:
-        self._flight = flight
+    def __init__(self) -> None:
         self._outline: tuple[Point, ...] = ()  # convex hull of the positions so far
         self.highest_m = 0.0
         self.fastest_m_s = 0.0  # horizontal
         self.first_airborne_s = math.inf
         self.last_airborne_s = 0.0
-        self._sample()
+
+    def watch(self, flight: Lockstep) -> None:
+        """Sample the truth of a flight ten times a second, from now on."""
+        self._sample(flight)
 
     @property
     def took_off(self) -> bool:
@@ -36,9 +35,9 @@ class Extent:
         """The convex hull of all positions in the air, rounded to centimetres."""
         return tuple((round(east, 2), round(north, 2)) for east, north in self._outline)
 
-    def _sample(self) -> None:
+    def _sample(self, flight: Lockstep) -> None:
         """Add the present positions and speeds of flying vehicles, and plan the next sample."""
-        simulation = self._flight.simulation
+        simulation = flight.simulation
         world = simulation.emulator.world
         positions, velocities, _ = world.truth_enu()
         on_ground = world.vehicles.states.on_ground.tolist()
@@ -57,4 +56,4 @@ class Extent:
             self.first_airborne_s = min(self.first_airborne_s, now_s)
             self.last_airborne_s = now_s
             self._outline = convex_hull([*self._outline, *positions_m])
-        simulation.at(simulation.time_s + _SAMPLE_S, self._sample)
+        simulation.at(simulation.time_s + _SAMPLE_S, functools.partial(self._sample, flight))

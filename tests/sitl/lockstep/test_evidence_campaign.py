@@ -20,7 +20,7 @@ from groundstation.evidence.kept_flights import (
 from groundstation.evidence.matrix import SHOWN, WRONG, matrix
 from onboard.config.fleet import ConfigError, FleetConfig, load_fleet
 from onboard.safety.failsafe_table import TABLE, Action, Condition, Situation
-from sitl.lockstep.campaign import evidence_campaign
+from sitl.lockstep.campaign import broken_flight, evidence_campaign
 from sitl.lockstep.campaign.broken_flight import injection_of
 from sitl.lockstep.campaign.evidence_campaign import (
     Campaign,
@@ -161,6 +161,19 @@ def test_vehicles_may_be_named_like_what_the_campaign_adds_to_the_bus(
     for name in ("judge", "liar"):
         assert flight.bus.nodes[name] is flight.agents[name].node
     assert len(flight.bus.nodes) == len(flight.agents) + 4  # ground, emulator and the two
+
+
+def test_a_flight_that_cannot_begin_is_wrong_with_its_error(
+    hop: Campaign, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def refuse(*_args: object, **_options: object) -> None:
+        raise ZeroDivisionError("in the constructor")
+
+    monkeypatch.setattr(broken_flight, "Lockstep", refuse)
+    case = FlightCase(fault=FAULT, round=0, victim="mav0", at_s=9.0)
+    flight = evidence_campaign.fly_case(hop.fleet_path, hop.mission_path, case)
+    assert flight.wrong == ("ends with ZeroDivisionError: in the constructor",)
+    assert not flight.took_off
 
 
 def test_a_flight_behind_a_slow_one_is_kept_at_once_and_reported_in_its_turn(
