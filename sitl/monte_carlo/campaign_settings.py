@@ -181,6 +181,9 @@ class Setup:
     errors: ErrorClass
     perturbation: SimulatedErrors
     scale: float = 1.0  # factor of all horizontal positions
+    # Keys of the values that --set, or "set" of a scene, has changed. They are no part of the repr,
+    # because that stands for the settings themselves.
+    changed_keys: tuple[str, ...] = field(default=(), repr=False)
 
     def fleet(self, count: int) -> FleetConfig:
         """Return a fleet of ``count`` vehicles, validated like any fleet file.
@@ -283,12 +286,14 @@ def setup_for(
     law_table: dict[str, Any] = {**ERRORS[errors].law, **file_law}
     fleet_table: dict[str, Any] = dict(data.get("fleet", {}))
     perturbation = SimulatedErrors()
+    changed_keys = []
 
     for change in changes:
         try:
             group, key, value = parsed_change(change)
         except ConfigError as error:
             raise ConfigError(f"--set {error}") from None
+        changed_keys.append(f"{group}.{key}".lstrip("."))
         if group == "fleet":
             fleet_table[key] = value
         elif group == "law":
@@ -312,6 +317,7 @@ def setup_for(
         errors=ERRORS[errors],
         perturbation=perturbation,
         scale=scale,
+        changed_keys=tuple(changed_keys),
     )
 
 

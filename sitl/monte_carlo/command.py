@@ -46,6 +46,7 @@ def run(
         ConfigError: the settings do not allow the flights; nothing was flown.
     """
     worlds.world_of(physics)  # refuses an unknown name
+    worlds.refuse_unused(physics, setup)
     for subject in subjects:
         _check_heights(subject, setup)
         # refuses a law that cannot be imported

@@ -7,7 +7,9 @@ type says about attitude and drag. It takes attitude and collective thrust, as P
 
 The attitude gains of the preset saturate the rotors at small errors. They are replaced by gains
 that give the lag of PX4's quadrotor. Messages, estimates, wind, gusts and the law are those of all
-other campaigns. There is no downwash.
+other campaigns. There is no downwash. Of the differences of vehicles from their types there are
+those of the lag and the noise of the thrust; other values of --set that change the vehicles are
+refused.
 """
 
 from __future__ import annotations
@@ -18,7 +20,7 @@ from typing import Any
 import numpy as np
 
 from onboard.arrays import Array, IntArray
-from onboard.config.fleet import ConfigError, Vehicle
+from onboard.config.fleet import ConfigError, SitlProfile, Vehicle
 from onboard.constants import GRAVITY_M_S2
 from sitl.monte_carlo.campaign_settings import SimulatedErrors
 from sitl.monte_carlo.noise import FlightNoise
@@ -31,6 +33,11 @@ from sitl.monte_carlo.vehicles import (
 from sitl.physics import frames
 from sitl.physics.wind import GUST_TIME_S, wandered
 
+# keys of --set that have no effect here; of the table "sitl" only the noise of the thrust has one
+UNUSED = frozenset(
+    {"gain", "drag_mismatch", "hover_mismatch", "lag_error_s"}
+    | {f"sitl.{name}" for name in SitlProfile.__struct_fields__ if name != "thrust_noise_frac"}
+)
 _KP_ATTITUDE_1_S2 = 200.0
 _KD_ATTITUDE_1_S = 25.0  # divided by the gain above: the lag of the attitude, 0.125 s
 _FACING_EAST = (0.0, 0.0, 0.0, 1.0)  # quaternion of RotorPy: x, y, z, w

@@ -7,6 +7,8 @@ from typing import Protocol
 
 from onboard.arrays import Array, IntArray
 from onboard.config.fleet import ConfigError
+from sitl.monte_carlo import rotorpy_vehicles
+from sitl.monte_carlo.campaign_settings import Setup
 from sitl.monte_carlo.rotorpy_vehicles import RotorPyPhysics
 from sitl.monte_carlo.vehicles import Physics, TrueMotions
 
@@ -28,6 +30,30 @@ MakeWorld = Callable[..., World]  # called with the arguments of vehicles.Physic
 
 DEFAULT = "emulator"
 WORLDS: dict[str, MakeWorld] = {DEFAULT: Physics, "rotorpy": RotorPyPhysics}
+# keys of --set that have no effect in a physics
+_UNUSED = {"rotorpy": rotorpy_vehicles.UNUSED}
+
+
+def refuse_unused(name: str, setup: Setup) -> None:
+    """Refuse settings with values that have no effect in a physics.
+
+    An error that is set to 0 is accepted, because a physics without this error has none of it.
+
+    Args:
+        name: name of the physics.
+        setup: the settings of the flights.
+
+    Raises:
+        ConfigError: a value of ``--set``, or of "set" of a scene, has no effect.
+    """
+    for key in setup.changed_keys:
+        is_without_error = getattr(setup.perturbation, key, None) == 0.0
+        if key in _UNUSED.get(name, ()) and not is_without_error:
+            raise ConfigError(
+                f"{key} is set, and it has no effect with --physics {name}, which flies vehicles "
+                f"of its own. Leave it out of --set, or of 'set' of the scene, or fly with "
+                f"--physics {DEFAULT}."
+            )
 
 
 def world_of(name: str) -> MakeWorld:

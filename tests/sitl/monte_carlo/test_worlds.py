@@ -9,6 +9,7 @@ from groundstation.cli import main
 from onboard.config.fleet import ConfigError
 from sitl.monte_carlo import batch_flight, campaign_settings, scenarios, worlds
 from sitl.monte_carlo.noise import FlightNoise
+from sitl.monte_carlo.open_benchmark import scene_plans, suite
 
 
 def world_of(scenario, seeds=(0,), scripted_m_s=None, **options):
@@ -43,6 +44,33 @@ def test_physics_of_a_library_that_is_missing_is_refused_in_words(monkeypatch):
 def test_vehicles_above_each_other_are_refused_where_there_is_no_downwash():
     with pytest.raises(ConfigError, match="no downwash"):
         world_of("swap2", wash_diameter_m=0.5)
+
+
+@pytest.mark.parametrize(
+    "change", ["gain=0.1", "drag_mismatch=0.2", "hover_mismatch=0.1", "lag_error_s=0.1"]
+)
+def test_a_value_without_effect_in_a_physics_is_refused_before_the_flight(change, capsys):
+    words = ["simulate", "swap2", "--seeds", "0", "--set", change]
+    assert main([*words, "--physics", "rotorpy"]) == 2
+    said = capsys.readouterr().err
+    assert f"{change.partition('=')[0]} is set, and it has no effect with --physics" in said
+    assert "fly with --physics emulator." in said
+
+
+def test_of_the_profile_only_the_noise_of_the_thrust_has_an_effect_in_rotorpy():
+    setup = campaign_settings.setup_for(changes=["sitl.thrust_noise_frac=0.1", "lag_mismatch=0.2"])
+    worlds.refuse_unused("rotorpy", setup)
+    worlds.refuse_unused("emulator", campaign_settings.setup_for(changes=["sitl.motor_lag_s=0.1"]))
+    with pytest.raises(ConfigError, match=r"sitl\.motor_lag_s is set"):
+        worlds.refuse_unused(
+            "rotorpy", campaign_settings.setup_for(changes=["sitl.motor_lag_s=0.1"])
+        )
+
+
+def test_all_scenes_of_the_suite_fly_in_each_physics():
+    for scene in suite.scenes():
+        for name in worlds.WORLDS:
+            worlds.refuse_unused(name, scene_plans.setup(scene))
 
 
 def test_vehicles_of_rotorpy_hover_and_an_intruder_flies_straight_on():
