@@ -91,6 +91,8 @@ class RotorPyPhysics:
                 bodies_of_flight.append(multirotor(params, control_abstraction="cmd_ctatt"))
             self._bodies.append(bodies_of_flight)
         self._states = [[_hovering(place, preset) for place in flight] for flight in start_enu_m]
+        for f, vehicle in np.argwhere(self._is_scripted):
+            self._states[f][vehicle]["v"] = scripted[f, vehicle].copy()
         self._acceleration = np.zeros_like(start_enu_m)
 
     def truth(self) -> TrueMotions:

@@ -73,6 +73,12 @@ def test_all_scenes_of_the_suite_fly_in_each_physics():
             worlds.refuse_unused(name, scene_plans.setup(scene))
 
 
+def test_an_intruder_has_its_velocity_at_the_start():
+    pytest.importorskip("rotorpy")
+    velocities = world_of("swap3", scripted_m_s=(1.0, 0.5, 0.0)).truth().velocity_enu_m_s
+    np.testing.assert_array_equal(velocities[0, :, :2], [[0.0, 0.0], [0.0, 0.0], [1.0, 0.5]])
+
+
 def test_vehicles_of_rotorpy_hover_and_an_intruder_flies_straight_on():
     pytest.importorskip("rotorpy")
     world = world_of("swap3", seeds=(0, 1), scripted_m_s=(1.0, 0.0, 0.0))
