@@ -186,7 +186,8 @@ def packaged(name: str) -> Scene:
         name: one of :func:`names`.
     """
     file = f"{name}{_SUFFIX}"
-    return parsed(files(_PACKAGE).joinpath("scenes", file).read_bytes(), file)
+    path = str(files(_PACKAGE).joinpath("scenes", file))
+    return parsed(read_bytes(path, SCENE_FILE), file)
 
 
 def parsed(data: bytes, path: str) -> Scene:
