@@ -35,6 +35,13 @@ class TrueMotions:
     yaw_rad: Array  # (F, N)
 
 
+# Keys of --set that only a flight with agents uses: the vehicles of a campaign have no motors of
+# their own.
+UNUSED = frozenset(
+    ("sitl.inertia_kg_m2", "sitl.arm_m", "sitl.attitude_integral_s", "sitl.gust_std_m_s2")
+)
+
+
 class Physics:
     """``sitl.physics.vehicle`` for a batch of flights; vehicles begin hovering at their starts.
 

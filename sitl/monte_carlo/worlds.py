@@ -7,7 +7,7 @@ from typing import Protocol
 
 from onboard.arrays import Array, IntArray
 from onboard.config.fleet import ConfigError
-from sitl.monte_carlo import rotorpy_vehicles
+from sitl.monte_carlo import rotorpy_vehicles, vehicles
 from sitl.monte_carlo.campaign_settings import Setup
 from sitl.monte_carlo.rotorpy_vehicles import RotorPyPhysics
 from sitl.monte_carlo.vehicles import Physics, TrueMotions
@@ -31,7 +31,7 @@ MakeWorld = Callable[..., World]  # called with the arguments of vehicles.Physic
 DEFAULT = "emulator"
 WORLDS: dict[str, MakeWorld] = {DEFAULT: Physics, "rotorpy": RotorPyPhysics}
 # keys of --set that have no effect in a physics
-_UNUSED = {"rotorpy": rotorpy_vehicles.UNUSED}
+_UNUSED = {DEFAULT: vehicles.UNUSED, "rotorpy": rotorpy_vehicles.UNUSED}
 
 
 def refuse_unused(name: str, setup: Setup) -> None:
@@ -48,12 +48,12 @@ def refuse_unused(name: str, setup: Setup) -> None:
     """
     for key in setup.changed_keys:
         is_without_error = getattr(setup.perturbation, key, None) == 0.0
-        if key in _UNUSED.get(name, ()) and not is_without_error:
-            raise ConfigError(
-                f"{key} is set, and it has no effect with --physics {name}, which flies vehicles "
-                f"of its own. Leave it out of --set, or of 'set' of the scene, or fly with "
-                f"--physics {DEFAULT}."
-            )
+        if key not in _UNUSED.get(name, ()) or is_without_error:
+            continue
+        remedy = "Leave it out of --set, or of 'set' of the scene"
+        if key not in _UNUSED[DEFAULT]:
+            remedy += f", or fly with --physics {DEFAULT}"
+        raise ConfigError(f"{key} is set, and it has no effect with --physics {name}. {remedy}.")
 
 
 def world_of(name: str) -> MakeWorld:

@@ -67,6 +67,14 @@ def test_of_the_profile_only_the_noise_of_the_thrust_has_an_effect_in_rotorpy():
         )
 
 
+@pytest.mark.parametrize("name", worlds.WORLDS)
+def test_a_value_that_only_flights_with_agents_use_is_refused(name):
+    setup = campaign_settings.setup_for(changes=["sitl.gust_std_m_s2=0.5"])
+    with pytest.raises(ConfigError, match="has no effect") as refused:
+        worlds.refuse_unused(name, setup)
+    assert "fly with" not in str(refused.value)
+
+
 def test_all_scenes_of_the_suite_fly_in_each_physics():
     for scene in suite.scenes():
         for name in worlds.WORLDS:
