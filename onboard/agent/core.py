@@ -264,7 +264,7 @@ class AgentCore:
         self._supervise(view, own)
         step_before = self.flight.step
         was_on_ground = step_before.situation is Situation.GROUND
-        if was_on_ground:
+        if was_on_ground or step_before is FlightStep.ARMED:
             self._check_preflight(view)
 
         # What do we do?

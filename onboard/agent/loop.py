@@ -46,7 +46,7 @@ PERIOD_NS = round(TICK_S * 1e9)
 _CHECKED_POSITION_HZ = 10.0
 _SATELLITES_HZ = 5.0  # rate of PX4's satellite fix, without mocap
 _STATISTICS_TICKS = 25  # number of ticks between two reports of the loop's times
-_FAILED_TICKS_TO_LAND = 25  # number of failed ticks in a row after which PX4 lands
+_FAILED_TICKS_TO_LAND = 25  # after each such number of failed ticks in a row, PX4 lands
 _TIDY_TICKS = 500  # number of ticks between two garbage collections, on the ground only
 _ROUTER_S = 1.0  # time of one search for a router; signals are handled between two searches
 
@@ -275,8 +275,8 @@ class AgentProcess:
             self._core.handle(
                 agent_inputs.TickFailed(f"Internal error: {type(error).__name__}: {error}."), now_ns
             )
-            if self._failed_ticks == _FAILED_TICKS_TO_LAND:
-                self._link.land()
+            if self._failed_ticks % _FAILED_TICKS_TO_LAND == 0:
+                self._land_by_px4(now_ns)
 
         self._ticks += 1
         if self._ticks % _STATISTICS_TICKS == 0:
@@ -291,6 +291,12 @@ class AgentProcess:
             self._has_said_ready = self._executor.reliable.submit(
                 lambda: print(f"agent {self._name}: ready", flush=True)
             )
+
+    def _land_by_px4(self, now_ns: int) -> None:
+        """Let PX4 land a vehicle that this agent flies, unless a pilot flies it by hand."""
+        is_by_hand = self._link.snapshot().is_flown_by_hand(now_ns)
+        if self._core.flight.step.is_streaming and not is_by_hand:
+            self._link.land()
 
     def _run_core(self, now_ns: int) -> None:
         core = self._core

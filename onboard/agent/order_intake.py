@@ -79,6 +79,8 @@ class OrderIntake:
         self._gate = gate
         self._reported_ns: dict[str, int] = {}  # kind of refusal -> time of its last event
         self._replies: dict[str, OrderReply] = {}  # order id -> reply; the oldest first
+        # the same for parts of paths, which are many
+        self._path_replies: dict[str, OrderReply] = {}
         self._conflict_check_ns = 0  # time at which the goal is compared; 0: none is due
 
     # -- taking an order ---------------------------------------------------------------------------
@@ -88,7 +90,10 @@ class OrderIntake:
 
         An order that was sent twice gets the same reply and starts once.
         """
-        earlier_reply = self._replies.get(order.order_id)
+        replies = self._replies
+        if order.kind == "load_path":
+            replies = self._path_replies
+        earlier_reply = replies.get(order.order_id)
         is_answered = earlier_reply is not None
         if self._gate is not None:
             untrusted = self._gate.refusal(order, facts.view.now_ns, is_answered=is_answered)
@@ -113,7 +118,7 @@ class OrderIntake:
             is_accepted=is_accepted,
             reason=note,
         )
-        self._keep(reply)
+        _keep(reply, replies)
 
         # only the sender sees the reply, so the record gets an event with the answer
         if order.kind != "load_path":
@@ -142,12 +147,6 @@ class OrderIntake:
             is_accepted=False,
             reason=order.sentence,
         )
-
-    def _keep(self, reply: OrderReply) -> None:
-        self._replies[reply.order_id] = reply
-        if len(self._replies) > _MOST_REPLIES:
-            oldest = next(iter(self._replies))
-            self._replies.pop(oldest)
 
     def _refusal(self, order: Order, facts: OrderFacts, *, is_stopping: bool) -> str | None:
         """Return the first reason to refuse an order: its sender, the flight or a failsafe."""
@@ -242,3 +241,11 @@ class OrderIntake:
         elif view.now_ns >= self._conflict_check_ns + _CONFLICT_STAYS_NS:
             self._conflict_check_ns = 0
             state_machine.begin_failsafe(flight, view, Action.HOLD, conflict, "refused")
+
+
+def _keep(reply: OrderReply, replies: dict[str, OrderReply]) -> None:
+    """Remember a reply, and forget the oldest one if there are too many."""
+    replies[reply.order_id] = reply
+    if len(replies) > _MOST_REPLIES:
+        oldest = next(iter(replies))
+        replies.pop(oldest)

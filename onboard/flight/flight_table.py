@@ -97,6 +97,8 @@ ORDERS = (
     Row(_MAY_BEGIN_PATH, E.FOLLOW_PATH, to=S.PATH, effect=effects.begin_path, reason=""),
     Row((S.ARRIVED, S.HOLDING), E.HOLD, when=p.at_goal, to=S.HOLDING, reason="ordered"),
     Row(_FREE, E.HOLD, to=S.HOLDING, effect=effects.stop_here, reason="ordered"),
+    # Without poses it cannot hold yet: it does so when they return.
+    Row((S.COASTING,), E.HOLD, to=S.COASTING, reason="ordered"),
 
     # An agent that started while its vehicle was flying, or that lost the vehicle, takes over from
     # PX4's hold. PX4 flies until it confirms OFFBOARD, so only PX4 can land the vehicle. The
@@ -291,18 +293,23 @@ FLYING = (
 )
 
 LANDING = (
-    Row((S.DESCENT,), E.TICK, when=p.touched_down, to=S.CONTACT, effect=effects.look_for_ground),
-    Row((S.CONTACT,), E.TICK, when=p.falls, to=S.DESCENT, effect=effects.descend),
-    Row((S.DESCENT,), E.TICK, when=p.is_kept_off, to=S.DESCENT, effect=effects.descend_here),
-    Row((S.DESCENT,), E.TICK, when=p.feels_for_ground, effect=effects.feel_for_ground),
-    Row((S.DESCENT,), E.TICK, when=p.floor_is_lower, to=S.DESCENT, effect=effects.descend_further),
-
     # After a landing, PX4 disarms only once the vehicle has stood for seconds. If PX4 disarms
     # earlier, the kill has taken effect.
     Row((S.PX4_LANDING,), E.TICK, when=p.falls_by_kill, to=S.FAILED,
         ends=("failed", sentences.falls_by_kill)),
     Row((S.PX4_LANDING,), E.TICK, when=p.kill_had_no_effect,
         effect=effects.forget_kill, reason="ordered"),
+    # A kill switch, or a kill past this agent. After a touchdown PX4 disarms a vehicle at rest.
+    Row((S.DESCENT, S.CONTACT, S.PX4_LANDING), E.TICK, when=p.falls_disarmed, to=S.FAILED,
+        effect=effects.note_fall, reason=sentences.MOTORS_STOPPED,
+        ends=("failed", sentences.MOTORS_STOPPED),
+        says=("critical", "disarmed-in-flight", sentences.MOTORS_STOPPED)),
+
+    Row((S.DESCENT,), E.TICK, when=p.touched_down, to=S.CONTACT, effect=effects.look_for_ground),
+    Row((S.CONTACT,), E.TICK, when=p.falls, to=S.DESCENT, effect=effects.descend),
+    Row((S.DESCENT,), E.TICK, when=p.is_kept_off, to=S.DESCENT, effect=effects.descend_here),
+    Row((S.DESCENT,), E.TICK, when=p.feels_for_ground, effect=effects.feel_for_ground),
+    Row((S.DESCENT,), E.TICK, when=p.floor_is_lower, to=S.DESCENT, effect=effects.descend_further),
 
     Row((S.CONTACT, S.PX4_LANDING), E.TICK, when=p.landed_by_order, to=S.LANDED,
         ends=("done", sentences.landed_as_ordered)),

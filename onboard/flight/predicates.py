@@ -45,6 +45,7 @@ _CONTACT_HEIGHT_M = 0.06  # a vehicle on the ground is below this height
 _FEELS_WITHIN_M = 0.3  # largest distance from the height where the slow part of a landing starts
 _FALLEN_M = 0.10  # a falling vehicle is more than this below the height of its contact
 _FALLING_M_S = -0.3  # and its vertical speed is below this
+_FREE_FALL_M_S = -1.5  # a disarmed vehicle with a vertical speed below this falls
 # A vehicle counts as kept off its landing spot by others if it rests at least _KEPT_OFF_M beside
 # the spot for _KEPT_OFF_S. A vehicle rests only if its vertical speed is above _SINKS_M_S.
 _KEPT_OFF_M = 0.5
@@ -134,8 +135,11 @@ def px4_is_armed_in_the_air(flight: FlightContext, view: FlightView) -> bool:
 
 
 def px4_is_disarmed_on_ground(flight: FlightContext, view: FlightView) -> bool:
-    """Return whether PX4 says disarmed, and last reported the ground."""
-    return not view.snapshot.is_armed and view.was_on_ground
+    """Return whether PX4 says disarmed and last reported the ground, and the vehicle does not fall.
+
+    PX4 reports the ground of every vehicle that is disarmed, also of one that falls.
+    """
+    return not view.snapshot.is_armed and view.was_on_ground and not _is_sinking(view, _FALLING_M_S)
 
 
 def px4_is_on_ground(flight: FlightContext, view: FlightView) -> bool:
@@ -387,6 +391,19 @@ def px4_stays_armed_on_ground(flight: FlightContext, view: FlightView) -> bool:
 def falls_by_kill(flight: FlightContext, view: FlightView) -> bool:
     """Return whether PX4 confirms that it is disarmed after a kill."""
     return flight.was_killed and px4_confirms_disarmed(flight, view)
+
+
+def falls_disarmed(flight: FlightContext, view: FlightView) -> bool:
+    """Return whether PX4 is disarmed without a kill of this agent, and the vehicle falls."""
+    if flight.was_killed:
+        return False
+    return not view.snapshot.is_armed and _is_sinking(view, _FREE_FALL_M_S)
+
+
+def _is_sinking(view: FlightView, least_m_s: float) -> bool:
+    """Return whether a vehicle with a measured position has a vertical speed below this."""
+    _, _, climbing_m_s = view.velocity_enu_m_s
+    return view.has_position and not view.is_blind and climbing_m_s < least_m_s
 
 
 def kill_had_no_effect(flight: FlightContext, view: FlightView) -> bool:

@@ -25,6 +25,7 @@ STANDS_AT_HOME = "It stands at its take-off spot already, disarmed."
 LANDS_TO_DISARM = "It has left the ground: it lands at once, and is disarmed there."
 REBOOTED = "PX4 has started anew. Its preflight takes some seconds."
 ARMED_MEANWHILE = "PX4 was armed meanwhile, and does not start anew."
+MOTORS_STOPPED = "PX4 has disarmed in the air: the motors have stopped, and it falls."
 NO_LIFTOFF = (
     "The vehicle did not leave the ground: check propellers, battery and hover_thrust_frac."
 )

@@ -189,18 +189,32 @@ class SdkMocap:
         settings = msgspec.json.encode(self._settings).decode()
         command = [sys.executable, "-m", "onboard.mocap.sdk_process", settings]
         while not self._stopped.is_set():
-            # The kernel ends the process when the thread that started it ends, so this thread must
-            # live until `stop`.
-            with subprocess.Popen(
-                command, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, bufsize=0
-            ) as process:
-                self._process = process
-                try:
-                    self._read_frames(process)
-                finally:
-                    self._process = None
-                    process.kill()
+            try:
+                self._run_once(command)
+            except OSError as error:  # no memory or no descriptor for another process
+                self._set_problem(
+                    f"The process that reads {self._system} cannot be started ({error}); trying "
+                    "again."
+                )
             self._stopped.wait(_AGAIN_S)
+
+    def _run_once(self, command: list[str]) -> None:
+        """Start the reading process, and pass on its frames until it ends or must be restarted.
+
+        Raises:
+            OSError: the process cannot be started.
+        """
+        # The kernel ends the process when the thread that started it ends, so this thread must
+        # live until `stop`.
+        with subprocess.Popen(
+            command, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, bufsize=0
+        ) as process:
+            self._process = process
+            try:
+                self._read_frames(process)
+            finally:
+                self._process = None
+                process.kill()
 
     def _read_frames(self, process: subprocess.Popen[bytes]) -> None:
         """Pass on the frames of one reading process, until it ends or must be restarted."""

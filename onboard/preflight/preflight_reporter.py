@@ -17,7 +17,7 @@ from onboard.config.fleet import FleetConfig, Vehicle
 from onboard.corrections.status import CorrectionsStatus
 from onboard.flight import takeover
 from onboard.flight.context import FlightContext
-from onboard.flight.types import FlightView
+from onboard.flight.types import FlightStep, FlightView
 from onboard.frames import enu_from_ned
 from onboard.localization.own_state import OwnState
 from onboard.neighbours.table import NeighbourTable
@@ -222,7 +222,7 @@ class PreflightReporter:
             has_signing_clock_behind=snapshot.has_wrong_clock,
             attitude_hz=self._attitude.rate_hz,
             has_landed_report=view.has_landed_report,
-            is_armed=snapshot.is_armed,
+            is_armed=snapshot.is_armed and self._flight.step is not FlightStep.ARMED,
             is_failsafe=snapshot.is_failsafe,
             unhealthy=unhealthy(snapshot, self._vehicle.mocap_required),
             has_rc=has_rc(snapshot),

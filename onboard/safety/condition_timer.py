@@ -8,6 +8,7 @@ counts only after some time.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 
@@ -55,9 +56,11 @@ class Recurring:
 
     Args:
         forgotten_share: how much the sum shrinks per second without the condition [s].
+        largest_s: the sum does not grow beyond this, so that it is forgotten soon.
     """
 
     forgotten_share: float
+    largest_s: float = math.inf
     seconds: float = 0.0  # the sum
     _last_ns: int = 0  # our time at the last check; 0 before the first one
 
@@ -74,6 +77,6 @@ class Recurring:
         self._last_ns = now_ns
 
         if holds:
-            self.seconds += passed_s
+            self.seconds = min(self.seconds + passed_s, self.largest_s)
         else:
             self.seconds = max(self.seconds - self.forgotten_share * passed_s, 0.0)

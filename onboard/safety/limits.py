@@ -15,6 +15,7 @@ POSITION_LOST_S = 0.6  # without poses for longer, a vehicle lands
 # time with poses. Above this sum, a vehicle lands.
 FLICKER_S = 0.6
 FLICKER_FORGOTTEN_SHARE = 0.2
+LARGEST_FLICKER_S = 1.5  # the sum does not grow beyond this
 NEIGHBOUR_BLIND_S = 0.25  # a neighbour that reports no poses for longer counts as blind
 RECKONING_S = 6.0  # after this time of dead reckoning PX4 lands
 RECKONING_AMONG_OTHERS_S = 12.0  # the same near other vehicles, because PX4 does not avoid them

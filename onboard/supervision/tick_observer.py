@@ -25,7 +25,11 @@ from onboard.safety.battery_monitor import BatteryMonitor
 from onboard.safety.condition_timer import ConditionTimer, Recurring
 from onboard.safety.failsafe_table import Situation
 from onboard.safety.geofence import FenceStatus, fence_of
-from onboard.safety.limits import FLICKER_FORGOTTEN_SHARE, POSITION_STALE_S
+from onboard.safety.limits import (
+    FLICKER_FORGOTTEN_SHARE,
+    LARGEST_FLICKER_S,
+    POSITION_STALE_S,
+)
 from onboard.safety.report_confirmation import ReportConfirmation
 from onboard.safety.tracking_monitor import TrackingMonitor
 from onboard.supervision.neighbour_monitor import NeighbourMonitor
@@ -87,7 +91,7 @@ class TickObserver:
         self._touching_m = min(fleet.fleet.body_diameter_m, fleet.fleet.safety_distance_m)
 
         self._stale = ConditionTimer()
-        self._flicker = Recurring(FLICKER_FORGOTTEN_SHARE)
+        self._flicker = Recurring(FLICKER_FORGOTTEN_SHARE, largest_s=LARGEST_FLICKER_S)
         self._autopilot = AutopilotMonitor()
         self._offboard = OffboardMonitor()
         self._tracking = TrackingMonitor(vehicle.lag_s, MAX_THRUST_FRAC)

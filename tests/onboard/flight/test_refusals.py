@@ -138,7 +138,7 @@ def test_the_sticks_of_a_pilot_are_overruled_only_for_a_landing_by_name(kind: Or
         ("land", FlightStep.WAITING, "is not in the air (it is waiting)"),
         ("land", FlightStep.DISARMED, "is not in the air"),
         ("hold", FlightStep.DESCENT, "wait until it is down"),
-        ("hold", FlightStep.COASTING, "has lost its position"),
+        ("move", FlightStep.COASTING, "has lost its position"),
         ("hold", FlightStep.READY, "does not fly (it is ready)"),
         ("move", FlightStep.ARMED, "does not fly (it is armed)"),
         ("move", FlightStep.PX4_LANDING, "PX4 is landing the vehicle by itself, and"),

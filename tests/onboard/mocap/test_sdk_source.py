@@ -265,3 +265,26 @@ def test_a_frame_whose_name_is_no_text_is_invalid() -> None:
     data = msgspec.msgpack.encode(_frame(3, "name")).replace(b"name", b"n\x80me")
     frame = len(data).to_bytes(4, "little") + data
     assert isinstance(sdk_source.next_frame(bytearray(frame)), str)
+
+
+def test_a_reading_process_that_cannot_be_started_is_tried_again(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    started: list[int] = []
+
+    def refuse(*_args: object, **_keywords: object) -> None:
+        started.append(1)
+        raise OSError("Cannot allocate memory")
+
+    monkeypatch.setattr("subprocess.Popen", refuse)
+    monkeypatch.setattr(sdk_source, "_AGAIN_S", 0.001)
+    mocap = SdkMocap(_MOCK, "*", lambda pose, received_ns: None, lambda: None)
+    mocap.start()
+    try:
+        deadline_s = time.monotonic() + 5.0
+        while len(started) < 3 and time.monotonic() < deadline_s:
+            time.sleep(0.005)
+        assert len(started) >= 3
+        assert "cannot be started (Cannot allocate memory); trying again" in mocap.problem
+    finally:
+        mocap.stop()
