@@ -24,7 +24,7 @@ from groundstation.crazyswarm.script_check import (
     refuse_unknown_ids,
     refuse_what_is_not_flown,
 )
-from groundstation.crazyswarm.uav_trajectory import path_of_trajectory, refuse_too_fast
+from groundstation.crazyswarm.uav_trajectory import path_of_trajectory, refuse_unflyable_trajectory
 from groundstation.missions.blocking import BlockingFleet
 from groundstation.orders.grammar import OrderError
 from groundstation.paths.pieces import backwards, moved, slowed
@@ -242,12 +242,14 @@ class Crazyflie:
         """Keep a trajectory for :meth:`startTrajectory`, which sends it to the vehicle.
 
         Raises:
-            OrderError: the trajectory is too fast for the vehicle even with the longest timescale
-                in the script.
+            OrderError: the trajectory is too fast for the vehicle, or jumps between two pieces,
+                even with the longest timescale in the script.
         """
         path = path_of_trajectory(trajectory)
         if self._longest_timescale is not None:
-            refuse_too_fast(path, self._longest_timescale, self._name, self._orders.fleet.config)
+            refuse_unflyable_trajectory(
+                path, self._longest_timescale, self._name, self._orders.fleet.config
+            )
         self._trajectories[trajectoryId] = path
 
     def startTrajectory(

@@ -9,7 +9,13 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from groundstation.orders.grammar import OrderError
-from groundstation.paths.checks import limits_of, needed_slowing, sample
+from groundstation.paths.checks import (
+    jump_findings,
+    limits_of,
+    needed_slowing,
+    refusals,
+    sample,
+)
 from groundstation.paths.path_files import load_path
 from groundstation.paths.pieces import slowed
 from onboard.arrays import Array
@@ -159,7 +165,9 @@ def _eight(coefficients: Any) -> list[float]:
     return values + [0.0] * (8 - len(values))
 
 
-def refuse_too_fast(path: Path, timescale: float, name: str, fleet: FleetConfig) -> None:
+def refuse_unflyable_trajectory(
+    path: Path, timescale: float, name: str, fleet: FleetConfig
+) -> None:
     """Refuse a trajectory that a vehicle cannot fly, wherever it begins.
 
     Args:
@@ -169,10 +177,15 @@ def refuse_too_fast(path: Path, timescale: float, name: str, fleet: FleetConfig)
         fleet: the fleet file.
 
     Raises:
-        OrderError: the trajectory needs more speed, acceleration or tilt than the vehicle has.
+        OrderError: the trajectory needs more speed, acceleration or tilt than the vehicle has, or
+            its position or velocity jumps between two pieces.
     """
-    flown = sample({name: slowed(path, timescale)})
-    slowing, worst_words = needed_slowing(flown, limits_of(fleet, [name]))
+    slower = {name: slowed(path, timescale)}
+    jumping = refusals(jump_findings(slower, "the trajectory"))
+    if jumping:
+        raise OrderError(jumping[0])
+
+    slowing, worst_words = needed_slowing(sample(slower), limits_of(fleet, [name]))
     if slowing <= _SLOWING_SLACK:
         return
 

@@ -18,7 +18,7 @@ from onboard.config.fleet import FleetConfig, above_words, parking_distance_m, p
 from onboard.config.flight_space import flight_space_of
 from onboard.config.ground import floor_m, least_height_m
 from onboard.constants import GRAVITY_M_S2
-from onboard.control.path import Path, sampled
+from onboard.control.path import MOST_JUMP_M, MOST_JUMP_M_S, Path, jumps, sampled
 from onboard.feasibility.finding import Finding, at_least, at_most, worst
 from onboard.safety.area_room import clearances_m
 
@@ -257,8 +257,8 @@ def path_findings(fleet: FleetConfig, paths: Mapping[str, Path], where: str) -> 
         where: position in the mission, for the sentences.
 
     Returns:
-        One finding each for speed, acceleration, tilt, speed at the ends, fence, height and
-        spacing.
+        One finding each for speed, acceleration, tilt, speed at the ends, jumps of position and
+        velocity, fence, height and spacing.
     """
     flown = sample(paths)
     vehicles = [fleet.vehicles[name] for name in flown.names]
@@ -299,10 +299,59 @@ def path_findings(fleet: FleetConfig, paths: Mapping[str, Path], where: str) -> 
             where=where,
         ),
     ]
+    findings += jump_findings(paths, where)
     findings += _room(fleet, flown, where)
     if len(paths) > 1:
         findings.append(_spacing(fleet, flown, where))
     return findings
+
+
+def jump_findings(paths: Mapping[str, Path], where: str) -> list[Finding]:
+    """Return the findings about the largest jumps of position and velocity between two pieces.
+
+    Args:
+        paths: paths of vehicles.
+        where: position in the mission, for the sentences.
+    """
+    findings = []
+    for index, (noun, bound, unit) in enumerate(
+        (("position", MOST_JUMP_M, "m"), ("velocity", MOST_JUMP_M_S, "m/s"))
+    ):
+        name, time_s, jump = max(
+            (_largest_jump(name, path, index) for name, path in paths.items()),
+            key=lambda largest: largest[2],
+        )
+        findings.append(
+            at_most(
+                name=f"path jump of {noun}, {where}",
+                value=jump,
+                bound=bound,
+                unit=unit,
+                sentence=f"{_capitalised(where)}: on {name}'s path the {noun} jumps by <value> at "
+                f"{time_s:.1f} s, from one piece to the next; <relation> <bound> can be flown",
+                remedy="Let each piece begin with the position and velocity with which the one "
+                "before ends.",
+                refuse_above=_LIMIT_FACTOR * bound,
+                warn_above=_LIMIT_FACTOR * bound,
+            )
+        )
+    return findings
+
+
+def _largest_jump(name: str, path: Path, index: int) -> tuple[str, float, float]:
+    """Return the vehicle's name, and time and size of its path's largest jump.
+
+    Args:
+        name: name of the vehicle.
+        path: its path.
+        index: 0 for jumps of position, 1 for jumps of velocity.
+    """
+    if len(path.pieces) == 1:
+        return name, 0.0, 0.0
+
+    sizes = jumps(path)[index]
+    largest = int(sizes.argmax())
+    return name, path.ends_s[largest], float(sizes[largest])
 
 
 def _limit_finding(

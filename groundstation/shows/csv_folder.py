@@ -13,7 +13,7 @@ import numpy as np
 from groundstation.paths.lights import TimedColour
 from groundstation.paths.path_files import load_path, read_columns
 from groundstation.shows.geographic import Places, origin_of, path_of_places, read_places
-from groundstation.shows.show import MOST_DRONES, Drone, Show, check_light_count
+from groundstation.shows.show import MOST_DRONES, Drone, Show, check_light_count, smooth
 from groundstation.shows.zip_members import unpack
 from onboard.arrays import Array
 from onboard.config.file_reading import CSV_FILE, read_text
@@ -77,7 +77,7 @@ def read_folder(folder: FilePath) -> Show:
 
     drones: list[Drone] = []
     for file in files:
-        drones.append(_drone(file, load_path(file)))
+        drones.append(_drone(file, _path(file)))
         check_light_count(str(folder), drones)
     return Show(folder.resolve().name, _from_the_first_on(folder, drones))
 
@@ -125,6 +125,19 @@ def _geographic_show(folder: FilePath, places: Mapping[FilePath, Places | None])
         origin=origin,
         notes=tuple(notes),
     )
+
+
+def _path(file: FilePath) -> Path:
+    """Return the path of a CSV, without kinks between its pieces.
+
+    Raises:
+        ConfigError: it is not a path.
+    """
+    path = load_path(file)
+    try:
+        return smooth(path)
+    except ValueError as error:
+        raise ConfigError(f"{file}: {error}") from None
 
 
 def _drone(file: FilePath, path: Path, first_s: float | None = None) -> Drone:

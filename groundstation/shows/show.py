@@ -13,12 +13,11 @@ import numpy as np
 from groundstation.paths.lights import TimedColour
 from groundstation.paths.pieces import fitted
 from onboard.config.fleet import ConfigError, Origin
-from onboard.control.path import Path, path_of, sampled
+from onboard.control.path import MOST_JUMP_M, MOST_JUMP_M_S, Path, jumps, path_of, sampled
 from onboard.tuples import Xyz
 
 MOST_DRONES = 200
 MOST_LIGHTS = 1_000_000  # colours of all drones together
-_KINK_M_S = 0.05  # a path is smoothed if its velocity jumps by more than this
 
 # a path that exceeds these bounds is not in metres and seconds
 _FAR_M = 2000.0
@@ -72,7 +71,7 @@ def path_from_pieces(name: str, pieces: list[list[float]]) -> Path:
         ConfigError: the pieces are not a path in metres with z up.
     """
     try:
-        path = _smooth(path_of(pieces))
+        path = smooth(path_of(pieces))
     except (ValueError, OverflowError) as error:
         raise ConfigError(f"{name}: its trajectory is no path: {error}") from None
 
@@ -92,13 +91,19 @@ def path_from_pieces(name: str, pieces: list[list[float]]) -> Path:
     return path
 
 
-def _smooth(path: Path) -> Path:
-    """Return the path without kinks between its pieces."""
-    # velocities a moment before and after the end of each piece but the last
-    ends_s = np.array(path.ends_s)[:-1]
-    _, velocities_before, _ = sampled(path, ends_s - 1e-4)
-    _, velocities_after, _ = sampled(path, ends_s + 1e-4)
-    if not len(ends_s) or np.abs(velocities_after - velocities_before).max() <= _KINK_M_S:
+def smooth(path: Path) -> Path:
+    """Return the path without kinks between its pieces.
+
+    Raises:
+        ValueError: its position jumps between two pieces.
+    """
+    jump_m, jump_m_s = jumps(path).max(axis=1, initial=0.0)
+    if jump_m > MOST_JUMP_M:
+        raise ValueError(
+            f"its position jumps by {jump_m:.2f} m from one piece to the next; {MOST_JUMP_M:g} m "
+            "are the most. Export the show again."
+        )
+    if jump_m_s <= MOST_JUMP_M_S:
         return path
 
     times_s = np.arange(0.0, path.duration_s, 0.05)

@@ -28,6 +28,9 @@ PART_BYTES = 24_576  # a path is sent in parts of this size: a message has at mo
 LONGEST_S = 3600.0
 _ROW = struct.Struct(f"<{NUMBER_COUNT}f")  # one piece as little-endian 32-bit floats
 MOST_PIECES = MOST_BYTES // _ROW.size
+# largest jumps from the end of a piece to the begin of the next one
+MOST_JUMP_M = 0.02
+MOST_JUMP_M_S = 0.05
 
 
 class Path(NamedTuple):
@@ -185,3 +188,15 @@ def sampled(path: Path, times_s: Array) -> Array:
     is_outside = (times_s < 0.0) | (times_s > path.duration_s)
     motion[1:, is_outside] = 0.0
     return motion
+
+
+def jumps(path: Path) -> Array:
+    """Return the jumps (2, P - 1) of position [m] and velocity [m/s] between successive pieces."""
+    numbers = np.array(path.pieces).T  # (NUMBER_COUNT, P)
+    earlier = numbers[:, :-1]
+    later = numbers[:, 1:]
+
+    # (axis, position and velocity, piece)
+    ends = np.array([horner(earlier, axis, earlier[_DURATION])[:2] for axis in range(3)])  # type: ignore[arg-type]
+    begins = np.array([horner(later, axis, 0.0)[:2] for axis in range(3)])  # type: ignore[arg-type]
+    return np.asarray(np.sqrt(((begins - ends) ** 2).sum(0)))

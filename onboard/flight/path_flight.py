@@ -55,6 +55,7 @@ _COMPARE_NS = 95_000_000  # time between two comparisons
 _CHECK_HZ = 20.0  # samples per second in the check of a path
 _SPEED_ROOM = 1.1  # largest speed on a path, relative to the vehicle's top speed
 _REST_M_S = 0.05  # largest speed at the start and the end of a path
+_JUMP_ROOM = 1.1  # largest jump between two pieces, relative to the largest that is planned
 
 
 class OtherClock(NamedTuple):
@@ -315,7 +316,10 @@ def _joined(parts: dict[int, bytes]) -> bytes:
 
 
 def _path_refusal(path: Path, vehicle: Vehicle, fleet: FleetConfig) -> str | None:
-    """Return the reason why a path cannot be flown (fence, height, speed or ends), or None."""
+    """Return the reason why a path cannot be flown, or None.
+
+    Its positions, heights, speeds, ends and the jumps between its pieces are checked.
+    """
     times_s = np.linspace(0.0, path.duration_s, 2 + int(_CHECK_HZ * path.duration_s))
     # rows: samples; columns: x, y, z and heading
     values, rates, _ = paths.sampled(path, times_s)
@@ -354,4 +358,10 @@ def _path_refusal(path: Path, vehicle: Vehicle, fleet: FleetConfig) -> str | Non
 
     if max(speed_m_s[0], speed_m_s[-1]) > _REST_M_S:
         return "The path does not begin and end at rest."
+
+    jump_m, jump_m_s = paths.jumps(path).max(axis=1, initial=0.0)
+    if jump_m > _JUMP_ROOM * paths.MOST_JUMP_M:
+        return f"The position jumps by {jump_m:.2f} m from one piece of the path to the next."
+    if jump_m_s > _JUMP_ROOM * paths.MOST_JUMP_M_S:
+        return f"The velocity jumps by {jump_m_s:.2f} m/s from one piece of the path to the next."
     return None

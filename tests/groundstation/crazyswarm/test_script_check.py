@@ -13,10 +13,10 @@ from groundstation.crazyswarm.script_check import (
     refuse_unknown_ids,
     refuse_what_is_not_flown,
 )
-from groundstation.crazyswarm.uav_trajectory import refuse_too_fast
+from groundstation.crazyswarm.uav_trajectory import refuse_unflyable_trajectory
 from groundstation.flights.script_flight import missing_module_words
 from groundstation.orders.grammar import OrderError
-from groundstation.paths.pieces import quintic
+from groundstation.paths.pieces import quintic, resting
 from onboard.config.fleet import ConfigError, load_fleet
 from onboard.control.path import path_of
 
@@ -130,10 +130,17 @@ def test_a_trajectory_that_no_timescale_of_the_script_slows_enough_is_refused() 
     quick = path_of([quintic(2.0, begin, end).tolist()])
 
     with pytest.raises(OrderError, match=r"too fast for mav1.*timescale of ([\d.]+)") as refusal:
-        refuse_too_fast(quick, 1.0, "mav1", fleet)
+        refuse_unflyable_trajectory(quick, 1.0, "mav1", fleet)
     enough = float(str(refusal.value).partition("A timescale of ")[2].partition(" ")[0])
     assert 1.2 < enough < 4.0
-    refuse_too_fast(quick, enough, "mav1", fleet)
+    refuse_unflyable_trajectory(quick, enough, "mav1", fleet)
+
+
+def test_a_trajectory_that_jumps_between_two_pieces_is_refused() -> None:
+    fleet = load_fleet(str(PAPER))
+    pieces = [resting(2.0, np.array([x_m, 0.0, 1.0, 0.0])).tolist() for x_m in (0.0, 1.0)]
+    with pytest.raises(OrderError, match=r"on mav1's path the position jumps by 1 m at 4\.0 s"):
+        refuse_unflyable_trajectory(path_of(pieces), 2.0, "mav1", fleet)
 
 
 def test_an_import_below_a_missing_package_is_named_as_the_script_writes_it(tmp_path: Path) -> None:

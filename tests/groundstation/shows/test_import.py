@@ -8,6 +8,7 @@ import zipfile
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from groundstation.cli import main
@@ -15,6 +16,8 @@ from groundstation.mission_files.loading import load_mission
 from groundstation.mission_files.mission import Mission
 from groundstation.mission_files.mission_findings import mission_findings
 from groundstation.mission_files.steps import FollowPathStep
+from groundstation.paths.path_files import write_path
+from groundstation.paths.pieces import quintic, resting
 from groundstation.shows.conversion import Converted
 from groundstation.shows.csv_folder import read_folder
 from groundstation.shows.import_show import read_show
@@ -22,8 +25,9 @@ from groundstation.shows.light_program import colours
 from groundstation.shows.output import write_show
 from groundstation.shows.show import bezier_piece
 from groundstation.shows.skyc import read_skyc
+from onboard.arrays import Array
 from onboard.config.fleet import ConfigError, FleetConfig, load_fleet
-from onboard.control.path import path_of, point_at
+from onboard.control.path import jumps, path_of, point_at
 from tests.groundstation.shows.made_shows import crossing, csvs, line_of, up_and_down, write_skyc
 
 ROOT = Path(__file__).resolve().parents[3]
@@ -180,6 +184,33 @@ def test_folders_of_csvs_are_shows_too(tmp_path: Path) -> None:
     assert lights[0] == "t,red,green,blue"
     assert lights[1].endswith(",255,0,0")
     assert lights[-1].endswith(",0,0,255")
+
+
+def _piece_csvs(folder: Path, second_x_m: float) -> Path:
+    """Files of 33 columns: a climb, then a way to the east at once at 0.5 m/s, and a descent."""
+    folder.mkdir()
+    for k in range(2):
+        climb = quintic(4.0, _at_rest(0.0, 3.0 * k, 0.0), _at_rest(0.0, 3.0 * k, 2.0))
+        way = resting(8.0, np.array([second_x_m, 3.0 * k, 2.0, 0.0]))
+        way[2] = 0.5  # coefficient of x at the first power of time
+        east_m = second_x_m + 4.0
+        descent = quintic(4.0, _at_rest(east_m, 3.0 * k, 2.0), _at_rest(east_m, 3.0 * k, 0.0))
+        path = path_of([climb.tolist(), way.tolist(), descent.tolist()])
+        write_path(folder / f"drone{k}.csv", path)
+    return folder
+
+
+def _at_rest(x_m: float, y_m: float, z_m: float) -> Array:
+    return np.array([[x_m, y_m, z_m, 0.0], [0.0] * 4, [0.0] * 4])
+
+
+def test_corners_of_csvs_with_pieces_are_smoothed_and_jumps_are_refused(tmp_path: Path) -> None:
+    mission = imported(_piece_csvs(tmp_path / "corners", 0.0), tmp_path / "out")
+    for path in mission.paths.values():
+        assert jumps(path)[1].max() < 0.05
+
+    with pytest.raises(ConfigError, match=r"drone0\.csv: its position jumps by 1\.50 m"):
+        read_folder(_piece_csvs(tmp_path / "jumps", 1.5))
 
 
 def test_csvs_share_one_clock(tmp_path: Path) -> None:

@@ -307,6 +307,19 @@ def test_a_path_is_refused_for_its_height_its_speed_its_ends_and_the_fence() -> 
     assert "max_speed_m_s" not in slower
 
 
+def test_a_path_that_jumps_between_two_pieces_is_refused() -> None:
+    rest = _piece(2.0, [])
+    assert _refused_path(rest, _piece(2.0, [0.021])) is None
+    jump = _refused_path(rest, _piece(2.0, [0.5]))
+    assert jump is not None
+    assert "position jumps by 0.50 m" in jump
+
+    # the second piece begins at 0.1 m/s and ends at rest
+    kink = _refused_path(rest, _piece(2.0, [0.0, 0.1, -0.025]))
+    assert kink is not None
+    assert "velocity jumps by 0.10 m/s" in kink
+
+
 @pytest.mark.parametrize(("beside_m", "is_taken"), [(0.05, True), (-0.05, False)])
 def test_a_path_may_pass_hardly_beside_a_house(beside_m: float, is_taken: bool) -> None:
     corners = ((beside_m, -1.0), (1.0, -1.0), (1.0, 1.0), (beside_m, 1.0))

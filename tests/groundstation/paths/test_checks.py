@@ -1,0 +1,54 @@
+"""What path checks refuse: jumps between two pieces."""
+
+from __future__ import annotations
+
+from pathlib import Path as FilePath
+
+import numpy as np
+import pytest
+
+from groundstation.paths.checks import path_findings, refusals
+from groundstation.paths.pieces import quintic, resting
+from onboard.arrays import Array
+from onboard.config.fleet import load_fleet
+from onboard.control.path import Path, path_of
+
+PAPER = load_fleet(FilePath(__file__).resolve().parents[3] / "configs/fleets/paper.toml")
+
+
+def motion(x_m: float, y_m: float = -1.2, speed_m_s: float = 0.0) -> Array:
+    """Value, first and second derivative of x, y, z and yaw, at a height of one metre."""
+    return np.array([[x_m, y_m, 1.0, 0.0], [speed_m_s, 0.0, 0.0, 0.0], [0.0] * 4])
+
+
+def refused(paths: dict[str, Path]) -> list[str]:
+    return refusals(path_findings(PAPER, paths, "step[2]"))
+
+
+@pytest.mark.parametrize(("jump_m", "is_refused"), [(0.019, False), (0.021, True), (2.5, True)])
+def test_a_path_whose_position_jumps_is_refused(jump_m: float, is_refused: bool) -> None:
+    here = resting(3.0, motion(-1.2)[0])
+    there = resting(3.0, motion(-1.2 + jump_m)[0])
+
+    sentences = refused({"mav0": path_of([here.tolist(), there.tolist()])})
+
+    if is_refused:
+        assert len(sentences) == 1
+        assert "on mav0's path the position jumps by" in sentences[0]
+        assert "at 3.0 s" in sentences[0]
+    else:
+        assert not sentences
+
+
+@pytest.mark.parametrize(("jump_m_s", "is_refused"), [(0.049, False), (0.052, True)])
+def test_a_path_whose_velocity_jumps_is_refused(jump_m_s: float, is_refused: bool) -> None:
+    first = quintic(3.0, motion(-1.2), motion(-0.6, speed_m_s=0.4))
+    second = quintic(3.0, motion(-0.6, speed_m_s=0.4 + jump_m_s), motion(0.2))
+
+    sentences = refused({"mav0": path_of([first.tolist(), second.tolist()])})
+
+    if is_refused:
+        assert len(sentences) == 1
+        assert "the velocity jumps by 0.052 m/s at 3.0 s" in sentences[0]
+    else:
+        assert not sentences
