@@ -264,10 +264,13 @@ def path_findings(fleet: FleetConfig, paths: Mapping[str, Path], where: str) -> 
     vehicles = [fleet.vehicles[name] for name in flown.names]
     speed_m_s = np.sqrt((flown.values[1, :, :, :3] ** 2).sum(-1))
     acceleration_m_s2 = np.sqrt((flown.values[2, :, :, :3] ** 2).sum(-1))
+    times_s = np.broadcast_to(flown.times_s[:, None], speed_m_s.shape)
+    end_times_s, end_speed_m_s = _at_the_ends(paths)
 
     findings = [
         _limit_finding(
-            flown,
+            flown.names,
+            times_s,
             speed_m_s,
             noun="speed",
             unit="m/s",
@@ -275,7 +278,8 @@ def path_findings(fleet: FleetConfig, paths: Mapping[str, Path], where: str) -> 
             where=where,
         ),
         _limit_finding(
-            flown,
+            flown.names,
+            times_s,
             acceleration_m_s2,
             noun="acceleration",
             unit="m/s^2",
@@ -283,7 +287,8 @@ def path_findings(fleet: FleetConfig, paths: Mapping[str, Path], where: str) -> 
             where=where,
         ),
         _limit_finding(
-            flown,
+            flown.names,
+            times_s,
             _tilt_deg(fleet, flown),
             noun="tilt",
             unit="deg",
@@ -291,8 +296,9 @@ def path_findings(fleet: FleetConfig, paths: Mapping[str, Path], where: str) -> 
             where=where,
         ),
         _limit_finding(
-            flown,
-            speed_m_s[[0, -1]],
+            flown.names,
+            end_times_s,
+            end_speed_m_s,
             noun="speed at the ends",
             unit="m/s",
             bounds=[_END_SPEED_M_S for _ in vehicles],
@@ -354,8 +360,19 @@ def _largest_jump(name: str, path: Path, index: int) -> tuple[str, float, float]
     return name, path.ends_s[largest], float(sizes[largest])
 
 
+def _at_the_ends(paths: Mapping[str, Path]) -> tuple[Array, Array]:
+    """Return times [s] and speeds [m/s] (2, N) of all paths at their own start and end."""
+    times_s = np.array([[0.0, path.duration_s] for path in paths.values()])
+    rates = np.array(
+        [sampled(path, ends_s)[1] for path, ends_s in zip(paths.values(), times_s, strict=True)]
+    )
+    speed_m_s = np.sqrt((rates[:, :, :3] ** 2).sum(-1))
+    return times_s.T, speed_m_s.T
+
+
 def _limit_finding(
-    flown: SampledPaths,
+    names: Sequence[str],
+    times_s: Array,
     values: Array,
     *,
     noun: str,
@@ -365,22 +382,18 @@ def _limit_finding(
 ) -> Finding:
     """Return the finding about the vehicle whose value is largest compared with its bound.
 
-    The values are (T, N), or (2, N) for the start and the end. The bounds are (N).
+    The values and their times are (T, N), or (2, N) for the start and the end. The bounds are (N).
     """
     step, index = np.unravel_index((values / np.array(bounds)).argmax(), values.shape)
-    name = flown.names[index]
     bound = bounds[index]
-    time_s = flown.times_s[step]
-    if len(values) == 2 and step > 0:
-        time_s = flown.times_s[-1]
 
     return at_most(
         name=f"path {noun}, {where}",
         value=float(values[step, index]),
         bound=bound,
         unit=unit,
-        sentence=f"{_capitalised(where)}: on {name}'s path {noun} is <value> at "
-        f"{time_s:.1f} s; <relation> <bound> can be flown",
+        sentence=f"{_capitalised(where)}: on {names[index]}'s path {noun} is <value> at "
+        f"{times_s[step, index]:.1f} s; <relation> <bound> can be flown",
         remedy="Slow the path, or raise the vehicle's limit: 'covey import' slows a show by "
         "itself.",
         refuse_above=_LIMIT_FACTOR * bound,

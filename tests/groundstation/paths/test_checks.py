@@ -1,4 +1,4 @@
-"""What path checks refuse: jumps between two pieces."""
+"""What path checks refuse: jumps between two pieces, and ends in motion."""
 
 from __future__ import annotations
 
@@ -52,3 +52,14 @@ def test_a_path_whose_velocity_jumps_is_refused(jump_m_s: float, is_refused: boo
         assert "the velocity jumps by 0.052 m/s at 3.0 s" in sentences[0]
     else:
         assert not sentences
+
+
+def test_each_path_must_end_at_rest_also_if_another_one_is_longer() -> None:
+    moving = quintic(4.0, motion(-1.2), motion(0.2, speed_m_s=0.6))
+    mover = path_of([moving.tolist()])
+    longer = path_of([resting(6.0, motion(0.0, y_m=1.2)[0]).tolist()])
+
+    for paths in ({"mav0": mover}, {"mav0": mover, "mav1": longer}):
+        sentences = refused(paths)
+        assert len(sentences) == 1
+        assert "on mav0's path speed at the ends is 0.6 m/s at 4.0 s" in sentences[0]
