@@ -214,12 +214,14 @@ def _lights(file: FilePath, columns: Sequence[str], numbers: Array) -> tuple[Tim
         raise ConfigError(f"{file}: colours lie between 0 and 255.")
     colours = colours.astype(int)
 
+    # A line is left out if the lines before and after it have its colour. The last line of a colour
+    # is kept, because colours change evenly from one time to the next.
+    is_repeated = (colours[1:] == colours[:-1]).all(axis=1)
+    is_kept = np.ones(len(numbers), dtype=bool)
+    is_kept[1:-1] = ~(is_repeated[:-1] & is_repeated[1:])
+
     lights: list[TimedColour] = []
-    last = len(numbers) - 1
-    for index, (red, green, blue) in enumerate(colours.tolist()):
-        is_repeated = index > 0 and (colours[index] == colours[index - 1]).all()
-        # the last colour is kept, as the end of the lights
-        if is_repeated and index != last:
-            continue
+    for index in np.flatnonzero(is_kept).tolist():
+        red, green, blue = colours[index].tolist()
         lights.append((float(times_s[index]), red, green, blue))
     return tuple(lights)

@@ -16,6 +16,7 @@ from groundstation.mission_files.loading import load_mission
 from groundstation.mission_files.mission import Mission
 from groundstation.mission_files.mission_findings import mission_findings
 from groundstation.mission_files.steps import FollowPathStep
+from groundstation.paths.lights import colour_at
 from groundstation.paths.path_files import write_path
 from groundstation.paths.pieces import quintic, resting
 from groundstation.shows.conversion import Converted
@@ -234,6 +235,14 @@ def test_csvs_share_one_clock(tmp_path: Path) -> None:
     begins_at(4000)
     with pytest.raises(ConfigError, match=r"Drone 2\.csv begins 4000 s after the first drone"):
         read_folder(folder)
+
+
+def test_a_colour_that_is_held_does_not_fade_before_it_switches(tmp_path: Path) -> None:
+    # red until 4.9 s, blue from 5.0 s on
+    (drone,) = read_folder(csvs(tmp_path / "csvs", list(line_of(1).values()), 12.0)).drones
+    assert [light[0] for light in drone.lights] == pytest.approx([0.0, 4.9, 5.0, 12.0])
+    assert colour_at(drone.lights, 4.8) == (255, 0, 0)
+    assert colour_at(drone.lights, 5.1) == (0, 0, 255)
 
 
 def test_a_colour_that_is_none_is_refused_with_the_file_that_has_it(tmp_path: Path) -> None:
