@@ -23,6 +23,7 @@ _FIRST_PIECE = 8  # the first piece that is tried has twice this many samples
 _LONGEST_PIECE = 80  # samples of the grid that a piece covers at most
 _SAME_SPOT_M = 1e-3  # waypoints that are nearer than this are at one spot
 _SHORTEST_S = 1e-6  # shorter pieces of a cut path are left out
+_SAME_TIME_S = 1e-3  # a path is not divided nearer than this to an end of a piece
 _BINOMIALS = np.array([[math.comb(k, i) for k in range(8)] for i in range(8)], dtype=float)
 
 
@@ -165,6 +166,31 @@ def cut(path: Path, begin_s: float, end_s: float) -> Array:
         shifted = np.array(piece[1:]).reshape(4, 8) @ _shift(first_s)
         pieces.append(np.concatenate([[last_s - first_s], shifted.reshape(-1)]))
     return np.array(pieces).reshape(-1, NUMBER_COUNT)
+
+
+def divided(path: Path, times_s: Array) -> Array:
+    """Return the pieces (P, 33) of a path whose pieces end at further times as well.
+
+    Args:
+        path: the path.
+        times_s: rising times at which a piece shall end [s].
+    """
+    pieces = []
+    for piece, piece_end_s in zip(path.pieces, path.ends_s, strict=True):
+        duration_s = piece[0]
+        coefficients = np.array(piece[1:]).reshape(4, 8)
+
+        # the times within this piece, counted from its start
+        since_s = times_s - (piece_end_s - duration_s)
+        first = np.searchsorted(since_s, _SAME_TIME_S)
+        last = np.searchsorted(since_s, duration_s - _SAME_TIME_S)
+        begins_s = [0.0, *since_s[first:last].tolist()]
+        ends_s = [*begins_s[1:], duration_s]
+
+        for begin_s, end_s in zip(begins_s, ends_s, strict=True):
+            shifted = coefficients @ _shift(begin_s)
+            pieces.append(np.concatenate([[end_s - begin_s], shifted.reshape(-1)]))
+    return np.array(pieces)
 
 
 def moved(path: Path, by: Array) -> Path:

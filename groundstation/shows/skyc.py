@@ -19,6 +19,7 @@ from typing import Any
 import numpy as np
 
 from groundstation.paths.lights import TimedColour
+from groundstation.paths.pieces import divided
 from groundstation.shows.light_program import colours
 from groundstation.shows.show import (
     MOST_DRONES,
@@ -306,7 +307,11 @@ def _pieces(subject: str, points: Any) -> tuple[float, list[list[float]], Xyz]:
 
 
 def _with_yaw(subject: str, path: Path, begin_s: float, control: dict[str, Any]) -> Path:
-    """Return the path with yaw from the setpoints; within each piece yaw turns smoothly."""
+    """Return the path with yaw from the setpoints.
+
+    The path is divided at the setpoints, and within each piece yaw turns smoothly. A turn of more
+    than half a circle between two setpoints is flown as it is written.
+    """
     setpoints = control.get("setpoints")
     if not isinstance(setpoints, list) or not setpoints:
         return path
@@ -332,21 +337,35 @@ def _with_yaw(subject: str, path: Path, begin_s: float, control: dict[str, Any])
                 f"{subject}: yaw setpoint {k} is {yaws_deg[k]:g} degrees; at most"
                 f" {_MOST_YAW_DEG:g} are read. Export the show again."
             )
-    yaws_rad = np.unwrap(np.radians(yaws_deg))
+
+    # setpoints before the path and after it end no piece
+    inner_s = np.unique(times_s) - begin_s
+    inner_s = inner_s[(inner_s > 0.0) & (inner_s < path.duration_s)]
+    if len(inner_s) > MOST_PIECES:
+        raise ConfigError(
+            f"{subject}: it has {len(inner_s)} yaw setpoints; {MOST_PIECES} are the most that a "
+            "vehicle can hold. Export the show with fewer."
+        )
+    pieces = divided(path, inner_s)
+    durations_s = pieces[:, 0]
 
     # yaw at the start of the path and at the end of each piece
-    knots_s = begin_s + np.concatenate([[0.0], np.array(path.ends_s)])
-    knots_rad = np.interp(knots_s, times_s, yaws_rad)
+    knots_s = begin_s + np.concatenate([[0.0], np.cumsum(durations_s)])
+    knots_rad = np.interp(knots_s, times_s, np.radians(yaws_deg))
 
-    pieces = np.array(path.pieces)
-    durations_s = pieces[:, 0]
     # Columns 25 to 32 are the coefficients of yaw. They become those of a quintic from rest to
     # rest: 10 s^3 - 15 s^4 + 6 s^5 of the turn, with the share s of the duration.
     pieces[:, 25:33] = 0.0
     pieces[:, 25] = knots_rad[:-1]
     for power, factor in ((3, 10.0), (4, -15.0), (5, 6.0)):
         pieces[:, 25 + power] = factor * np.diff(knots_rad) / durations_s**power
-    return path_of(pieces.tolist())
+    try:
+        return path_of(pieces.tolist())
+    except ConfigError as error:
+        raise ConfigError(
+            f"{subject}: with an end of a piece at each yaw setpoint, it is no path. {error} "
+            "Export the show with fewer setpoints."
+        ) from None
 
 
 def _lights(subject: str, program: dict[str, Any]) -> tuple[TimedColour, ...]:

@@ -265,6 +265,37 @@ def test_types_and_endpoints_come_from_the_fleet_that_is_named(tmp_path: Path) -
         imported(write_skyc(tmp_path / "four.skyc", line_of(4), 12.0), tmp_path / "four", own)
 
 
+def _yaws_deg(tmp_path: Path, setpoints: list[list[float]], times_s: list[float]) -> list[float]:
+    """Yaw at some times of a show of one drone, of which one piece lasts from 2 s to 14 s."""
+    points = [[0, [0, 0, 0], []], [2, [0, 0, 2], []], [14, [0.2, 0, 2], []], [16, [0.2, 0, 0], []]]
+    for k in range(1, len(points)):  # at rest at each point
+        points[k][2] = [points[k - 1][1], points[k][1]]
+    show = _one({"version": 1, "points": points}, yawControl={"setpoints": setpoints})
+    path = read_skyc(_with_show(tmp_path, show)).drones[0].path
+    return [math.degrees(point_at(path, time_s).yaw_rad) for time_s in times_s]
+
+
+def test_yaw_is_that_of_each_setpoint_also_within_a_piece(tmp_path: Path) -> None:
+    setpoints = [[2.0, 0.0], [8.0, 90.0], [14.0, 0.0]]
+    yaws_deg = _yaws_deg(tmp_path, setpoints, [2.0, 5.0, 8.0, 11.0, 14.0])
+    assert yaws_deg == pytest.approx([0.0, 45.0, 90.0, 45.0, 0.0], abs=0.01)
+
+
+@pytest.mark.parametrize("turn_deg", [270.0, 360.0, -720.0])
+def test_long_turns_of_yaw_are_flown_as_they_are_written(tmp_path: Path, turn_deg: float) -> None:
+    yaws_deg = _yaws_deg(tmp_path, [[2.0, 0.0], [14.0, turn_deg]], [2.0, 8.0, 14.0])
+    assert yaws_deg == pytest.approx([0.0, 0.5 * turn_deg, turn_deg], abs=0.01)
+
+
+def test_more_yaw_setpoints_than_a_vehicle_can_hold_are_refused(tmp_path: Path) -> None:
+    many = [[2.0 + 0.001 * k, 0.0] for k in range(5000)]
+    with pytest.raises(ConfigError, match=r"5000 yaw setpoints; \d+ are the most"):
+        _yaws_deg(tmp_path, many, [])
+    just_too_many = [[2.0 + 0.006 * k, 0.0] for k in range(1985)]
+    with pytest.raises(ConfigError, match="with an end of a piece at each yaw setpoint"):
+        _yaws_deg(tmp_path, just_too_many, [])
+
+
 def _with_show(tmp_path: Path, data: object) -> Path:
     path = tmp_path / "broken.skyc"
     with zipfile.ZipFile(path, "w") as archive:
