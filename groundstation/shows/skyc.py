@@ -2,8 +2,8 @@
 
 They are zips with ``show.json`` and the members to which its ``$ref`` refer.
 
-Lengths are metres with z up, times are seconds, and yaw is in degrees counterclockwise. The control
-points of a point belong to the Bezier curve that ends at it.
+Lengths are metres with z up, times are seconds, and yaw is in degrees clockwise from the x axis.
+The control points of a point belong to the Bezier curve that ends at it.
 """
 
 from __future__ import annotations
@@ -351,7 +351,7 @@ def _with_yaw(subject: str, path: Path, begin_s: float, control: dict[str, Any])
 
     # yaw at the start of the path and at the end of each piece
     knots_s = begin_s + np.concatenate([[0.0], np.cumsum(durations_s)])
-    knots_rad = np.interp(knots_s, times_s, np.radians(yaws_deg))
+    knots_rad = np.interp(knots_s, times_s, -np.radians(yaws_deg))  # clockwise in the file
 
     # Columns 25 to 32 are the coefficients of yaw. They become those of a quintic from rest to
     # rest: 10 s^3 - 15 s^4 + 6 s^5 of the turn, with the share s of the duration.

@@ -276,15 +276,16 @@ def _yaws_deg(tmp_path: Path, setpoints: list[list[float]], times_s: list[float]
 
 
 def test_yaw_is_that_of_each_setpoint_also_within_a_piece(tmp_path: Path) -> None:
+    """Clockwise in the file, counterclockwise in a path."""
     setpoints = [[2.0, 0.0], [8.0, 90.0], [14.0, 0.0]]
     yaws_deg = _yaws_deg(tmp_path, setpoints, [2.0, 5.0, 8.0, 11.0, 14.0])
-    assert yaws_deg == pytest.approx([0.0, 45.0, 90.0, 45.0, 0.0], abs=0.01)
+    assert yaws_deg == pytest.approx([0.0, -45.0, -90.0, -45.0, 0.0], abs=0.01)
 
 
 @pytest.mark.parametrize("turn_deg", [270.0, 360.0, -720.0])
 def test_long_turns_of_yaw_are_flown_as_they_are_written(tmp_path: Path, turn_deg: float) -> None:
     yaws_deg = _yaws_deg(tmp_path, [[2.0, 0.0], [14.0, turn_deg]], [2.0, 8.0, 14.0])
-    assert yaws_deg == pytest.approx([0.0, 0.5 * turn_deg, turn_deg], abs=0.01)
+    assert yaws_deg == pytest.approx([0.0, -0.5 * turn_deg, -turn_deg], abs=0.01)
 
 
 def test_more_yaw_setpoints_than_a_vehicle_can_hold_are_refused(tmp_path: Path) -> None:
