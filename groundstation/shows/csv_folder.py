@@ -13,7 +13,14 @@ import numpy as np
 from groundstation.paths.lights import TimedColour
 from groundstation.paths.path_files import load_path, read_columns
 from groundstation.shows.geographic import Places, origin_of, path_of_places, read_places
-from groundstation.shows.show import MOST_DRONES, Drone, Show, check_light_count, smooth
+from groundstation.shows.show import (
+    MOST_DRONES,
+    Drone,
+    Show,
+    begin_of_path_s,
+    check_light_count,
+    smooth,
+)
 from groundstation.shows.zip_members import unpack
 from onboard.arrays import Array
 from onboard.config.file_reading import CSV_FILE, read_text
@@ -76,10 +83,13 @@ def read_folder(folder: FilePath) -> Show:
         )
 
     drones: list[Drone] = []
+    first_times_s: list[float] = []
     for file in files:
-        drones.append(_drone(file, _path(file)))
+        first_s, drone = _drone(file, _path(file))
+        first_times_s.append(first_s)
+        drones.append(drone)
         check_light_count(str(folder), drones)
-    return Show(folder.resolve().name, _from_the_first_on(folder, drones))
+    return Show(folder.resolve().name, _from_the_first_on(folder, drones, first_times_s))
 
 
 def _geographic_show(folder: FilePath, places: Mapping[FilePath, Places | None]) -> Show:
@@ -99,10 +109,13 @@ def _geographic_show(folder: FilePath, places: Mapping[FilePath, Places | None])
         )
 
     origin = origin_of(list(geographic.values()))
-    drones = [
-        _drone(file, path_of_places(found, origin), found.first_s)
-        for file, found in geographic.items()
-    ]
+    drones: list[Drone] = []
+    first_times_s: list[float] = []
+    for file, found in geographic.items():
+        span_s = (found.first_s, found.first_s + float(found.times_s[-1]))
+        first_s, drone = _drone(file, path_of_places(found, origin), span_s)
+        first_times_s.append(first_s)
+        drones.append(drone)
     notes = [
         "latitudes and longitudes became metres from the first place of the show "
         f"({origin.latitude_deg:.6f}, {origin.longitude_deg:.6f}); heights count from its lowest "
@@ -120,7 +133,7 @@ def _geographic_show(folder: FilePath, places: Mapping[FilePath, Places | None])
         )
     return Show(
         title=folder.resolve().name,
-        drones=_from_the_first_on(folder, drones),
+        drones=_from_the_first_on(folder, drones, first_times_s),
         is_outdoors=True,
         origin=origin,
         notes=tuple(notes),
@@ -140,13 +153,15 @@ def _path(file: FilePath) -> Path:
         raise ConfigError(f"{file}: {error}") from None
 
 
-def _drone(file: FilePath, path: Path, first_s: float | None = None) -> Drone:
-    """Return a drone whose times are those of its file.
+def _drone(
+    file: FilePath, path: Path, span_s: tuple[float, float] | None = None
+) -> tuple[float, Drone]:
+    """Return the time of the first position, and a drone whose times are those of its file.
 
     Args:
         file: the CSV.
         path: its path.
-        first_s: time of its first line; None: read from its columns.
+        span_s: times of its first and its last position; None: read from its columns.
     """
     columns: tuple[str, ...] = ()
     numbers = np.zeros((1, 1))
@@ -154,21 +169,31 @@ def _drone(file: FilePath, path: Path, first_s: float | None = None) -> Drone:
     with contextlib.suppress(ConfigError):
         columns, numbers = read_columns(str(file))
     has_times = columns[:1] == ("t",)
-    if first_s is None:
-        first_s = float(numbers[0, 0]) if has_times else 0.0
+    if span_s is None:
+        span_s = _span_s(columns, numbers, path)
+    first_s, last_s = span_s
 
     lights: tuple[TimedColour, ...] = ()
     if has_times and set(_COLOURS) <= set(columns):
         lights = _lights(file, columns, numbers)
 
     x, y, z = point_at(path, 0.0).position_enu_m
-    return Drone(
+    return first_s, Drone(
         name=file.stem,
         home_enu_m=(x, y, min(z, 0.0)),
         path=path,
-        begin_s=first_s,
+        begin_s=begin_of_path_s(path, first_s, last_s),
         lights=lights,
     )
+
+
+def _span_s(columns: Sequence[str], numbers: Array, path: Path) -> tuple[float, float]:
+    """Return the times of the first and the last position of a CSV."""
+    if columns[:1] == ("t",):
+        return float(numbers[0, 0]), float(numbers[-1, 0])
+    if columns[:1] == ("duration",):
+        return 0.0, float(numbers[:, 0].sum())
+    return 0.0, path.duration_s  # waypoints have no times
 
 
 def _names_colours(file: FilePath) -> bool:
@@ -179,13 +204,15 @@ def _names_colours(file: FilePath) -> bool:
     return False
 
 
-def _from_the_first_on(folder: FilePath, drones: Sequence[Drone]) -> tuple[Drone, ...]:
-    """Return the drones with times from the first one's begin on: their files share one clock.
+def _from_the_first_on(
+    folder: FilePath, drones: Sequence[Drone], first_times_s: Sequence[float]
+) -> tuple[Drone, ...]:
+    """Return the drones with times from the first of all positions on: their files share one clock.
 
     Raises:
         ConfigError: their times are too far apart for one show.
     """
-    zero_s = min(drone.begin_s for drone in drones)
+    zero_s = min(first_times_s)
     last = max(drones, key=lambda drone: drone.begin_s)
     if last.begin_s - zero_s > LONGEST_S:
         raise ConfigError(

@@ -5,13 +5,14 @@ The readers of all file formats use the checks and conversions of this file.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from groundstation.paths.lights import TimedColour
-from groundstation.paths.pieces import fitted
+from groundstation.paths.pieces import GRID_S, fitted
 from onboard.config.fleet import ConfigError, Origin
 from onboard.control.path import MOST_JUMP_M, MOST_JUMP_M_S, Path, jumps, path_of, sampled
 from onboard.tuples import Xyz
@@ -31,7 +32,8 @@ class Drone:
     name: str
     home_enu_m: Xyz
     path: Path
-    begin_s: float = 0.0  # time on the show's clock at which the path begins
+    # time on the show's clock at which the path begins; negative if it rests before the show does
+    begin_s: float = 0.0
     lights: tuple[TimedColour, ...] = ()
 
 
@@ -106,9 +108,24 @@ def smooth(path: Path) -> Path:
     if jump_m_s <= MOST_JUMP_M_S:
         return path
 
-    times_s = np.arange(0.0, path.duration_s, 0.05)
+    times_s = np.linspace(0.0, path.duration_s, math.ceil(path.duration_s / GRID_S) + 1)
     positions, _, _ = sampled(path, times_s)
     return fitted(times_s, positions)
+
+
+def begin_of_path_s(path: Path, first_s: float, last_s: float) -> float:
+    """Return the time on the show's clock at which a drone's path begins.
+
+    A path that was fitted rests for the same time before its first and after its last position. So
+    it begins earlier, and passes each position at the position's own time.
+
+    Args:
+        path: path of the drone.
+        first_s: time of its first position.
+        last_s: time of its last position.
+    """
+    rest_s = 0.5 * (path.duration_s - (last_s - first_s))
+    return first_s - rest_s
 
 
 def bezier_piece(duration_s: float, points: list[list[float]]) -> list[float]:

@@ -25,6 +25,7 @@ from groundstation.shows.show import (
     MOST_DRONES,
     Drone,
     Show,
+    begin_of_path_s,
     bezier_piece,
     check_light_count,
     path_from_pieces,
@@ -247,7 +248,9 @@ def _drone(file: str, index: int, settings: dict[str, Any]) -> Drone:
 
     first_s, pieces, first_enu_m = _pieces(subject, trajectory.get("points"))
     path = path_from_pieces(subject, pieces)
-    begin_s = first_s + _number(subject, trajectory.get("takeoffTime", 0.0))
+    first_s += _number(subject, trajectory.get("takeoffTime", 0.0))
+    last_s = first_s + sum(duration_s for duration_s, *_ in pieces)
+    begin_s = begin_of_path_s(path, first_s, last_s)
     path = _with_yaw(subject, path, begin_s, _table(settings, "yawControl"))
 
     home_enu_m = first_enu_m

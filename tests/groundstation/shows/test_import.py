@@ -24,12 +24,19 @@ from groundstation.shows.csv_folder import read_folder
 from groundstation.shows.import_show import read_show
 from groundstation.shows.light_program import colours
 from groundstation.shows.output import write_show
-from groundstation.shows.show import bezier_piece
+from groundstation.shows.show import bezier_piece, path_from_pieces
 from groundstation.shows.skyc import read_skyc
 from onboard.arrays import Array
 from onboard.config.fleet import ConfigError, FleetConfig, load_fleet
 from onboard.control.path import jumps, path_of, point_at
-from tests.groundstation.shows.made_shows import crossing, csvs, line_of, up_and_down, write_skyc
+from tests.groundstation.shows.made_shows import (
+    crossing,
+    csvs,
+    eased,
+    line_of,
+    up_and_down,
+    write_skyc,
+)
 
 ROOT = Path(__file__).resolve().parents[3]
 
@@ -187,6 +194,41 @@ def test_folders_of_csvs_are_shows_too(tmp_path: Path) -> None:
     assert lights[-1].endswith(",0,0,255")
 
 
+def test_paths_from_positions_pass_them_at_the_times_of_the_colours(tmp_path: Path) -> None:
+    show = read_folder(csvs(tmp_path / "csvs", list(line_of(2).values()), 12.0))
+    assert [light[0] for light in show.drones[0].lights] == pytest.approx([0.0, 4.9, 5.0, 12.0])
+    for drone in show.drones:
+        for time_s in (4.0, 6.0, 7.5):
+            y_m = point_at(drone.path, time_s - drone.begin_s).position_enu_m.y
+            assert y_m == pytest.approx(eased((time_s - 3.0) / 6.0), abs=0.015)
+
+
+def test_a_smoothed_path_keeps_the_clock_of_the_others(tmp_path: Path) -> None:
+    """To the east at 0.5 m/s from 2 s to 14 s, once with corners and once at rest at both ends."""
+    corners = [[0, [0, 0, 0], []], [2, [0, 0, 2], []], [14, [6, 0, 2], []], [16, [6, 0, 0], []]]
+    smooth = json.loads(json.dumps(corners))
+    for k in range(1, len(smooth)):
+        smooth[k][2] = [smooth[k - 1][1], smooth[k][1]]
+
+    for takeoff_s in (0.0, 3.0):
+        begins_s = []
+        for points in (corners, smooth):
+            trajectory = {"version": 1, "points": points, "takeoffTime": takeoff_s}
+            (drone,) = read_skyc(_with_show(tmp_path, _one(trajectory))).drones
+            # the middle of the way, by symmetry of both
+            middle_s = takeoff_s + 8.0 - drone.begin_s
+            assert point_at(drone.path, middle_s).position_enu_m.x == pytest.approx(3.0, abs=0.01)
+            begins_s.append(drone.begin_s)
+        assert begins_s == pytest.approx([takeoff_s - 0.25, takeoff_s], abs=0.001)
+
+
+def test_smoothing_keeps_the_last_position_of_a_path() -> None:
+    corner = [bezier_piece(2.03, [[0.0, 0.0, 1.0], [1.0, 0.0, 1.0]])]
+    corner.append(bezier_piece(2.0, [[1.0, 0.0, 1.0], [1.0, 1.0, 1.0]]))
+    path = path_from_pieces("drone", corner)
+    assert point_at(path, path.duration_s).position_enu_m == pytest.approx((1.0, 1.0, 1.0))
+
+
 def _piece_csvs(folder: Path, second_x_m: float) -> Path:
     """Files of 33 columns: a climb, then a way to the east at once at 0.5 m/s, and a descent."""
     folder.mkdir()
@@ -229,7 +271,7 @@ def test_csvs_share_one_clock(tmp_path: Path) -> None:
 
     begins_at(10)
     first, second = read_folder(folder).drones
-    assert (first.begin_s, second.begin_s) == (0.0, 10.0)
+    assert second.begin_s - first.begin_s == pytest.approx(10.0)
     assert second.lights[0][0] == 10.0
 
     begins_at(4000)
