@@ -70,7 +70,7 @@ def import_(
         f"'{original.title}': {numbered(drones, 'drone')}, {duration_s:.0f} s above "
         f"{imported.takeoff_m:g} m."
     )
-    for note in (*original.notes, *imported.notes):
+    for note in imported.notes:
         print(f"  {note}")
     for name, lines in imported.own_notes.items():
         for line in lines[1:]:  # the first line only says which drone of the show it is

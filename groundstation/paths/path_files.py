@@ -26,6 +26,7 @@ from onboard.arrays import Array
 from onboard.config.file_reading import CSV_FILE, read_text
 from onboard.config.fleet import ConfigError
 from onboard.control.path import LONGEST_S, Path, path_of
+from onboard.plain_text import plain_line
 
 MOST_LINES = 400_000
 LONGEST_LINE = 4096  # letters; Crazyswarm's 33 columns take 500
@@ -88,7 +89,7 @@ def write_path(file: str | os.PathLike[str], path: Path, comments: Sequence[str]
         path: path of one vehicle.
         comments: lines for people.
     """
-    lines = [f"# {line}" for line in comments]
+    lines = [f"# {plain_line(line)}" for line in comments]
     lines.append(",".join(_PIECE_COLUMNS))
     for piece in path.pieces:
         lines.append(",".join(f"{number:.9g}" for number in piece))

@@ -200,6 +200,20 @@ def moved(path: Path, by: Array) -> Path:
     return path_of(pieces.tolist())
 
 
+def turned(path: Path, by_rad: float) -> Path:
+    """Return a path that is turned about the z axis, counterclockwise, with its yaw."""
+    cosine = math.cos(by_rad)
+    sine = math.sin(by_rad)
+
+    pieces = np.array(path.pieces)
+    x = pieces[:, 1:9].copy()
+    y = pieces[:, 9:17].copy()
+    pieces[:, 1:9] = cosine * x - sine * y
+    pieces[:, 9:17] = sine * x + cosine * y
+    pieces[:, 25] += by_rad
+    return path_of(pieces.tolist())
+
+
 def _shift(by_s: float) -> Array:
     """Return the matrix (8, 8), applied from the right, that shifts polynomials in time.
 

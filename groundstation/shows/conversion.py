@@ -115,6 +115,7 @@ def converted(
         homes={names[drone.name]: (*drone.home_enu_m[:2], 0.0) for drone in show.drones},
         paths={},
         lights={},
+        notes=list(show.notes),
     )
     for drone in show.drones:
         flyable.own_notes[names[drone.name]] = [f"{drone.name!r} of the show {show.title!r}"]

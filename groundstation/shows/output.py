@@ -29,6 +29,7 @@ from onboard.config.fleet import (
     parking_height_share,
 )
 from onboard.control.path import sampled
+from onboard.plain_text import plain_line
 
 DEFAULT_PROMISE_M = 0.8
 _FENCE_MARGIN_M = 2.0  # horizontal distance from the show to the fence
@@ -280,7 +281,7 @@ def _origin(show: Show) -> list[str]:
     return [
         f"origin = {{ latitude_deg = {origin.latitude_deg}, "
         f"longitude_deg = {origin.longitude_deg}, "
-        f"altitude_m = {origin.altitude_m} }}  # {owner_words} place; x is flown to the east"
+        f"altitude_m = {origin.altitude_m} }}  # {owner_words} place; x is east, y is north"
     ]
 
 
@@ -350,4 +351,4 @@ do = "land"
 
 
 def _commented(comments_of_all: Sequence[str], text: str) -> str:
-    return "\n".join(f"# {line}" for line in comments_of_all) + "\n" + text
+    return "\n".join(f"# {plain_line(line)}" for line in comments_of_all) + "\n" + text

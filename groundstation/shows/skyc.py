@@ -4,6 +4,12 @@ They are zips with ``show.json`` and the members to which its ``$ref`` refer.
 
 Lengths are metres with z up, times are seconds, and yaw is in degrees clockwise from the x axis.
 The control points of a point belong to the Bezier curve that ends at it.
+
+The show's frame is right-handed. ``environment.location`` has its place on Earth: the orientation
+is the compass direction of the x axis, in degrees clockwise from north. So a show whose orientation
+is 90 has x to the east and y to the north, as the fleet's frame; an outdoor show with another one
+is turned. Sources: Skybrush Studio for Blender, "Key concepts" and "Show panel"; ShowLocation in
+its sbstudio/model/location.py.
 """
 
 from __future__ import annotations
@@ -14,12 +20,13 @@ import math
 import os
 import posixpath
 import zipfile
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
 from groundstation.paths.lights import TimedColour
-from groundstation.paths.pieces import divided
+from groundstation.paths.pieces import divided, turned
 from groundstation.shows.light_program import colours
 from groundstation.shows.show import (
     MOST_DRONES,
@@ -47,6 +54,7 @@ _DEEPEST = 20  # levels of references and tables within each other
 
 _LONGEST_NAME = 200  # letters of a show's and a drone's name
 _HIGHEST_M = 10_000.0  # altitude of a show's origin
+_EAST_DEG = 90.0  # compass direction of the fleet's x axis
 _MOST_YAW_DEG = 360_000.0  # a thousand turns
 
 
@@ -178,6 +186,8 @@ def _show(name: str, data: Any) -> Show:
         raise ConfigError(f"{name}: 'swarm.drones' must list 1 to {MOST_DRONES} drones.")
 
     environment = _table(data, "environment")
+    location = _table(environment, "location")
+    is_outdoors = environment.get("type") == "outdoor"
     title = _table(data, "meta").get("title")
     if not isinstance(title, str) or not title:
         title, _ = os.path.splitext(os.path.basename(name))
@@ -186,12 +196,16 @@ def _show(name: str, data: Any) -> Show:
     for index, drone in enumerate(drones):
         read_drones.append(_drone(name, index, _table(drone, "settings")))
         check_light_count(name, read_drones)  # after each drone, before more memory is filled
-    return Show(
+    show = Show(
         title=title[:_LONGEST_NAME],
         drones=tuple(read_drones),
-        is_outdoors=environment.get("type") == "outdoor",
-        origin=_origin(_table(environment, "location")),
+        is_outdoors=is_outdoors,
+        origin=_origin(location),
     )
+    if is_outdoors and location.get("orientation") is not None:
+        orientation_deg = _number(f"{name}, 'environment.location'", location["orientation"])
+        show = _turned(show, orientation_deg)
+    return show
 
 
 def _table(value: Any, key: str) -> dict[str, Any]:
@@ -224,6 +238,34 @@ def _origin(location: dict[str, Any]) -> Origin | None:
     if not is_on_earth:
         return None
     return Origin(latitude_deg, longitude_deg, altitude_m)
+
+
+def _turned(show: Show, orientation_deg: float) -> Show:
+    """Return a show in the fleet's frame, with x to the east and y to the north.
+
+    Args:
+        show: the show in its own frame.
+        orientation_deg: compass direction of its x axis, clockwise from north.
+    """
+    compass_deg = orientation_deg % 360.0
+    turn_deg = _EAST_DEG - compass_deg  # counterclockwise
+    if turn_deg == 0.0:
+        return show
+
+    turn_rad = math.radians(turn_deg)
+    cosine = math.cos(turn_rad)
+    sine = math.sin(turn_rad)
+    drones = []
+    for drone in show.drones:
+        x, y, z = drone.home_enu_m
+        home_enu_m = (cosine * x - sine * y, sine * x + cosine * y, z)
+        drones.append(replace(drone, home_enu_m=home_enu_m, path=turned(drone.path, turn_rad)))
+
+    note = (
+        f"the x axis of the show points to {compass_deg:g} degrees of the compass: homes and paths "
+        f"are turned by {turn_deg:g} degrees counterclockwise, such that x is east and y north"
+    )
+    return replace(show, drones=tuple(drones), notes=(*show.notes, note))
 
 
 def _drone(file: str, index: int, settings: dict[str, Any]) -> Drone:

@@ -330,6 +330,45 @@ def test_long_turns_of_yaw_are_flown_as_they_are_written(tmp_path: Path, turn_de
     assert yaws_deg == pytest.approx([0.0, -0.5 * turn_deg, -turn_deg], abs=0.01)
 
 
+@pytest.mark.parametrize(
+    ("orientation_deg", "turn_deg"),
+    [(None, 0.0), (90.0, 0.0), (0.0, 90.0), (180.0, -90.0), (60, 30.0)],
+)
+def test_the_x_axis_of_an_outdoor_show_points_where_its_location_says(
+    tmp_path: Path, orientation_deg: float | None, turn_deg: float
+) -> None:
+    location = {"origin": [474000000, 85000000], "orientation": orientation_deg}
+    environment = {"type": "outdoor", "location": location}
+    ways = {"D1": up_and_down(lambda _: 2.0, lambda _: 1.0, 12.0)}
+    yaw = {"setpoints": [[0.0, 0.0]]}
+    file = write_skyc(
+        tmp_path / "show.skyc", ways, 12.0, show={"environment": environment}, yawControl=yaw
+    )
+
+    show = read_skyc(file)
+
+    (drone,) = show.drones
+    turn_rad = math.radians(turn_deg)
+    east_m = 2.0 * math.cos(turn_rad) - math.sin(turn_rad)
+    north_m = 2.0 * math.sin(turn_rad) + math.cos(turn_rad)
+    middle = point_at(drone.path, 6.0)
+    assert drone.home_enu_m == pytest.approx((east_m, north_m, 0.0))
+    assert middle.position_enu_m == pytest.approx((east_m, north_m, 1.6), abs=1e-4)
+    assert math.degrees(middle.yaw_rad) == pytest.approx(turn_deg, abs=1e-4)
+    assert len(show.notes) == (turn_deg != 0.0)
+
+    write_show(show, tmp_path / "out", file.name, None, None)
+    for name in ("fleet.toml", "paths/mav0.csv"):
+        text = (tmp_path / "out" / name).read_text(encoding="utf-8")
+        assert f"turned by {turn_deg:g} degrees counterclockwise" in text or not turn_deg
+
+
+def test_indoors_the_orientation_of_a_location_turns_nothing(tmp_path: Path) -> None:
+    environment = {"type": "indoor", "location": {"origin": [0, 0], "orientation": 0}}
+    file = write_skyc(tmp_path / "s.skyc", line_of(2), 12.0, show={"environment": environment})
+    assert read_skyc(file).drones[1].home_enu_m == (1.6, 0.0, 0.0)
+
+
 def test_more_yaw_setpoints_than_a_vehicle_can_hold_are_refused(tmp_path: Path) -> None:
     many = [[2.0 + 0.001 * k, 0.0] for k in range(5000)]
     with pytest.raises(ConfigError, match=r"5000 yaw setpoints; \d+ are the most"):
