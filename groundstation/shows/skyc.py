@@ -229,6 +229,12 @@ def _origin(location: dict[str, Any]) -> Origin | None:
         return None
     altitude_m = altitude[0] if altitude else 0.0  # a file may leave it out
 
+    # Skybrush writes 1e-7 degrees and millimetres. Numbers within a circle are degrees and metres.
+    if max(abs(latitude_deg), abs(longitude_deg)) > 360.0:
+        latitude_deg /= 1e7
+        longitude_deg /= 1e7
+        altitude_m /= 1e3
+
     # these comparisons are false for NaN, too
     is_on_earth = (
         -90.0 <= latitude_deg <= 90.0

@@ -27,7 +27,7 @@ from groundstation.shows.output import write_show
 from groundstation.shows.show import bezier_piece, path_from_pieces
 from groundstation.shows.skyc import read_skyc
 from onboard.arrays import Array
-from onboard.config.fleet import ConfigError, FleetConfig, load_fleet
+from onboard.config.fleet import ConfigError, FleetConfig, Origin, load_fleet
 from onboard.control.path import jumps, path_of, point_at
 from tests.groundstation.shows.made_shows import (
     crossing,
@@ -361,6 +361,23 @@ def test_the_x_axis_of_an_outdoor_show_points_where_its_location_says(
     for name in ("fleet.toml", "paths/mav0.csv"):
         text = (tmp_path / "out" / name).read_text(encoding="utf-8")
         assert f"turned by {turn_deg:g} degrees counterclockwise" in text or not turn_deg
+
+
+@pytest.mark.parametrize(
+    ("written", "altitude_m"),
+    [
+        ([473977420, 85455940, 489400], 489.4),
+        ([473977420, 85455940], 0.0),
+        ([47.397742, 8.545594, 489.4], 489.4),
+    ],
+)
+def test_the_origin_of_a_show_is_read_in_skybrushs_units_or_in_degrees(
+    tmp_path: Path, written: list[float], altitude_m: float
+) -> None:
+    environment = {"type": "outdoor", "location": {"origin": written}}
+    file = write_skyc(tmp_path / "s.skyc", line_of(1), 12.0, show={"environment": environment})
+    origin = read_skyc(file).origin
+    assert origin == Origin(47.397742, 8.545594, altitude_m)
 
 
 def test_indoors_the_orientation_of_a_location_turns_nothing(tmp_path: Path) -> None:
