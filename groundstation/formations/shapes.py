@@ -94,13 +94,17 @@ def sphere(count: int) -> Array:
     return np.column_stack([radius * np.sin(angles), radius * np.cos(angles), heights])
 
 
-def nearest_m(slots: Array) -> float:
-    """Return the horizontal distance of the two nearest slots; infinite for a single one."""
-    if len(slots) < 2:
-        return math.inf
+def nearest_m(slots: Array, apart_m: float = 0.0) -> float:
+    """Return the horizontal distance of the two nearest slots; infinite if there are no two.
+
+    Args:
+        slots: slots (N, 3) [m].
+        apart_m: two slots that are nearer than this [m] do not count: they are above each other.
+    """
     offsets = slots[:, None] - slots[None]  # (N, N, 3)
     gaps = np.hypot(offsets[..., 0], offsets[..., 1])
-    return float(gaps[~np.eye(len(slots), dtype=bool)].min())
+    is_counted = (gaps >= apart_m) & ~np.eye(len(slots), dtype=bool)
+    return float(gaps[is_counted].min(initial=math.inf))
 
 
 def layered(shape: Array, layers: int, height_m: float, *, is_stacked: bool, count: int) -> Array:

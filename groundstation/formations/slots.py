@@ -73,11 +73,15 @@ def stretched(
 
     Args:
         slots: offset of each vehicle [m], ENU.
-        spacing_m: horizontal distance of the two nearest slots [m]; None: no stretching.
+        spacing_m: horizontal distance of the two nearest slots that are not above each other [m];
+            None: no stretching.
         rotation_deg: angle to turn by, counterclockwise, seen from above.
 
     Returns:
         The new offsets; heights do not change.
+
+    Raises:
+        ConfigError: all slots are above each other, and there is a spacing.
     """
     if not slots:
         return {}
@@ -85,8 +89,13 @@ def stretched(
         return dict(slots)
 
     points = np.array(list(slots.values()))
-    nearest_m = shapes.nearest_m(points)
-    if spacing_m is not None and 0.0 < nearest_m < math.inf:
+    if spacing_m is not None and len(points) > 1:
+        nearest_m = shapes.nearest_m(points, apart_m=_SAME_SPOT_M)
+        if nearest_m == math.inf:
+            raise ConfigError(
+                f"All {len(points)} slots are above each other, and a spacing of {spacing_m:g} m "
+                "is horizontal. Leave the spacing out."
+            )
         points[:, :2] *= spacing_m / nearest_m
     if rotation_deg:
         points = shapes.turned(points, rotation_deg)

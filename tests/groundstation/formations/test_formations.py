@@ -19,7 +19,7 @@ from hypothesis import strategies as st
 
 from groundstation.formations import shapes, slot_drawing
 from groundstation.formations.assignment import least_longest, least_sum, spots_without_crossing
-from groundstation.formations.slots import formation_slots
+from groundstation.formations.slots import formation_slots, stretched
 from groundstation.orders.grammar import OrderError, parse
 from groundstation.orders.held_formation import HeldFormation
 from groundstation.orders.intents import Formation
@@ -204,6 +204,18 @@ def test_what_cannot_be_made_is_refused_when_it_is_ordered(
 ) -> None:
     with pytest.raises(OrderError, match=words):
         parse("formation it 0 0 1", fleet_with(it=formation))
+
+
+def test_a_spacing_stretches_slots_above_each_other_with_those_beside_them() -> None:
+    slots = {"a": (0, 0, 0), "b": (1, 0, 0), "c": (0, 0, 1.5), "d": (1, 0, 1.5)}
+    wider = stretched(slots, 3.0)
+    assert wider == {"a": (0, 0, 0), "b": (3, 0, 0), "c": (0, 0, 1.5), "d": (3, 0, 1.5)}
+
+    assert stretched({"a": (1, 0, 0)}, 3.0) == {"a": (1, 0, 0)}
+    pile = {"a": (1, 0, 0), "b": (1, 0, 2), "c": (1, 0, 4)}
+    assert stretched(pile, None, 180.0)["c"] == pytest.approx((-1, 0, 4))
+    with pytest.raises(ConfigError, match=r"All 3 slots are above each other.* spacing of 2 m"):
+        stretched(pile, 2.0)
 
 
 def test_slots_too_near_for_the_law_are_refused() -> None:
