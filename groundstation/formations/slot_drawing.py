@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import math
 import os
+import struct
 import warnings
 from io import BytesIO
 from typing import Any
@@ -21,6 +22,8 @@ _HEIGHT_PX = 48  # height of a text
 _MOST_PX = 150  # pixels of an image's longer side that are used
 _ROUNDS = 40  # largest number of iterations of the spreading
 _SETTLED_PX = 1e-3  # the spreading ends when no centre moves by more
+# exceptions that Pillow raises on damaged parts of an image
+_DAMAGED = (OSError, ValueError, SyntaxError, LookupError, TypeError, struct.error)
 _MOST_PIXELS = 25_000_000  # pixels of an image; they take 300 MB while it is read
 _FORMATS = ("PNG", "JPEG", "GIF", "BMP", "WEBP")
 
@@ -123,7 +126,7 @@ def _pixels(file: str) -> Array:
         ) from None
     except ConfigError:
         raise
-    except (OSError, ValueError, SyntaxError) as error:
+    except _DAMAGED as error:
         raise ConfigError(f"{file}: this image cannot be read ({error}). Give a PNG.") from None
 
 

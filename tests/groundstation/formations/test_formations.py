@@ -119,6 +119,23 @@ def test_two_slots_of_an_image_take_two_pixels_though_one_is_nearest_to_both(
     assert math.dist(first, second) >= 1.0
 
 
+def test_a_picture_with_a_damaged_part_behind_its_pixels_is_refused(tmp_path: Path) -> None:
+    def part(kind: bytes, data: bytes) -> bytes:
+        checksum = zlib.crc32(kind + data)
+        return struct.pack(">I", len(data)) + kind + data + struct.pack(">I", checksum)
+
+    file = tmp_path / "damaged.png"
+    file.write_bytes(
+        b"\x89PNG\r\n\x1a\n"
+        + part(b"IHDR", struct.pack(">IIBBBBB", 2, 2, 8, 0, 0, 0, 0))
+        + part(b"IDAT", zlib.compress(bytes(6)))
+        + part(b"iCCP", b"x\0")
+        + part(b"IEND", b"")
+    )
+    with pytest.raises(ConfigError, match="this image cannot be read"):
+        slot_drawing.image_slots(str(file), 2)
+
+
 def test_a_wrong_animation_in_an_image_prints_no_warning(tmp_path: Path) -> None:
     from matplotlib.image import imsave
 
