@@ -10,12 +10,14 @@ from typing import Any
 from groundstation.identification.identify import Estimate, Identified
 from onboard.avoidance.prediction import LAG_ERROR_S
 from onboard.config.fleet import Vehicle
+from onboard.config.validation import VEHICLE_BOUNDS
 
 # differences up to these are harmless
 _HOVER_SHARE = 0.05  # share of the hover thrust, which the observer compensates
 _DRAG_M_S2 = 0.15  # deceleration by drag at top speed
 _TILT_DEG = 2.0
 _GAIN = 0.15
+_WRITTEN_LAG_ERROR_S = 0.001  # the values are written with three decimals
 
 
 @dataclass(frozen=True, slots=True)
@@ -165,12 +167,8 @@ def type_toml(kind: str, members: Sequence[IdentifiedVehicle]) -> str:
         for tilt in (model.tilt_error_x_deg, model.tilt_error_y_deg):
             tilt_deg = max(tilt_deg, abs(tilt.value))
 
-    delay_s = lag_s.value - 2.0 * zeta.value / wn.value
-    wn_rad_s = wn.value
-    # a dead time below 0 is not allowed; keep the lag L, because the law uses only L
-    if delay_s < 0.0:
-        delay_s = 0.0
-        wn_rad_s = 2.0 * zeta.value / max(lag_s.value, 0.01)
+    delay_s, wn_rad_s, written_zeta = _within_bounds(lag_s.value, wn.value, zeta.value)
+    written_lag_s = delay_s + 2.0 * written_zeta / wn_rad_s
 
     lines = [
         f"# identified from {names}; 95 % intervals of the mean",
@@ -179,8 +177,7 @@ def type_toml(kind: str, members: Sequence[IdentifiedVehicle]) -> str:
         f"attitude_delay_s = {delay_s:.3f}  # L = delay + 2 zeta / wn = {lag_s.value:.3f} s, "
         f"{lag_s.low:.3f} to {lag_s.high:.3f}",
         f"attitude_wn_rad_s = {wn_rad_s:.2f}  # {wn.low:.2f} to {wn.high:.2f}",
-        f"attitude_zeta = {min(max(zeta.value, 0.2), 2.0):.3f}  # {zeta.low:.3f} to "
-        f"{zeta.high:.3f}",
+        f"attitude_zeta = {written_zeta:.3f}  # {zeta.low:.3f} to {zeta.high:.3f}",
         f"drag_1_s = {max(drag.value, 0.0):.2f}  # {drag.low:.2f} to {drag.high:.2f}",
         "",
         f"[{table}.sitl]  # for the emulator only; the control has to cope without them",
@@ -195,7 +192,36 @@ def type_toml(kind: str, members: Sequence[IdentifiedVehicle]) -> str:
             "# their lags differ by more than the law tolerates: give each vehicle its own values "
             "instead",
         )
+    if abs(written_lag_s - lag_s.value) > _WRITTEN_LAG_ERROR_S:
+        lines.insert(
+            1,
+            f"# the bounds of the fleet file's values allow no L of {lag_s.value:.3f} s; these "
+            f"values have one of {written_lag_s:.3f} s",
+        )
     return "\n".join(lines)
+
+
+def _within_bounds(lag_s: float, wn_rad_s: float, zeta: float) -> tuple[float, float, float]:
+    """Return delay [s], wn [rad/s] and zeta within the bounds of the fleet file.
+
+    Together they have the lag L, because the law uses only L. Each value is limited in turn, and
+    the next ones make up for it. Where the bounds do not allow L, theirs is the nearest one.
+    """
+    zeta = _bounded("attitude_zeta", zeta)
+    wn_rad_s = _bounded("attitude_wn_rad_s", wn_rad_s)
+    delay_s = _bounded("attitude_delay_s", lag_s - 2.0 * zeta / wn_rad_s)
+
+    # a limited delay leaves another part of L to the response, which is 2 zeta / wn
+    response_s = max(lag_s - delay_s, 0.001)
+    wn_rad_s = _bounded("attitude_wn_rad_s", 2.0 * zeta / response_s)
+    zeta = _bounded("attitude_zeta", 0.5 * wn_rad_s * response_s)
+    return delay_s, wn_rad_s, zeta
+
+
+def _bounded(key: str, value: float) -> float:
+    """Return a value limited to the bounds of its key in a vehicle's table."""
+    low, high = VEHICLE_BOUNDS[key]
+    return min(max(value, low), high)
 
 
 def _mean(estimates: Sequence[Estimate]) -> Estimate:

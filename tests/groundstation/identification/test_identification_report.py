@@ -1,0 +1,67 @@
+"""The TOML that ``covey identify`` proposes has the measured lag."""
+
+from __future__ import annotations
+
+import tomllib
+
+import pytest
+
+from groundstation.identification.identification_report import IdentifiedVehicle, type_toml
+from groundstation.identification.identify import Estimate, Identified
+from onboard.config.fleet import FleetConfig
+from onboard.config.validation import VEHICLE_BOUNDS
+
+
+def estimate(value: float) -> Estimate:
+    return Estimate(value=value, std=0.01, low=value - 0.02, high=value + 0.02)
+
+
+def flown(fleet: FleetConfig, *, lag_s: float, wn_rad_s: float, zeta: float) -> IdentifiedVehicle:
+    identified = Identified(
+        hover_thrust_frac=estimate(0.5),
+        lag_s=estimate(lag_s),
+        delay_s=estimate(lag_s - 2.0 * zeta / wn_rad_s),
+        wn_rad_s=estimate(wn_rad_s),
+        zeta=estimate(zeta),
+        drag_1_s=estimate(0.3),
+        static_gain=estimate(1.0),
+        tilt_error_x_deg=estimate(0.0),
+        tilt_error_y_deg=estimate(0.0),
+        duration_s=40.0,
+        attitude_rms_deg=0.1,
+        position_rms_m=0.001,
+    )
+    return IdentifiedVehicle(vehicle=fleet.vehicles["mav0"], identified=identified)
+
+
+@pytest.mark.parametrize(
+    ("lag_s", "wn_rad_s", "zeta"),
+    [
+        (0.273, 9.0, 0.7),
+        (0.16, 40.0, 2.8),  # zeta above its bound
+        (0.10, 6.0, 0.16),  # zeta below its bound
+        (0.20, 20.0, 2.8),
+        (0.15, 8.0, 0.7),  # the response alone is longer than the lag
+        (0.80, 10.0, 0.7),  # a delay above its bound
+        (0.05, 60.0, 2.5),  # wn above its bound for the largest zeta
+    ],
+)
+def test_the_written_values_have_the_measured_lag_and_lie_within_their_bounds(
+    fleet: FleetConfig, lag_s: float, wn_rad_s: float, zeta: float
+) -> None:
+    member = flown(fleet, lag_s=lag_s, wn_rad_s=wn_rad_s, zeta=zeta)
+    text = type_toml("quad", [member])
+    values = tomllib.loads(text)["types"]["quad"]
+    for key in ("attitude_delay_s", "attitude_wn_rad_s", "attitude_zeta"):
+        low, high = VEHICLE_BOUNDS[key]
+        assert low <= values[key] <= high
+    written_s = (
+        values["attitude_delay_s"] + 2.0 * values["attitude_zeta"] / values["attitude_wn_rad_s"]
+    )
+    assert written_s == pytest.approx(lag_s, abs=0.001)
+    assert "allow no L" not in text
+
+
+def test_a_lag_that_the_bounds_do_not_allow_is_said(fleet: FleetConfig) -> None:
+    text = type_toml("quad", [flown(fleet, lag_s=0.004, wn_rad_s=60.0, zeta=0.5)])
+    assert "allow no L of 0.004 s; these values have one of 0.007 s" in text
