@@ -235,9 +235,9 @@ def simulated_fleet(
     if busy:
         more = ""
         if len(busy) > 1:
-            more = f" ({len(busy)} ports are in use)"
+            more = f" ({len(busy)} ports are taken)"
         raise ConfigError(
-            f"{fleet.path}: {busy[0]}{more} Another emulator or fleet runs here: stop it, change"
+            f"{fleet.path}: {busy[0]}{more} Stop another emulator or fleet that runs here, change"
             " the endpoints, or fly with covey demo, which picks free ones."
         )
     return fleet

@@ -17,8 +17,9 @@ from onboard.config.fleet import ConfigError, FleetConfig, LawConfig
 # These ports lie below the kernel's range for outgoing connections, so that no connection gets one
 # of them by chance.
 PORT_RANGE = (20_000, 30_000)
-PX4_OFFSET = 40  # an emulated PX4 also binds the port of its endpoint plus this
+PX4_OFFSET = 40  # an emulated PX4 binds the port of its agent's endpoint plus this
 
+_AGENT_LISTENS = "udpin://"  # the scheme of an endpoint at which the agent waits for PX4
 _STREAMS = ("tcp/", "tls/")  # the other protocols of the bus use datagrams
 
 
@@ -55,6 +56,20 @@ def _kind_of(endpoint: str) -> socket.SocketKind:
     if endpoint.startswith(_STREAMS):
         return socket.SOCK_STREAM
     return socket.SOCK_DGRAM
+
+
+def port_of_index(first_port: int, index: int) -> int:
+    """Return the port of an agent's endpoint, such that no PX4 binds the port of another agent.
+
+    From the first port on, blocks of PX4_OFFSET ports for agents alternate with blocks of as many
+    ports for their PX4s.
+
+    Args:
+        first_port: the port of index 0.
+        index: index of the endpoint, from 0.
+    """
+    block, number = divmod(index, PX4_OFFSET)
+    return first_port + block * 2 * PX4_OFFSET + number
 
 
 def with_free_ports(data: dict[str, Any], fleet: FleetConfig) -> dict[str, Any]:
@@ -147,22 +162,33 @@ def is_local(fleet: FleetConfig) -> bool:
 
 
 def busy_ports(fleet: FleetConfig) -> list[str]:
-    """Return a sentence for each endpoint of a fleet file that cannot be bound on this machine."""
+    """Return a sentence for each port of a fleet file that cannot be bound on this machine.
+
+    Another program uses it, or the fleet file gives it to two.
+    """
     busy = []
+    owners: dict[tuple[str, int, socket.SocketKind], str] = {}  # host, port, kind -> key
     for used in _used_ports(fleet):
         port_text = used.endpoint.rsplit(":", 1)[-1]
         if not port_text.isdigit():
             continue
         port = int(port_text) + used.offset
-        if port > LAST_PORT:
+        protocol = "UDP"
+        if used.kind == socket.SOCK_STREAM:
+            protocol = "TCP"
+
+        owner = owners.setdefault((host_of(used.endpoint), port, used.kind), used.key)
+        if owner != used.key:
+            busy.append(
+                f"'{used.key}' ({used.endpoint}) needs {protocol} port {port}, which '{owner}'"
+                " needs too."
+            )
+        elif port > LAST_PORT:
             busy.append(
                 f"'{used.key}' ({used.endpoint}) needs port {port}, but the last port is"
                 f" {LAST_PORT}."
             )
         elif not is_free(port, used.kind):
-            protocol = "UDP"
-            if used.kind == socket.SOCK_STREAM:
-                protocol = "TCP"
             busy.append(
                 f"'{used.key}' ({used.endpoint}) needs {protocol} port {port}, which is in use."
             )
@@ -178,8 +204,9 @@ def _used_ports(fleet: FleetConfig) -> list[_UsedPort]:
     for name in fleet.enabled_names:
         vehicle = fleet.vehicles[name]
         used.append(_UsedPort(f"vehicles.{name}.agent", vehicle.agent, 0, bus))
-        for offset in (0, PX4_OFFSET):
-            used.append(_UsedPort(f"vehicles.{name}.autopilot", vehicle.autopilot, offset, udp))
+        used.append(_UsedPort(f"vehicles.{name}.autopilot", vehicle.autopilot, 0, udp))
+        if vehicle.autopilot.startswith(_AGENT_LISTENS):
+            used.append(_UsedPort(f"vehicles.{name}.autopilot", vehicle.autopilot, PX4_OFFSET, udp))
         if vehicle.direct is not None:
             used.append(_UsedPort(f"vehicles.{name}.direct", vehicle.direct, 0, udp))
     return used
@@ -187,14 +214,12 @@ def _used_ports(fleet: FleetConfig) -> list[_UsedPort]:
 
 def _free_ports() -> Iterator[int]:
     """Yield ports that are free for TCP and UDP, and whose port + PX4_OFFSET is free for UDP."""
-    # The range is divided into blocks of two halves. Ports of the first half are yielded; the
-    # second half is left to the emulated PX4s.
     low, high = PORT_RANGE
-    step = 2 * PX4_OFFSET
-    starts = list(range(low, high - step, step))
-    random.SystemRandom().shuffle(starts)
-    for start in starts:
-        for port in range(start, start + PX4_OFFSET):
+    blocks = list(range((high - low) // (2 * PX4_OFFSET)))
+    random.SystemRandom().shuffle(blocks)
+    for block in blocks:
+        for number in range(PX4_OFFSET):
+            port = port_of_index(low, block * PX4_OFFSET + number)
             if (
                 is_free(port, socket.SOCK_STREAM)
                 and is_free(port, socket.SOCK_DGRAM)

@@ -17,6 +17,7 @@ from typing import Literal, get_args
 from groundstation.mission_files.loading import mission_from_mapping
 from groundstation.mission_files.mission import Mission
 from groundstation.mission_files.mission_findings import refuse_unflyable
+from groundstation.processes.free_ports import port_of_index
 from groundstation.starter.layout import Plan, grid, half_width_m, ring
 from onboard.config.example_files import EXAMPLES
 from onboard.config.fleet import ConfigError, FleetConfig, fleet_from_mapping, read_toml
@@ -45,10 +46,11 @@ _MOST_AT_50_HZ = 8  # vehicles that can send all their states over one radio cha
 _FIRST_PORT = 7460  # port of the first agent
 _FIRST_DIRECT_PORT = 18570  # port of the first PX4 past its companion
 
-# Two ports of PX4: to its companion, and direct. The index of the instance is added to each. From
-# index 10 on the two ranges of _PORTS would overlap, so others are used.
+# First ports of PX4: to its companion, and direct. From the eleventh instance on PX4's own ports
+# collide, so others are used.
+_PX4_INSTANCES = 10
 _PORTS = (14540, 18570)
-_PORTS_FROM_TEN = (15540, 19570)
+_PORTS_FROM_TEN = (15550, 19580)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -386,13 +388,15 @@ def endpoint_lines(index: int) -> list[str]:
     Args:
         index: index of PX4's instance, from 0.
     """
-    onboard, direct = _PORTS
-    if index >= 10:
-        onboard, direct = _PORTS_FROM_TEN
+    first_onboard, first_direct = _PORTS
+    number = index
+    if index >= _PX4_INSTANCES:
+        first_onboard, first_direct = _PORTS_FROM_TEN
+        number = index - _PX4_INSTANCES
     return [
         f'agent = "tcp/127.0.0.1:{_FIRST_PORT + index}"',
-        f'autopilot = "udpin://127.0.0.1:{onboard + index}"',
-        f'direct = "udpout://127.0.0.1:{direct + index}"',
+        f'autopilot = "udpin://127.0.0.1:{port_of_index(first_onboard, number)}"',
+        f'direct = "udpout://127.0.0.1:{first_direct + number}"',
     ]
 
 

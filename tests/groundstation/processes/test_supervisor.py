@@ -105,6 +105,35 @@ def test_a_port_in_use_is_named_with_its_key(fleet: FleetConfig) -> None:
     assert str(port) in sentence
 
 
+def test_a_port_that_the_fleet_file_gives_to_two_is_named_with_both_keys(
+    fleet: FleetConfig,
+) -> None:
+    made = fleet_from_mapping(with_free_ports(tomllib.loads(fleet.text), fleet))
+    port = int(made.vehicles["mav0"].autopilot.rsplit(":", 1)[1]) + PX4_OFFSET
+    mav2 = msgspec.structs.replace(made.vehicles["mav2"], direct=f"udpout://127.0.0.1:{port}")
+    shared = msgspec.structs.replace(made, vehicles={**made.vehicles, "mav2": mav2})
+    (sentence,) = busy_ports(shared)
+    assert sentence == (
+        f"'vehicles.mav2.direct' (udpout://127.0.0.1:{port}) needs UDP port {port}, which"
+        " 'vehicles.mav0.autopilot' needs too."
+    )
+
+
+def test_an_emulated_px4_to_which_the_agent_sends_first_binds_no_second_port(
+    fleet: FleetConfig,
+) -> None:
+    made = fleet_from_mapping(with_free_ports(tomllib.loads(fleet.text), fleet))
+    mav0 = made.vehicles["mav0"]
+    endpoint = mav0.autopilot.replace("udpin", "udpout")
+    port = int(endpoint.rsplit(":", 1)[1]) + PX4_OFFSET
+    vehicles = {
+        **made.vehicles,
+        "mav0": msgspec.structs.replace(mav0, autopilot=endpoint),
+        "mav2": msgspec.structs.replace(made.vehicles["mav2"], direct=f"udpout://127.0.0.1:{port}"),
+    }
+    assert busy_ports(msgspec.structs.replace(made, vehicles=vehicles)) == []
+
+
 def test_a_port_beyond_the_last_one_is_named_with_its_key(fleet: FleetConfig) -> None:
     mav0 = msgspec.structs.replace(fleet.vehicles["mav0"], autopilot="udpin://127.0.0.1:65510")
     moved = msgspec.structs.replace(fleet, vehicles={**fleet.vehicles, "mav0": mav0})

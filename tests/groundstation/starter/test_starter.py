@@ -16,10 +16,21 @@ import pytest
 from groundstation import cli
 from groundstation.cli import main
 from groundstation.file_checks.examination import examine
+from groundstation.processes.free_ports import PX4_OFFSET
 from groundstation.processes.supervisor import most_agents
-from groundstation.starter.starter_files import Answers, Position, companion_addresses, starter
+from groundstation.starter.starter_files import (
+    Answers,
+    Position,
+    companion_addresses,
+    endpoint_lines,
+    starter,
+)
 from onboard.config.fleet import ConfigError, fleet_from_mapping, parking_distance_m
 from sitl.lockstep.flight import Lockstep
+
+
+def port_of(endpoint: str) -> int:
+    return int(endpoint.rsplit(":", 1)[1])
 
 
 def test_every_combination_of_answers_passes_the_check(tmp_path: Path) -> None:
@@ -53,6 +64,25 @@ def test_the_files_say_where_each_computer_is() -> None:
     ]
     assert made.fleet.mocap.type == "vicon"
     assert companion_addresses("one.local, two.local", 2) == ["one.local", "two.local"]
+
+
+def test_no_two_of_250_vehicles_on_one_computer_share_a_port() -> None:
+    tables = [tomllib.loads("\n".join(endpoint_lines(index))) for index in range(250)]
+    agents = [port_of(table["agent"]) for table in tables]
+    assert len(set(agents)) == 250
+
+    onboard = [port_of(table["autopilot"]) for table in tables]
+    px4 = [port + PX4_OFFSET for port in onboard]
+    direct = [port_of(table["direct"]) for table in tables]
+    assert len({*onboard, *px4, *direct}) == 3 * 250
+
+
+def test_the_first_fifty_vehicles_on_one_computer_have_px4s_ports() -> None:
+    for index in range(50):
+        table = tomllib.loads("\n".join(endpoint_lines(index)))
+        more = 0 if index < 10 else 1000
+        assert port_of(table["autopilot"]) == 14540 + more + index
+        assert port_of(table["direct"]) == 18570 + more + index
 
 
 @pytest.mark.parametrize(
