@@ -14,6 +14,7 @@ from groundstation.incident.moment import Moment
 from groundstation.recording.timeline import RecordedMessage, Timeline
 from onboard.bus.schema import Event, Order, Telemetry, TickSample, Truth
 from onboard.config.fleet import FleetConfig
+from onboard.config.pair_separation import separation_m
 
 _TOPICS = frozenset(("tick", "telemetry", "truth", "event", "order"))
 _AFTER_NS = 1_000_000_000
@@ -75,7 +76,7 @@ def account_of(timeline: Timeline, fleet: FleetConfig, moment: Moment, before_s:
 
     facts: list[str] = []
     for vehicle in seen.values():
-        facts.extend(_facts_of(vehicle, seen))
+        facts.extend(_facts_of(vehicle, seen, fleet.fleet.height_share))
     return Account(facts=tuple(facts), lines=tuple(sorted(lines)))
 
 
@@ -137,8 +138,14 @@ def _take_tick(vehicle: _Seen, tick: TickSample, stamp_ns: int) -> list[Line]:
     return []
 
 
-def _facts_of(vehicle: _Seen, seen: dict[str, _Seen]) -> Iterator[str]:
-    """Yield sentences about what a vehicle knew and did at the moment."""
+def _facts_of(vehicle: _Seen, seen: dict[str, _Seen], height_share: float) -> Iterator[str]:
+    """Yield sentences about what a vehicle knew and did at the moment.
+
+    Args:
+        vehicle: the vehicle.
+        seen: all vehicles that the moment is about.
+        height_share: metres that one metre of height counts as.
+    """
     name = vehicle.name
     tick = vehicle.tick
     if tick is None:
@@ -147,7 +154,7 @@ def _facts_of(vehicle: _Seen, seen: dict[str, _Seen]) -> Iterator[str]:
 
     for other in seen.values():
         if other is not vehicle:
-            yield from _knowledge(vehicle, tick, other)
+            yield from _knowledge(vehicle, tick, other, height_share)
 
     if vehicle.largest_error_m > _ERROR_M:
         yield (
@@ -173,7 +180,9 @@ def _facts_of(vehicle: _Seen, seen: dict[str, _Seen]) -> Iterator[str]:
         yield f"{name}: in force were {', '.join(telemetry.conditions)}; its answer: {action}."
 
 
-def _knowledge(vehicle: _Seen, tick: TickSample, other: _Seen) -> Iterator[str]:
+def _knowledge(
+    vehicle: _Seen, tick: TickSample, other: _Seen, height_share: float
+) -> Iterator[str]:
     """Yield sentences about what a vehicle knew of another one."""
     name = vehicle.name
     believed_m = tick.neighbour_distances_m.get(other.name)
@@ -184,7 +193,10 @@ def _knowledge(vehicle: _Seen, tick: TickSample, other: _Seen) -> Iterator[str]:
     age_s = tick.neighbour_ages_s.get(other.name, math.nan)
     text = f"{name}: it took {other.name} to be {believed_m:.2f} m away"
     if vehicle.truth is not None and other.truth is not None:
-        true_m = math.dist(vehicle.truth.position_enu_m, other.truth.position_enu_m)
+        # the agent's distance is a separation, too
+        true_m = separation_m(
+            vehicle.truth.position_enu_m, other.truth.position_enu_m, height_share
+        )
         text += f" ({true_m:.2f} m in truth)"
     yield f"{text}, by a state {1e3 * age_s:.0f} ms old."
 

@@ -5,12 +5,19 @@ from __future__ import annotations
 import contextlib
 from pathlib import Path
 
+import msgspec
 import pytest
 
 from groundstation.cli import main
 from groundstation.incident.account import account_of
-from groundstation.incident.moment import find_moment
+from groundstation.incident.moment import Moment, find_moment
 from groundstation.recording.replay import open_flight
+from groundstation.recording.timeline import Timeline
+from groundstation.recording.writer import RecordFiles
+from onboard.bus.schema import Truth
+from onboard.bus.topics import Topic
+from onboard.config.fleet import FleetConfig
+from tests.groundstation.recorded import LEVEL, SECOND, ZERO, tick
 
 _MISSION = """\
 schema = 1
@@ -106,6 +113,43 @@ def test_a_record_of_another_kind_of_flight_gets_its_account_only(
     told = capsys.readouterr().out
     assert "0.80 m were promised" in told
     assert "It cannot be flown again with one thing changed." in told
+
+
+@pytest.mark.parametrize(
+    ("vertical_separation_m", "separation"),
+    [(None, "0.79 m"), (0.4, "1.60 m")],  # with a share, 0.8 m of height count as 1.60 m
+)
+def test_the_true_distance_is_a_separation_like_the_one_that_the_vehicle_knew(
+    tmp_path: Path, fleet: FleetConfig, vertical_separation_m: float | None, separation: str
+) -> None:
+    section = msgspec.structs.replace(fleet.fleet, vertical_separation_m=vertical_separation_m)
+    fleet = msgspec.structs.replace(fleet, fleet=section)
+    now_ns = 5 * SECOND
+    files = RecordFiles(
+        tmp_path, (tmp_path / "flight.mcap").open("wb"), begin_ns=now_ns, begin="a test"
+    )
+    places_enu_m = {"mav0": (0.0, 0.0, 1.0), "mav1": (0.79, 0.0, 1.8)}
+    for name, position_enu_m in places_enu_m.items():
+        truth = Truth(
+            vehicle=name,
+            stamp_ns=now_ns,
+            position_enu_m=position_enu_m,
+            velocity_enu_m_s=ZERO,
+            quaternion_enu_flu_wxyz=LEVEL,
+            is_on_ground=False,
+            is_collided=False,
+        )
+        files.write(Topic.TRUTH, name, truth, now_ns)
+    files.write(Topic.TICK, "mav0", tick(now_ns), now_ns)
+    files.finish()
+    files.close()
+
+    moment = Moment(kind="distance", stamp_ns=now_ns, vehicles=("mav0", "mav1"), sentence="")
+    with contextlib.closing(Timeline(tmp_path)) as timeline:
+        account = account_of(timeline, fleet, moment, 5.0)
+    assert account.facts[0] == (
+        f"mav0: it took mav1 to be 1.10 m away ({separation} in truth), by a state 20 ms old."
+    )
 
 
 def test_a_folder_without_a_record_is_refused(
