@@ -8,10 +8,14 @@ other machine's contingency volume.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 from groundstation.evidence.evidence_summary import Evidence
+from groundstation.evidence.volumes import Volumes
 from onboard.confidence_intervals import two_sided
+
+_ROUNDING_M = 0.001  # distances in the two folders are rounded to millimetres
 
 
 class Agreement(NamedTuple):
@@ -23,8 +27,14 @@ class Agreement(NamedTuple):
     is_within: bool  # whether each lies in the other's interval
 
 
-def compared(here: Evidence, there: Evidence) -> list[Agreement]:
-    """Return every figure of both folders, and whether each lies in the other's interval."""
+def compared(here: Evidence, there: Evidence, *, half_body_m: float) -> list[Agreement]:
+    """Return every figure of both folders, and whether each lies in the other's interval.
+
+    Args:
+        here: evidence of this machine.
+        there: evidence of the other machine, of the same fleet.
+        half_body_m: half the diameter of the fleet's vehicles.
+    """
     rows_there = {row.key: row for row in there.matrix}
     figures = []
     for row in here.matrix:
@@ -35,8 +45,8 @@ def compared(here: Evidence, there: Evidence) -> list[Agreement]:
             _share(row.key, (row.wrong_flights, row.flights), (other.wrong_flights, other.flights))
         )
 
-    beyond_here = sum(excursion_m > there.volumes.excursion_m for excursion_m in here.excursions_m)
-    beyond_there = sum(excursion_m > here.volumes.excursion_m for excursion_m in there.excursions_m)
+    beyond_here = _flights_beyond(there.volumes, here.excursions_m, half_body_m)
+    beyond_there = _flights_beyond(here.volumes, there.excursions_m, half_body_m)
     figures.append(
         _share(
             "flights beyond the other's contingency volume",
@@ -45,6 +55,15 @@ def compared(here: Evidence, there: Evidence) -> list[Agreement]:
         )
     )
     return figures
+
+
+def _flights_beyond(volumes: Volumes, excursions_m: Sequence[float], half_body_m: float) -> int:
+    """Return the number of flights in which a vehicle left the contingency volume.
+
+    The excursions are those of the vehicles' centres; the volume holds the whole vehicles.
+    """
+    largest_m = volumes.excursion_m + _ROUNDING_M
+    return sum(excursion_m + half_body_m > largest_m for excursion_m in excursions_m)
 
 
 def _share(figure: str, here: tuple[int, int], there: tuple[int, int]) -> Agreement:

@@ -13,6 +13,7 @@ from groundstation.evidence.evidence_comparison import Agreement
 from groundstation.evidence.evidence_summary import Evidence
 from groundstation.evidence.matrix import NOT_SHOWN, SHOWN, WRONG, FailsafeRow, MatrixRow
 from groundstation.evidence.volumes import GUST_OF_MEAN
+from onboard.confidence_intervals import upper_bound
 from onboard.plain_text import numbered
 
 PAGE_NAME = "evidence.html"
@@ -129,10 +130,11 @@ def _volumes(evidence: Evidence, picture: bytes) -> str:
         for name, size, basis in rows
     )
 
-    # None of n flights left the volume. So with 95 % confidence, the share s of flights that do is
-    # below the value at which n flights in a row stay inside with a probability of 5 %, that is,
-    # (1 - s)^n = 0.05.
-    largest_share = 1.0 - 0.05 ** (1.0 / max(evidence.flights, 1))
+    # Width and height of the volume are maxima over the same n flights, so that one flight has set
+    # the width and one the height. The share s of flights that go beyond either is that beyond two
+    # of n flights: with 95 % confidence it is below the value at which at most one of n flights
+    # does with a probability of 5 %, that is, (1 - s)^n + n s (1 - s)^(n - 1) = 0.05.
+    largest_share = upper_bound(1, evidence.flights)
     encoded = base64.b64encode(picture).decode("ascii")
     return (
         f"<img alt='the three volumes from above' src='data:image/png;base64,{encoded}'>"

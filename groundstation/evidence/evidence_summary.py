@@ -38,7 +38,8 @@ class Evidence(msgspec.Struct, frozen=True, kw_only=True):
     not_shown: tuple[tuple[str, str], ...]  # what no simulation shows, each with the reason
     never_seen: tuple[str, ...]  # conditions that held in no flight
     volumes: Volumes
-    excursions_m: tuple[float, ...]  # greatest distance of each flight outside the geography
+    # greatest distance of a vehicle's centre outside the geography, for each flight
+    excursions_m: tuple[float, ...]
     provenance: Provenance
 
     @property
@@ -103,7 +104,7 @@ def summarized(
 
 
 def _excursion_m(fleet_volumes: Volumes, flight: FlownCase) -> float:
-    """Return the greatest distance of a flight outside the flight geography."""
+    """Return the greatest distance of a vehicle's centre outside the flight geography."""
     outside_m = [distance_outside_m(fleet_volumes.geography, point) for point in flight.hull_m]
     return round(max(outside_m, default=0.0), 3)
 

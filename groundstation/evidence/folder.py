@@ -52,7 +52,8 @@ def write_folder(
     agreements: list[Agreement] = []
     other_machine = ""
     if other is not None:
-        agreements = compared(evidence, other)
+        half_body_m = 0.5 * fleet.fleet.body_diameter_m
+        agreements = compared(evidence, other, half_body_m=half_body_m)
         versions = [f"{name} {version}" for name, version in other.provenance.versions.items()]
         other_machine = ", ".join([*other.provenance.machine.values(), *versions])
 

@@ -6,12 +6,15 @@ import json
 import re
 
 import msgspec
+import numpy as np
 import pytest
 
+from groundstation.evidence import evidence_page
 from groundstation.evidence.evidence_comparison import compared
 from groundstation.evidence.evidence_summary import read_evidence
 from groundstation.evidence.folder import write_folder
 from groundstation.evidence.hazards import HAZARDS, NOT_SHOWN
+from onboard.confidence_intervals import upper_bound
 from tests.groundstation.evidence.campaigns import evidence, flown
 
 
@@ -84,7 +87,7 @@ def test_figures_of_another_machine_are_put_beside_and_both_are_named(tmp_path, 
 def test_a_figure_outside_of_the_other_machines_interval_is_found(paper) -> None:
     flights = [flown("motor dead", number) for number in range(40)]
     bad = [flown("motor dead", number, wrong=("falls on mav1",)) for number in range(40)]
-    agreements = compared(evidence(paper, flights), evidence(paper, bad))
+    agreements = compared(evidence(paper, flights), evidence(paper, bad), half_body_m=0.25)
     outside = {one.figure for one in agreements if not one.is_within}
     assert outside == {"propulsion", "one-among-others"}
 
@@ -93,7 +96,31 @@ def test_flights_far_beyond_the_other_machines_volume_are_found(paper) -> None:
     flights = [flown(), *(flown("motor dead", number) for number in range(40))]
     wide = ((-9.0, 0.0), (2.0, 0.0), (2.0, 2.0))
     far = [flown(), *(flown("motor dead", number, hull_m=wide) for number in range(40))]
-    agreements = compared(evidence(paper, far), evidence(paper, flights))
+    agreements = compared(evidence(paper, far), evidence(paper, flights), half_body_m=0.25)
     assert [one.figure for one in agreements if not one.is_within] == [
         "flights beyond the other's contingency volume"
     ]
+
+
+def test_a_flight_is_beyond_the_other_volume_as_soon_as_half_a_body_is(paper) -> None:
+    half_body_m = 0.5 * paper.fleet.body_diameter_m
+    wide = ((-3.0, 0.0), (2.0, 0.0), (2.0, 2.0))
+    wider = ((-3.0 - 0.5 * half_body_m, 0.0), (2.0, 0.0), (2.0, 2.0))
+    there = evidence(paper, [flown(), *(flown("motor dead", n, hull_m=wide) for n in range(40))])
+    here = evidence(paper, [flown(), *(flown("motor dead", n, hull_m=wider) for n in range(40))])
+
+    same = compared(there, there, half_body_m=half_body_m)[-1]
+    assert same.here == same.there == "0 of 41"
+    beyond = compared(here, there, half_body_m=half_body_m)[-1]
+    assert (beyond.here, beyond.there) == ("40 of 41", "0 of 41")
+
+
+def test_the_share_beyond_the_volume_is_that_for_the_maxima_of_width_and_height(paper) -> None:
+    whole = evidence(paper, [flown(number=number) for number in range(220)])
+    assert "fewer than 2.1 % go beyond it" in evidence_page.page(whole, b"", [], "")
+
+    # campaigns in which width and height do not depend on each other
+    rng = np.random.default_rng(1)
+    flown_m = rng.random((4000, 220, 2)).max(axis=1)
+    beyond_share = 1.0 - flown_m[:, 0] * flown_m[:, 1]
+    assert np.mean(beyond_share < upper_bound(1, 220)) == pytest.approx(0.95, abs=0.01)
