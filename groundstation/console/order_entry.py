@@ -39,7 +39,7 @@ from groundstation.missions.mission_orders import MissionOrders
 from groundstation.orders.falling import below_words
 from groundstation.orders.forecast_process import Forecaster
 from groundstation.orders.grammar import OrderError, default_formation, parse
-from groundstation.orders.intents import INTENTS, Intent, Kill, Land, Takeoff, Verb
+from groundstation.orders.intents import INTENTS, Intent, Kill, Takeoff, Verb
 from groundstation.orders.kill_latch import KillLatch
 from groundstation.orders.plan import PlannedOrder
 from groundstation.orders.result import OrderResult, VehicleResult
@@ -383,9 +383,7 @@ class OrderEntry:
 
     def _order_for_all(self, verb: Verb) -> Intent:
         """Return an order for all vehicles."""
-        if verb == "land":
-            return Land(vehicles=self._fleet.enabled_names, is_everybody=True)
-        return INTENTS[verb](vehicles=self._fleet.enabled_names)
+        return INTENTS[verb](vehicles=self._fleet.enabled_names, is_everybody=True)
 
     async def order_paths(self, verb: Verb) -> None:
         """Give an order to all vehicles that follow a path or another vehicle.

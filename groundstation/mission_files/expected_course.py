@@ -125,14 +125,11 @@ def resolved(intent: Intent, fleet: FleetConfig) -> Intent:
         ConfigError: a vehicle or a formation is unknown.
     """
     names = fleet.select(intent.vehicles)
+    is_everybody = means_all(intent.vehicles)
 
     if isinstance(intent, Goto):
         goals = positions_by_name(intent.goals, fleet)
         return structs.replace(intent, vehicles=tuple(goals), goals=goals)
-
-    if isinstance(intent, Land):
-        is_everybody = means_all(intent.vehicles)
-        return structs.replace(intent, vehicles=names, is_everybody=is_everybody)
 
     if isinstance(intent, Formation):
         if intent.name not in formation_names(fleet):
@@ -141,11 +138,11 @@ def resolved(intent: Intent, fleet: FleetConfig) -> Intent:
                 f"'{intent.name}' is no formation of fleet '{fleet.fleet.name}': {known}. "
                 "Correct 'name'."
             )
-        if means_all(intent.vehicles):
+        if is_everybody:
             slots = formation_slots(fleet, intent.name)
             names = tuple(name for name in names if name in slots)
 
-    return structs.replace(intent, vehicles=names)
+    return structs.replace(intent, vehicles=names, is_everybody=is_everybody)
 
 
 def positions_by_name(positions: Mapping[str, Xyz], fleet: FleetConfig) -> dict[str, Xyz]:

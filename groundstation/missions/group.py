@@ -160,7 +160,8 @@ class Group:
 
     async def arm(self, vehicles: Vehicles = "all", *, timeout_s: float = 15.0) -> Results:
         """Arm on the ground."""
-        return await self.order(Arm(vehicles=self.select(vehicles)), timeout_s)
+        intent = Arm(vehicles=self.select(vehicles), is_everybody=means_all(vehicles))
+        return await self.order(intent, timeout_s)
 
     async def disarm(self, vehicles: Vehicles = "all", *, timeout_s: float = 15.0) -> Results:
         """Disarm on the ground."""
@@ -249,7 +250,13 @@ class Group:
             every_s: time from the arrival of a wave to the start of the next [s].
             timeout_s: longest wait for a wave [s].
         """
-        intent = Takeoff(vehicles=self.select(vehicles), height_m=height_m, by=by, every_s=every_s)
+        intent = Takeoff(
+            vehicles=self.select(vehicles),
+            is_everybody=means_all(vehicles),
+            height_m=height_m,
+            by=by,
+            every_s=every_s,
+        )
         return await self.order(intent, timeout_s)
 
     async def move(
@@ -274,6 +281,7 @@ class Group:
         """
         intent = Move(
             vehicles=self.select(vehicles),
+            is_everybody=means_all(vehicles),
             position_enu_m=position_enu_m,
             is_of_formation=means_all(vehicles) and len(self._names) > 1,
             yaw_deg=yaw_deg,
@@ -368,12 +376,14 @@ class Group:
             raise ConfigError(f"'{name}' is no formation of this fleet; it has {known}.")
 
         names = self.select(vehicles)
-        if means_all(vehicles):
+        is_everybody = means_all(vehicles)
+        if is_everybody:
             slots = formation_slots(self.config, name)
             names = tuple(vehicle for vehicle in names if vehicle in slots)
 
         intent = Formation(
             vehicles=names,
+            is_everybody=is_everybody,
             name=name,
             position_enu_m=position_enu_m,
             spacing_m=spacing_m,
@@ -400,7 +410,12 @@ class Group:
             duration_s: duration of the move [s]; 0 leaves it to the vehicles' limits.
             timeout_s: longest wait [s].
         """
-        intent = Rotate(vehicles=self.select(vehicles), angle_deg=angle_deg, duration_s=duration_s)
+        intent = Rotate(
+            vehicles=self.select(vehicles),
+            is_everybody=means_all(vehicles),
+            angle_deg=angle_deg,
+            duration_s=duration_s,
+        )
         return await self.order(intent, timeout_s)
 
     async def yaw(
@@ -413,7 +428,12 @@ class Group:
             vehicles: vehicles to order.
             timeout_s: longest wait [s].
         """
-        return await self.order(Yaw(vehicles=self.select(vehicles), yaw_deg=yaw_deg), timeout_s)
+        intent = Yaw(
+            vehicles=self.select(vehicles),
+            is_everybody=means_all(vehicles),
+            yaw_deg=yaw_deg,
+        )
+        return await self.order(intent, timeout_s)
 
     async def home(
         self,
@@ -434,7 +454,12 @@ class Group:
             duration_s: duration of the way back [s]; 0 leaves it to the vehicles' limits.
             timeout_s: longest wait [s].
         """
-        intent = Home(vehicles=self.select(vehicles), height_m=height_m, duration_s=duration_s)
+        intent = Home(
+            vehicles=self.select(vehicles),
+            is_everybody=means_all(vehicles),
+            height_m=height_m,
+            duration_s=duration_s,
+        )
         return await self.order(intent, timeout_s)
 
     async def bring_home(
@@ -456,8 +481,12 @@ class Group:
             duration_s: duration of the way back [s]; 0 leaves it to the vehicles' limits.
             timeout_s: longest wait [s].
         """
-        names = self.select(vehicles)
-        intent = BringHome(vehicles=names, height_m=height_m, duration_s=duration_s)
+        intent = BringHome(
+            vehicles=self.select(vehicles),
+            is_everybody=means_all(vehicles),
+            height_m=height_m,
+            duration_s=duration_s,
+        )
         return await self.order(intent, timeout_s)
 
     async def pause(self, vehicles: Vehicles = "all", *, timeout_s: float = 5.0) -> Results:

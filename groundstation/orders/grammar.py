@@ -34,6 +34,8 @@ from __future__ import annotations
 
 import math
 
+from msgspec import structs
+
 from groundstation.formations.slots import formation_names, formation_slots
 from groundstation.orders.intents import (
     INTENTS,
@@ -105,16 +107,16 @@ def parse(text: str, fleet: FleetConfig) -> Intent:
     if kind.verb == "formation":
         _check_formation(formation, fleet)
 
-    return kind.from_line(
+    intent = kind.from_line(
         LineWords(
             vehicles=names,
             numbers=numbers,
             options=options,
             formation=formation,
             is_nearest=is_nearest,
-            is_everybody=is_everybody,
         )
     )
+    return structs.replace(intent, is_everybody=is_everybody)
 
 
 def default_formation(fleet: FleetConfig) -> str | None:

@@ -82,7 +82,6 @@ class LineWords(NamedTuple):
     goals: Mapping[str, Xyz] = {}  # vehicle -> goal, for goto
     formation: str = ""
     is_nearest: bool = False
-    is_everybody: bool = False  # whether the line names no vehicle, or says "all"
 
     @property
     def duration_s(self) -> float:
@@ -136,9 +135,12 @@ class Intent(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tr
     begins: ClassVar[Literal["on ground", "in air", "anywhere"]] = "anywhere"
 
     # Fields that the planning fills in. They are not keys of a mission file.
-    planned_fields: ClassVar[tuple[str, ...]] = ()
+    planned_fields: ClassVar[tuple[str, ...]] = ("is_everybody",)
 
     vehicles: Names = "all"  # "all", a name, "0-2", "a,b" or a list
+    # whether the order is to all without naming them: then it leaves out vehicles that cannot take
+    # part, and a landing those that a pilot flies by hand
+    is_everybody: bool = False
     timeout_s: float = 40.0  # the step fails if it is not done within this time
 
     @classmethod
@@ -287,7 +289,7 @@ class Move(GoalIntent, frozen=True, kw_only=True):
     number_counts = (3,)
     options = ("in", "yaw")
     must_name_vehicles = True
-    planned_fields = ("is_of_formation",)
+    planned_fields = (*Intent.planned_fields, "is_of_formation")
 
     position_enu_m: Xyz  # east, north, up in the fleet frame
     # whether the position is that of the formation although only one vehicle is left
@@ -317,7 +319,7 @@ class Goto(GoalIntent, frozen=True, kw_only=True):
         "for instance: goto mav0 2 0 1 mav1 0 2 1"
     )
     options = ("in", "yaw")
-    planned_fields = ("follows",)
+    planned_fields = (*Intent.planned_fields, "follows")
 
     goals: Mapping[str, Xyz]  # vehicle -> east, north, up in the fleet frame
     follows: str = ""  # the vehicle whose motion the goals follow; empty: they stay
@@ -353,7 +355,7 @@ class Formation(GoalIntent, frozen=True, kw_only=True):
     )
     number_counts = (0, 1, 3, 4)
     options = ("in", "yaw", "turned")
-    planned_fields = ("takes",)
+    planned_fields = (*Intent.planned_fields, "takes")
 
     name: str  # a table [formations.NAME] of the mission or of the fleet file
     # position of the formation; None: the mean of the vehicles' positions
@@ -419,7 +421,7 @@ class Rotate(Intent, frozen=True, kw_only=True):
     has_goals = True
     waits_for_step = True
     begins = "in air"
-    planned_fields = ("center_enu_m",)
+    planned_fields = (*Intent.planned_fields, "center_enu_m")
 
     angle_deg: float  # angle to turn by, counterclockwise
     duration_s: float = 0.0  # as for move
@@ -530,7 +532,7 @@ class BringHome(Home, frozen=True, kw_only=True):
 
     verb = "bring_home"
     usage = "bring_home [WHO] [HEIGHT] [in SECONDS], for instance: bring_home all"
-    planned_fields = ("takes",)
+    planned_fields = (*Intent.planned_fields, "takes")
 
     # vehicle -> the vehicle on whose take-off spot it lands; None: not assigned yet
     takes: Mapping[str, str] | None = None
@@ -580,15 +582,6 @@ class Land(Intent, frozen=True, kw_only=True):
     kind = "land"
     usage = "land [WHO]"
     brings_down = True
-    planned_fields = ("is_everybody",)
-
-    # whether the order is to all, without names: it leaves out vehicles that a pilot flies by hand
-    is_everybody: bool = False
-
-    @classmethod
-    def from_line(cls, line: LineWords) -> Self:
-        """Return the order of a line of the console."""
-        return cls(vehicles=line.vehicles, is_everybody=line.is_everybody)
 
     def message_values(self) -> MessageValues:
         """Return the values of the message to each vehicle."""
@@ -666,7 +659,7 @@ class Swap(Intent, frozen=True, kw_only=True):
     is_mission_step = False
     is_joint = True
     begins = "on ground"
-    planned_fields = ("place",)
+    planned_fields = (*Intent.planned_fields, "place")
 
     timeout_s: float = 5.0
     # the vehicle whose place the spare gets: the first one, or the vehicle that it replaces

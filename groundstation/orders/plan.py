@@ -26,7 +26,6 @@ from groundstation.orders.intents import (
     LONGEST_EVERY_S,
     LONGEST_MOVE_S,
     Formation,
-    Goto,
     Intent,
     Move,
     Rotate,
@@ -100,8 +99,8 @@ def plan_order(
     Returns:
         Orders for the vehicles that may be ordered, refusals for the others.
     """
-    intent = _without_disabled(intent, fleet, state)
-    intent = _without_bystanders(intent, fleet, state)
+    intent = _without_disabled(intent, state)
+    intent = _without_bystanders(intent, state)
     intent = _without_slotless(intent, fleet, state, held)
     if isinstance(intent, Swap) and state is not None:
         intent = with_place(intent, state)
@@ -180,14 +179,12 @@ def _place_for(name: str, intent: Intent) -> str:
     return ""
 
 
-def _without_disabled(intent: Intent, fleet: FleetConfig, state: FleetState | None) -> Intent:
+def _without_disabled(intent: Intent, state: FleetState | None) -> Intent:
     """Return an order to all without the vehicles that are out of service, or swapped.
 
-    An order to some vehicles is not changed, and neither is one that brings vehicles down.
+    An order that names its vehicles is not changed, and neither is one that brings vehicles down.
     """
-    names_all_enabled = set(intent.names) == set(fleet.enabled_names)
-    has_goal_for_each = isinstance(intent, Goto)  # whoever wrote it has named each vehicle
-    if state is None or not names_all_enabled or has_goal_for_each or intent.brings_down:
+    if state is None or not intent.is_everybody or intent.brings_down:
         return intent
 
     excluded = out_of_service(state)
@@ -197,15 +194,12 @@ def _without_disabled(intent: Intent, fleet: FleetConfig, state: FleetState | No
     return for_fewer(intent, names)
 
 
-def _without_bystanders(intent: Intent, fleet: FleetConfig, state: FleetState | None) -> Intent:
+def _without_bystanders(intent: Intent, state: FleetState | None) -> Intent:
     """Return an order about paths to all without the vehicles that do not follow anything.
 
     If no vehicle follows a path or another vehicle, the order is not changed.
     """
-    if state is None or intent.kind not in ON_PATHS:
-        return intent
-
-    if not _is_to_all(intent, fleet, state):
+    if state is None or intent.kind not in ON_PATHS or not intent.is_everybody:
         return intent
 
     names = stoppable(state, [name for name in intent.names if name in state.vehicles])
@@ -221,7 +215,7 @@ def _without_slotless(
 
     A spare, for instance, has a slot only when it stands in for a vehicle that has one.
     """
-    if not isinstance(intent, (Formation, Move, Rotate)) or not _is_to_all(intent, fleet, state):
+    if not isinstance(intent, (Formation, Move, Rotate)) or not intent.is_everybody:
         return intent
     next_held = held_after(intent, held)
     if next_held.name is None:
@@ -235,14 +229,6 @@ def _without_slotless(
     if not names:
         return intent
     return for_fewer(intent, names)
-
-
-def _is_to_all(intent: Intent, fleet: FleetConfig, state: FleetState | None) -> bool:
-    """Whether an order is to several vehicles, and to all that are in service."""
-    in_service = set(fleet.enabled_names)
-    if state is not None:
-        in_service -= out_of_service(state)
-    return len(intent.names) > 1 and in_service <= set(intent.names)
 
 
 def check_again(

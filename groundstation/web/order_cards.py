@@ -24,7 +24,7 @@ from groundstation.missions.mission_words import are_of_mission
 from groundstation.orders.falling import below_words
 from groundstation.orders.forecast_process import Forecaster
 from groundstation.orders.grammar import OrderError, parse
-from groundstation.orders.intents import INTENTS, Intent, Land, Takeoff
+from groundstation.orders.intents import INTENTS, Intent, Takeoff
 from groundstation.orders.kill_latch import KillLatch
 from groundstation.orders.plan import PlannedOrder
 from groundstation.orders.prepared_order import PreparedOrder
@@ -169,11 +169,7 @@ class OrderCards:
                 self._drop(card, f"{verb.upper()} ALL came first.")
         self.missions.stop_countdown()
 
-        intent: Intent
-        if verb == "land":
-            intent = Land(vehicles=names, is_everybody=True)
-        else:
-            intent = INTENTS["hold"](vehicles=names)
+        intent = INTENTS[verb](vehicles=names, is_everybody=True)
         self._send(self._new_card(f"{verb} all", "sent"), self._client.plan(intent))
 
     def confirm(self, number: int) -> None:

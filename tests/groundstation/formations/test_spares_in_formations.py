@@ -87,3 +87,17 @@ def test_vehicles_that_were_not_assigned_anew_keep_their_slots_in_the_next_move(
     )
     assert set(goals(some)) == {"mav0", "mav1"}
     assert set(goals(moved)) == {"mav0", "mav1", "mav2"}
+
+
+def test_a_spare_without_a_slot_that_an_order_names_is_refused(pair: FleetConfig) -> None:
+    state = fleet_state.initial(pair)
+    for name, start_enu_m in (("mav0", (1.0, 0.0, 1.0)), ("mav1", (-1.0, 0.0, 1.0))):
+        message = telemetry(name, state="flying", is_airborne=True, position_enu_m=start_enu_m)
+        state = fleet_state.fold(state, message, 1000)
+    state = fleet_state.fold(state, telemetry("mav2", position_enu_m=(5.0, 5.0, 0.0)), 1000)
+
+    to_all = ordered(pair, state, "formation pair 0 0.5 1", HeldFormation("pair"))
+    assert set(goals(to_all)) == {"mav0", "mav1"}
+    named = ordered(pair, state, "formation pair 0-2 0 0.5 1", HeldFormation("pair"))
+    assert "has no slot" in named.refusals["mav2"]
+    assert not named.orders

@@ -41,7 +41,10 @@ async def test_an_order_to_all_leaves_it_out_and_one_that_names_it_does_not(
     serviced: Any,
 ) -> None:
     assert set(serviced.plan("takeoff all 1.0").orders) == {"mav0", "mav2"}
+    assert set(serviced.plan("takeoff 1.0").orders) == {"mav0", "mav2"}
     assert set(serviced.plan("takeoff mav1 1.0").orders) == {"mav1"}
+    assert set(serviced.plan("takeoff mav0,mav1,mav2 1.0").orders) == {"mav0", "mav1", "mav2"}
+    assert set(serviced.plan("takeoff 0-2 1.0").orders) == {"mav0", "mav1", "mav2"}
     assert set(serviced.plan("land all").orders) == {"mav0", "mav1", "mav2"}
     assert set(serviced.plan("enable mav1").orders) == {"mav1"}
 
