@@ -108,6 +108,7 @@ def _missing_sentence(folder: Path, written: int) -> str | None:
     if count >= written:
         return None
     return (
-        f"The record holds {count} of the {written} messages that were written: something has "
-        f"changed {folder} during the flight."
+        f"The record holds {count} of the {written} messages that were written: the disk has lost "
+        f"the others or cannot read them, or something has changed {folder} during the flight. "
+        "Look at the disk, and for programs that write there."
     )

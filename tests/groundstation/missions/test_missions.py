@@ -407,7 +407,8 @@ async def test_a_flight_without_its_whole_record_or_its_verdict_has_not_passed(
         "removed": "The record cannot be read.",
         "unreadable": "The record cannot be read (Input/output error).",
         "cut": "The record was cut off",
-        "damaged": "messages that were written",
+        "damaged": "messages that were written: the disk has lost the others or cannot read them,"
+        f" or something has changed {folder} during the flight.",
         "ended early": "The record ended: disk full.",
         "slow disk": "The record lacks 1240 messages, because the disk was too slow",
         "no verdict": "verdict.json cannot be written",
