@@ -50,12 +50,20 @@ def written_beside(path: Path) -> Iterator[Path]:
         path: the file to replace, which need not exist.
 
     Raises:
-        OSError: the file cannot be replaced.
+        OSError: the file cannot be replaced. It names the folder, or the file, and never the new
+            file beside it, of which the user knows nothing.
     """
     part = path.with_name(f".{path.name}.{os.getpid()}.part")
     try:
         yield part
         part.replace(path)
+    except OSError as error:
+        if str(error.filename) != str(part):
+            raise
+        named = path.parent
+        if error.filename2 is not None:  # the new file is whole, but cannot replace the file
+            named = path
+        raise OSError(error.errno, error.strerror, str(named)) from None
     finally:
         with contextlib.suppress(OSError):
             part.unlink(missing_ok=True)

@@ -48,3 +48,19 @@ def test_a_file_is_replaced_when_the_new_one_is_whole_and_no_part_is_left(tmp_pa
         assert out.read_bytes() == b"old"
     assert out.read_bytes() == b"new"
     assert [path.name for path in tmp_path.iterdir()] == ["out"]
+
+
+def test_a_folder_that_cannot_be_written_is_named_and_not_the_part(tmp_path: Path) -> None:
+    folder = tmp_path / "removed"
+    with pytest.raises(FileNotFoundError) as caught, written_beside(folder / "out") as part:
+        part.write_text("new")
+    assert caught.value.filename == str(folder)
+
+
+def test_a_file_that_cannot_be_replaced_is_named_and_not_the_part(tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    out.mkdir()
+    with pytest.raises(IsADirectoryError) as caught, written_beside(out) as part:
+        part.write_text("new")
+    assert caught.value.filename == str(out)
+    assert list(tmp_path.iterdir()) == [out]
