@@ -145,7 +145,8 @@ def fly_script(
 
     for line in verdict.sentences:
         print(plain_lines(line), flush=True)
-    print(f"See it again: covey replay {shlex.quote(str(folder))}", flush=True)
+    if record_end.written or record_end.failure is not None:
+        print(f"See it again: covey replay {shlex.quote(str(folder))}", flush=True)
     if end.status != EXIT_OK:
         return end.status
     return verdict.exit_status

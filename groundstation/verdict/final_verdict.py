@@ -49,8 +49,10 @@ def final_verdict(
     record_name = ""
     failures = [record_end.failure]
     try:
-        fleet = flown.fleet
-        record = report(folder, fleet.fleet.height_share, flown.begin_ns, people=fleet.people)
+        # A record without messages cannot be read, and lacks nothing: nobody was heard.
+        if record_end.written or record_end.failure is not None:
+            fleet = flown.fleet
+            record = report(folder, fleet.fleet.height_share, flown.begin_ns, people=fleet.people)
         record_name = str(folder)
         if record_end.failure is None:
             failures.append(_missing_sentence(folder, record_end.written))
@@ -103,6 +105,8 @@ def _dropped_sentence(dropped: int) -> str | None:
 
 def _missing_sentence(folder: Path, written: int) -> str | None:
     """Return a sentence if a record has fewer messages than were written into it; else None."""
+    if not written:
+        return None
     with contextlib.closing(Timeline(folder)) as timeline:
         count = timeline.count_messages()
     if count >= written:

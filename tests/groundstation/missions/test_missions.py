@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from msgspec.structs import replace
 
+from groundstation.client.client import FleetClient
 from groundstation.fleet.touchdown import Touchdown
 from groundstation.mission_files.loading import load_mission, mission_from_mapping
 from groundstation.mission_files.steps import FormationStep
@@ -23,6 +24,7 @@ from groundstation.verdict.verdict import describe, judge
 from onboard.bus.schema import PreflightReport
 from onboard.bus.topics import Topic
 from onboard.config.fleet import ConfigError, FleetConfig, load_fleet
+from onboard.exit_status import EXIT_NO_ANSWER
 
 ROOT = Path(__file__).resolve().parents[3]
 HOP: list[dict[str, Any]] = [
@@ -418,6 +420,26 @@ async def test_a_flight_without_its_whole_record_or_its_verdict_has_not_passed(
     assert (folder / "verdict.json").exists() is (damage != "no verdict")
 
 
+async def test_a_flight_in_which_nobody_was_heard_fails_for_that_and_not_for_its_empty_record(
+    fleet: FleetConfig, bus: Any, tmp_path: Path
+) -> None:
+    client = FleetClient(fleet, author="tester", bus=bus)  # its vehicles send nothing
+    await client.start()
+    writer = RecordWriter(tmp_path)
+    writer.start()
+    client.add_sink(writer.put)
+    run = MissionRun(make(fleet, [*HOP, {"do": "land"}]), client, ready_timeout_s=0.1)
+    await run.run()
+    writer.stop()
+    await client.stop()
+
+    assert writer.end.written == 0
+    verdict = final_verdict(run.flown(), run.mission.expect, tmp_path, writer.end)
+    reason = " ".join(f"{name} does not answer." for name in fleet.enabled_names)
+    assert verdict.summary.endswith(f"Not ready within 0.1 s. {reason}")
+    assert verdict.exit_status == EXIT_NO_ANSWER
+
+
 async def test_only_those_that_have_touched_each_other_are_said_to_have_collided(
     fleet: FleetConfig, client: Any
 ) -> None:
@@ -551,8 +573,6 @@ async def test_cancelling_the_run_lands_too(fleet: FleetConfig, client: Any) -> 
 
 
 async def test_nobody_answering_is_exit_status_ten_with_names(fleet: FleetConfig, bus: Any) -> None:
-    from groundstation.client.client import FleetClient
-
     client = FleetClient(fleet, bus=bus)
     await client.start()
 
