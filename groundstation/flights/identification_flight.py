@@ -10,6 +10,8 @@ from groundstation.identification.manoeuvre import manoeuvre, mission_text
 from groundstation.processes.free_ports import in_another_folder, toml_text
 from onboard.config.fleet import ConfigError, FleetConfig, load_fleet
 
+_ALONE = "alone.toml"  # copy of the fleet file from which the flight makes its own, fleet.toml
+
 
 def write_manoeuvre(
     fleet_path: str,
@@ -42,12 +44,12 @@ def write_manoeuvre(
 
     flown_fleet_path = Path(fleet_path).absolute()
     if is_simulated:
-        flown_fleet_path = folder / "fleet.toml"
+        flown_fleet_path = folder / _ALONE
 
     steps = manoeuvre(fleet, vehicle, half_m=half_m, seed=seed)
     files = {"mission.py": mission_text(flown_fleet_path, vehicle, steps)}
     if is_simulated:
-        files["fleet.toml"] = one_alone(fleet, vehicle)
+        files[_ALONE] = one_alone(fleet, vehicle)
 
     open_folder(folder, files, is_headless=is_headless)
     return flown_fleet_path

@@ -19,7 +19,8 @@ from collections.abc import Callable
 from pathlib import Path
 from types import FrameType
 
-SIGNALS = (signal.SIGINT, signal.SIGTERM)
+from groundstation.missions.lasting_output import end_signals
+
 # Folders of this project's code. A mission may lie beside them, in the same clone.
 _PACKAGES = tuple(
     os.path.realpath(Path(__file__).parents[2] / name) + os.sep
@@ -76,7 +77,7 @@ def listen(
                 return
             frame = frame.f_back
 
-    for number in SIGNALS:
+    for number in (signal.SIGINT, *end_signals()):
         loop.add_signal_handler(number, handle_on_loop)
         signal.signal(number, end_blocking_code)  # asyncio's own handler stays
 
@@ -84,5 +85,5 @@ def listen(
 def listen_no_more() -> None:
     """Remove the signal handlers."""
     loop = asyncio.get_running_loop()
-    for number in SIGNALS:
+    for number in (signal.SIGINT, *end_signals()):
         loop.remove_signal_handler(number)

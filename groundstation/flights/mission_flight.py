@@ -27,6 +27,7 @@ from groundstation.flights.flight_settings import FlightSettings
 from groundstation.flights.interruption import listen, listen_no_more
 from groundstation.flights.left_tasks import end_other_tasks, leave_process
 from groundstation.flights.simulation_settings import emulator_options
+from groundstation.missions.lasting_output import lasting_output
 from groundstation.missions.runner import READY_TIMEOUT_SIM_S, MissionRun
 from groundstation.processes.fleet_processes import EMULATOR, start_fleet
 from groundstation.processes.priority import take_priority
@@ -65,7 +66,8 @@ class MissionFlight:
 
     async def fly(self) -> int:
         """Fly from the first process to the verdict; return the exit status."""
-        status = await self._fly_and_listen()
+        with lasting_output():
+            status = await self._fly_and_listen()
         if not await end_other_tasks():
             leave_process(status)
         return status

@@ -19,6 +19,7 @@ from typing import NamedTuple
 from groundstation.crazyswarm.module_names import PROVIDED, crazyswarm_names
 from groundstation.flights.mission_flight import clock_say
 from groundstation.missions.connection import Host, RealTime, run_script
+from groundstation.missions.lasting_output import lasting_output
 from groundstation.missions.left_out_awaits import left_out_awaits
 from groundstation.missions.readiness import NotReady
 from groundstation.missions.runner import READY_TIMEOUT_SIM_S
@@ -104,6 +105,7 @@ def fly_script_emulated(
         asyncio.run(processes.stop())
 
 
+@lasting_output()
 def fly_script(
     script: str,
     arguments: Sequence[str],

@@ -21,6 +21,7 @@ from typing import Any, TypeVar
 from groundstation.missions.api import AtEnd, Fleet
 from groundstation.missions.connection import Host, close_at_end, host_of
 from groundstation.missions.group import Group
+from groundstation.missions.lasting_output import end_signals
 from onboard.config.fleet import FleetConfig
 
 FleetFile = FleetConfig | str | Path | None
@@ -86,7 +87,7 @@ class BlockingFleet(_Blocking):
         self._is_open = True
 
         close_at_end(self.close)
-        _turn_sigterm_into_an_exception()
+        _turn_signals_into_exceptions()
         super().__init__(host, host.call(self._begin(fleet, at_end, ready_timeout_s)))
         self._is_connected = True
 
@@ -160,11 +161,15 @@ class BlockingFleet(_Blocking):
             await self._task
 
 
-def _turn_sigterm_into_an_exception() -> None:
-    """Let SIGTERM end the program as an exception does: the fleet is left in the declared state."""
+def _turn_signals_into_exceptions() -> None:
+    """Let SIGTERM and SIGHUP end the program as an exception does.
+
+    Then the fleet is left in the declared state.
+    """
     try:
-        if signal.getsignal(signal.SIGTERM) is signal.SIG_DFL:
-            # 128 + number is the exit code of a program that a signal has ended
-            signal.signal(signal.SIGTERM, lambda number, _: sys.exit(128 + number))
+        for signal_number in end_signals():
+            if signal.getsignal(signal_number) is signal.SIG_DFL:
+                # 128 + number is the exit code of a program that a signal has ended
+                signal.signal(signal_number, lambda number, _: sys.exit(128 + number))
     except ValueError:
         return  # not the main thread, which alone may set signal handlers

@@ -11,7 +11,6 @@ import asyncio
 import atexit
 import contextlib
 import runpy
-import signal
 import sys
 import threading
 from collections.abc import AsyncIterator, Callable, Coroutine, Iterator, Sequence
@@ -20,6 +19,7 @@ from pathlib import Path
 from typing import Any, Protocol, TypeVar
 
 from groundstation.client.client import FleetClient
+from groundstation.missions.lasting_output import end_signals, lasting_output
 from groundstation.recording.channels import RECORDED
 from groundstation.recording.writer import RecordEnd, RecordWriter
 from groundstation.verdict.observations import FlightObservations
@@ -157,7 +157,8 @@ class RealTime:
     async def opened(self) -> AsyncIterator[FleetClient]:
         """Open the bus, and begin the record if a folder is set.
 
-        SIGTERM ends the script as Ctrl-C does.
+        SIGTERM and SIGHUP, of a terminal that closes, end the script as Ctrl-C does. Output that
+        nobody reads any more ends nothing.
         """
         client = FleetClient(self.config, extra_topics=RECORDED if self.folder is not None else ())
         record = self._begin_record(client)
@@ -165,16 +166,19 @@ class RealTime:
         is_main_thread = threading.current_thread() is threading.main_thread()
         loop = asyncio.get_running_loop()
         task = asyncio.current_task()
+        caught = end_signals() if is_main_thread else ()
 
         try:
             await client.start()
             client.announce_recording(record is not None and record.failure is None)
-            if is_main_thread and task is not None:
-                loop.add_signal_handler(signal.SIGTERM, task.cancel)
-            yield client
+            if task is not None:
+                for number in caught:
+                    loop.add_signal_handler(number, task.cancel)
+            with lasting_output():
+                yield client
         finally:
-            if is_main_thread:
-                loop.remove_signal_handler(signal.SIGTERM)
+            for number in caught:
+                loop.remove_signal_handler(number)
             await client.stop()
             if record is not None:
                 await asyncio.to_thread(record.stop)

@@ -9,12 +9,14 @@ from pathlib import Path
 from groundstation.flights.left_tasks import leave_process
 from groundstation.flights.simulation_settings import SimulationSettings
 from groundstation.mission_files.mission import Mission
+from groundstation.missions.lasting_output import lasting_output
 from onboard.bus.schema import Event
 from onboard.plain_text import listed
 from sitl.lockstep.reflight import record_digests
 from sitl.lockstep.simulated_flight import never_happened, open_flight
 
 
+@lasting_output()
 def fly_mission(mission: Mission, folder: Path, simulation: SimulationSettings) -> int:
     """Fly a mission and print its progress; return the exit status of its verdict.
 

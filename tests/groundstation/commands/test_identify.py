@@ -15,6 +15,8 @@ import msgspec
 import pytest
 
 from groundstation import cli
+from groundstation.flights.flight_settings import prepare
+from groundstation.flights.identification_flight import write_manoeuvre
 from groundstation.identification.manoeuvre import manoeuvre, mission_text
 from onboard.config.fleet import ConfigError, FleetConfig, Vehicle, fleet_from_mapping, load_fleet
 from sitl import server
@@ -127,6 +129,29 @@ def test_the_manoeuvre_stays_in_its_box_inside_the_fence_and_clear_of_the_others
     assert {duration > 0.0 for _, duration in steps} == {True, False}  # quick and slow
     assert manoeuvre(fleet, "mav1") == manoeuvre(fleet, "mav1")
     assert manoeuvre(fleet, "mav1", seed=1) != manoeuvre(fleet, "mav1")
+
+
+def test_the_files_of_an_emulated_manoeuvre_are_those_of_a_flight(tmp_path: Path) -> None:
+    fleet_path = write_manoeuvre(
+        str(FLEETS["ardrone"]),
+        "mav1",
+        tmp_path,
+        half_m=0.8,
+        seed=1,
+        is_simulated=True,
+        is_headless=True,
+    )
+    settings = prepare(
+        str(tmp_path / "mission.py"),
+        tmp_path,
+        fleet_path=str(fleet_path),
+        law=None,
+        is_simulated=True,
+        has_free_ports=True,
+        is_headless=True,
+    )
+    assert settings.mission.fleet.enabled_names == ("mav1",)
+    assert load_fleet(tmp_path / "fleet.toml").enabled_names == ("mav1",)
 
 
 def test_without_room_the_manoeuvre_is_refused() -> None:

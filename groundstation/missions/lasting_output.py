@@ -1,0 +1,71 @@
+"""Lets a flight go on, or end in order, when its terminal or the reader of its output goes away.
+
+A closed terminal or pipe (``| head``) makes every further line of output an error. An error in the
+middle of a flight would end it without its landing and its verdict. A terminal that closes also
+sends SIGHUP, which ends a program at once if nothing handles it.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import signal
+import sys
+from collections.abc import Iterator
+from typing import Any, TextIO, cast
+
+
+@contextlib.contextmanager
+def lasting_output() -> Iterator[None]:
+    """Drop the output of the block that nobody can read any more, instead of raising an error."""
+    before = sys.stdout, sys.stderr
+    sys.stdout = cast("TextIO", _LastingStream(sys.stdout))
+    sys.stderr = cast("TextIO", _LastingStream(sys.stderr))
+    try:
+        yield
+    finally:
+        sys.stdout, sys.stderr = before
+
+
+def end_signals() -> tuple[signal.Signals, ...]:
+    """Return the signals that ask a flight to end, besides SIGINT.
+
+    SIGHUP is not among them if the program was started so that it outlives its terminal (nohup).
+    """
+    if signal.getsignal(signal.SIGHUP) is signal.SIG_IGN:
+        return (signal.SIGTERM,)
+    return signal.SIGTERM, signal.SIGHUP
+
+
+class _LastingStream:
+    """A stream that goes to the null device once it cannot be written any more.
+
+    Args:
+        stream: standard output or standard error.
+    """
+
+    def __init__(self, stream: TextIO) -> None:
+        self._stream = stream
+
+    def write(self, text: str) -> int:
+        """Write a text, or drop it."""
+        try:
+            return self._stream.write(text)
+        except OSError:
+            self._drop_further()
+            return len(text)
+
+    def flush(self) -> None:
+        """Write what waits, or drop it."""
+        try:
+            self._stream.flush()
+        except OSError:
+            self._drop_further()
+
+    def _drop_further(self) -> None:
+        null_device = os.open(os.devnull, os.O_WRONLY)
+        os.dup2(null_device, self._stream.fileno())
+        os.close(null_device)
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._stream, name)
