@@ -19,7 +19,7 @@ from typing import Literal
 from groundstation.client.client import FleetClient
 from groundstation.fleet.places import vehicles_at
 from groundstation.fleet.state import FleetState, Separation
-from groundstation.missions.connection import host_of
+from groundstation.missions.connection import host_of, script_name
 from groundstation.missions.ground import MissionGround
 from groundstation.missions.group import Group, Vehicles
 from groundstation.missions.landing import land_all
@@ -102,7 +102,7 @@ class Fleet(Group):
                 if has_begun:  # a script that was refused has ordered nothing, and lands nobody
                     taken = await flown._end(at_end, begin_ns)
                 host.flown = FlightObservations(
-                    mission="script",
+                    mission=script_name(),
                     fleet=client.fleet,
                     state=client.state,
                     steps=flown.steps,

@@ -70,6 +70,15 @@ def close_all() -> None:
         close()
 
 
+def script_name() -> str:
+    """Return the name of the program's script; "script" if it has none, as in a notebook."""
+    path = Path(sys.argv[0])
+    is_of_library = path.stem.startswith(("_", "ipykernel"))
+    if path.suffix != ".py" or is_of_library:
+        return "script"
+    return path.stem
+
+
 def run_script(path: str | Path, arguments: Sequence[str], host: Host) -> None:
     """Run a Python script that connects with a flight, as ``python PATH ARGUMENTS`` would.
 

@@ -361,9 +361,10 @@ def _spread_starts(flyable: Converted, spacing_m: float, height_share: float) ->
             height_words = " at any height, since vehicles do not fly above each other"
         in_show = [pair._replace(time_s=flyable.show_s(pair.time_s)) for pair in first_pairs]
         listed = listed_words([pair_words(pair) for pair in in_show])
+        missing_m = spacing_m - min(pair.distance_m for pair in first_pairs)
         raise ConfigError(
             f"Paths come nearer than {spacing_m:.2f} m, which the law needs{height_words}: {listed}"
-            " (times of the show). Move them apart."
+            f" (times of the show). Move them apart, the nearest by {100.0 * missing_m:.1f} cm."
             f"{_vertical_proposal(first_pairs, height_share)}"
         )
 

@@ -19,6 +19,7 @@ ORDER: tuple[Status, ...] = ("refused", "warning", "note", "ok")
 
 # Because of rounding, a value counts as within its bound if it exceeds it by no more than this.
 _ROUNDING = 1e-9
+_MOST_DIGITS = 6  # of a number in a sentence
 
 
 @dataclass(frozen=True, slots=True)
@@ -163,9 +164,16 @@ def _finding(
     remedy: str,
 ) -> Finding:
     """Return a finding whose templates are filled in."""
+    # a value beyond its bound is written with so many digits that the two differ
+    digits = 3
+    while f"{value:.{digits}g}" == f"{bound:.{digits}g}" and digits < _MOST_DIGITS:
+        if status == "ok":
+            break
+        digits += 1
+
     words = {
-        "<value>": f"{value:.3g} {unit}".strip(),
-        "<bound>": f"{bound:.3g} {unit}".strip(),
+        "<value>": f"{value:.{digits}g} {unit}".strip(),
+        "<bound>": f"{bound:.{digits}g} {unit}".strip(),
         "<relation>": relation,
         "<difference>": f"{abs(bound - value):.2f} {unit}".strip(),
     }

@@ -178,8 +178,8 @@ def _shortfall(fleet: FleetConfig) -> Finding:
         bound=0.95,
         unit="",
         sentence=(
-            "law.shortfall_gain is <value>; at <relation> <bound> the reactions of two vehicles to "
-            "each other die out"
+            "law.shortfall_gain is <value>; with <relation> <bound> the reactions of two vehicles "
+            "to each other die out"
         ),
         remedy="Set law.shortfall_gain = 0.85.",
         refuse_above=1.0,

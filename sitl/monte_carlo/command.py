@@ -16,6 +16,7 @@ from onboard.rollout.first_compilation import compile_law
 from sitl.monte_carlo import campaign_settings, flight_plans, process_chunks, results, worlds
 
 _PICTURES = (".png", ".svg", ".pdf")
+_TABLE_WIDTH = 135  # in a narrower terminal, the numbers are lines of text
 _MOST_FAILURES = 10  # number of failed flights that are listed
 
 
@@ -177,7 +178,13 @@ def _print_table(
     if not sys.stdout.isatty():
         width = 140  # a file or a pipe has no width
     console = Console(file=drawing(sys.stdout), width=width)
-    console.print(table)
+    if console.width >= _TABLE_WIDTH:
+        console.print(table)
+    else:
+        console.print(f"{table.title}:")
+        for scenario, *numbers in results.summary(records):
+            named = zip(number_columns, numbers, strict=True)
+            console.print(f"{scenario}: {', '.join(' '.join(pair) for pair in named)}")
 
     refused = [values for values in records if "law_refused" in values]
     if refused:

@@ -16,7 +16,7 @@ from onboard.config.fleet import ConfigError, FleetConfig, fleet_from_mapping
 from onboard.estimation.accuracies import ACCURACIES
 from onboard.feasibility import bounds
 from onboard.feasibility.bounds import Response
-from onboard.feasibility.finding import Finding
+from onboard.feasibility.finding import Finding, at_least
 from onboard.feasibility.fleet_checks import (
     ErrorClass,
     error_class,
@@ -376,3 +376,13 @@ def test_a_vehicle_is_blown_aside_further_the_more_it_lags_and_the_less_it_tilts
     upright_m = blown_aside_m(fleet_with({"types.sih.max_tilt_deg": 15}).vehicles["mav0"], 2.0)
     assert slow_m > usual_m < upright_m
     assert blown_aside_m(fleet_with().vehicles["mav0"], 0.0) == 0.0
+
+
+@pytest.mark.parametrize(
+    ("value", "words"), [(0.9177, "It is 0.9177 m of 0.9181 m."), (1.2, "It is 1.2 m of 0.918 m.")]
+)
+def test_a_value_that_misses_its_bound_by_little_is_written_so_that_they_differ(
+    value: float, words: str
+) -> None:
+    finding = at_least("x", value, 0.9181, "m", "It is <value> of <bound>", "Move.")
+    assert finding.sentence.startswith(words)
