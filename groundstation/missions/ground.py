@@ -393,6 +393,17 @@ class MissionGround:
                 self.lost.discard(name)
         return self.lost
 
+    def without_lost(self, names: Sequence[str]) -> tuple[str, ...]:
+        """Return these vehicles without the lost ones.
+
+        If all are lost, all are returned, so that the results of an order tell why they refuse.
+        """
+        lost = self.still_lost()
+        remaining = tuple(name for name in names if name not in lost)
+        if not remaining:
+            return tuple(names)
+        return remaining
+
     def add_arrival(self, step: str, name: str, goal: Xyz) -> None:
         """Note how far a vehicle is from its goal now."""
         view = self.client.state.vehicles[name]

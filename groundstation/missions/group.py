@@ -140,14 +140,9 @@ class Group:
             ConfigError: a vehicle is not in this group.
         """
         if means_all(vehicles):
-            lost: set[str] = set()
-            if not with_lost:
-                lost = self.ground.still_lost()
-            remaining = tuple(name for name in self.names if name not in lost)
-            if not remaining:
-                # All are ordered, so that the results tell why they refuse.
+            if with_lost:
                 return self.names
-            return remaining
+            return self.ground.without_lost(self.names)
 
         selected = vehicles_at(self.config.select(vehicles), self.state)
         not_in_group = [name for name in selected if name not in self._names]

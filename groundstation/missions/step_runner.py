@@ -127,13 +127,13 @@ class StepRunner:
         """Give a step's order to those of its vehicles that still take part."""
         fleet = self._fleet
         intent = _at_places(resolved(step, fleet.config), fleet.state)
-        intent = _without(intent, fleet.ground.left_out)
+        names = tuple(name for name in intent.names if name not in fleet.ground.left_out)
         if means_all(step.vehicles) and not intent.brings_down:
-            taking_part = _without(intent, fleet.ground.still_lost())
-            if taking_part.names:
-                intent = taking_part
-        if not intent.names:
+            names = fleet.ground.without_lost(names)
+        if not names:
             return
+        if names != intent.names:
+            intent = for_fewer(intent, names)
 
         if isinstance(intent, GoalIntent) and intent.speed_m_s is not None:
             goals = {}
@@ -284,15 +284,6 @@ def _at_places(intent: Intent, state: FleetState) -> Intent:
         goals = by_vehicle(intent.goals, state)
         return replace(intent, vehicles=tuple(goals), goals=goals)
     return replace(intent, vehicles=names)
-
-
-def _without(intent: Intent, left_out: set[str]) -> Intent:
-    """Return an order without the vehicles that the mission goes on without."""
-    names = tuple(name for name in intent.names if name not in left_out)
-    if isinstance(intent, Goto):
-        goals = {name: intent.goals[name] for name in names}
-        return replace(intent, vehicles=names, goals=goals)
-    return for_fewer(intent, names)
 
 
 def _blocks(step: MissionStep) -> tuple[Sequence[MissionStep], ...]:

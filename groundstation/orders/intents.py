@@ -738,6 +738,9 @@ def for_fewer(intent: Intent, names: tuple[str, ...]) -> Intent:
         intent: an order with the names of its vehicles.
         names: the vehicles that are left.
     """
+    if isinstance(intent, Goto):
+        goals = {name: intent.goals[name] for name in names}
+        return msgspec.structs.replace(intent, vehicles=names, goals=goals)
     if isinstance(intent, Move) and len(intent.names) > 1:
         return msgspec.structs.replace(intent, vehicles=names, is_of_formation=True)
     return msgspec.structs.replace(intent, vehicles=names)
