@@ -31,7 +31,6 @@ from onboard.bus.schema import (
     StateMessage,
     Telemetry,
     TickBatch,
-    Truth,
 )
 from onboard.bus.topics import Topic
 
@@ -41,9 +40,7 @@ _NEAR_NS = 5_000_000_000
 _WARN_AFTER_NS = 5_000_000_000  # time from the first unusable pose to the warning
 
 log = logging.getLogger("covey.clock")
-StampedMessage = (
-    StateMessage | Telemetry | PreflightReport | Event | Truth | MocapPose | Corrections
-)
+StampedMessage = StateMessage | Telemetry | PreflightReport | Event | MocapPose | Corrections
 Stamped = TypeVar("Stamped", bound=StampedMessage)
 FromNeighbour = TypeVar("FromNeighbour", bound=StateMessage | Telemetry)
 
@@ -145,8 +142,8 @@ class ClockNode:
             ticks = [replace(tick, stamp_ns=tick.stamp_ns + offset_ns) for tick in message.ticks]
             return replace(message, ticks=tuple(ticks))
 
-        # neither truth nor a pose without a source names the node that stamps it
-        if not isinstance(message, StampedMessage) or isinstance(message, Truth):
+        # Neither ground truth nor a pose without a source names the node that stamps it.
+        if not isinstance(message, StampedMessage):
             return message
         node = name
         if isinstance(message, MocapPose):
@@ -154,10 +151,7 @@ class ClockNode:
         if not node:
             return message
 
-        stamp_ns = self._record_ns(node, message.stamp_ns, received_ns)
-        if stamp_ns == message.stamp_ns:
-            return message
-        return replace(message, stamp_ns=stamp_ns)
+        return _with_stamp(message, self._record_ns(node, message.stamp_ns, received_ns))
 
     def _record_ns(self, node: str, stamp_ns: int, received_ns: int) -> int:
         """Return a stamp of another node on our clock, see :meth:`any_message`."""
@@ -166,10 +160,7 @@ class ClockNode:
         return self.clocks.own_ns(node, stamp_ns, received_ns)
 
     def _on_own_clock(self, message: Stamped, node: str, received_ns: int) -> Stamped:
-        stamp_ns = self.clocks.own_ns(node, message.stamp_ns, received_ns)
-        if stamp_ns == message.stamp_ns:
-            return message
-        return replace(message, stamp_ns=stamp_ns)
+        return _with_stamp(message, self.clocks.own_ns(node, message.stamp_ns, received_ns))
 
     def _warn_of_unknown_clock(self, source: str, now_ns: int) -> None:
         """Log a warning once if the clock of a source has been unknown for a while."""
@@ -226,3 +217,10 @@ class ClockNode:
         # the key names the sender; a message that claims to be from another node is not used
         if isinstance(message, ClockMessage) and message.node == name:
             self.clocks.hear(message, time.monotonic_ns())
+
+
+def _with_stamp(message: Stamped, stamp_ns: int) -> Stamped:
+    """Return a message with this stamp: the same object if it has it already."""
+    if stamp_ns == message.stamp_ns:
+        return message
+    return replace(message, stamp_ns=stamp_ns)

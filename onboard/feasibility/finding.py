@@ -19,7 +19,8 @@ ORDER: tuple[Status, ...] = ("refused", "warning", "note", "ok")
 
 # Because of rounding, a value counts as within its bound if it exceeds it by no more than this.
 _ROUNDING = 1e-9
-_MOST_DIGITS = 6  # of a number in a sentence
+_DIGITS = 3  # of a number in a sentence
+_MOST_DIGITS = 6
 
 
 @dataclass(frozen=True, slots=True)
@@ -164,12 +165,9 @@ def _finding(
     remedy: str,
 ) -> Finding:
     """Return a finding whose templates are filled in."""
-    # a value beyond its bound is written with so many digits that the two differ
-    digits = 3
-    while f"{value:.{digits}g}" == f"{bound:.{digits}g}" and digits < _MOST_DIGITS:
-        if status == "ok":
-            break
-        digits += 1
+    digits = _DIGITS
+    if status != "ok":
+        digits = _digits_that_differ(value, bound)
 
     words = {
         "<value>": f"{value:.{digits}g} {unit}".strip(),
@@ -198,6 +196,14 @@ def _finding(
         sentence=full_sentence,
         remedy=full_remedy,
     )
+
+
+def _digits_that_differ(value: float, bound: float) -> int:
+    """Return the number of digits with which two numbers look different in a sentence."""
+    for digits in range(_DIGITS, _MOST_DIGITS):
+        if f"{value:.{digits}g}" != f"{bound:.{digits}g}":
+            return digits
+    return _MOST_DIGITS
 
 
 def _severity(finding: Finding) -> tuple[int, float]:
