@@ -33,7 +33,7 @@ _UNKNOWN_DELAY_NS = 20_000_000  # assumed delay of a message until a delay is me
 # a stamp at most this long before its arrival may come from our own clock
 _SAME_CLOCK_NS = 500_000_000
 _FORGET_NS = 60_000_000_000  # a node that is silent for this time may be forgotten
-_MAX_NODES = 64
+_MAX_NODES = 300  # 256 vehicles, as many as a record may have, and grounds, relays and viewers
 # After this time without a message that agrees with them, the known bounds may be replaced. By then
 # three messages are missing.
 _SILENT_NS = 1_800_000_000

@@ -249,8 +249,17 @@ def test_unknown_nodes_cannot_fill_the_memory() -> None:
     a = Clocks("a", _A)
     for number in range(1000):
         a.hear(Clocks(f"x{number}", 1000 + number).message(5 * _S), 6 * _S)
-    assert len(a.message(7 * _S).heard) <= 64
+    assert len(a.message(7 * _S).heard) <= 300
     assert not a.is_measured("x999")
+
+
+def test_the_mocap_of_a_hundred_vehicles_on_one_computer_is_measured() -> None:
+    a = Clocks("a", _A)
+    for number in range(100):
+        a.hear(Clocks(f"vehicle{number}", _A).message(5 * _S), 5 * _S)
+    mocap = Clocks("mocap", _B)
+    _exchange(a, mocap, 10 * _S, 500 * _S)
+    assert a.is_measured("mocap")
 
 
 def test_grounds_that_come_and_go_are_forgotten_in_favour_of_the_one_that_is_there() -> None:
