@@ -20,6 +20,7 @@ import math
 import os
 import posixpath
 import zipfile
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -47,6 +48,7 @@ from onboard.config.file_reading import (
 )
 from onboard.config.fleet import ConfigError, Origin
 from onboard.control.path import MOST_PIECES, Path, path_of
+from onboard.plain_text import listed
 from onboard.tuples import Xyz
 
 _MOST_BYTES = 67_108_864  # unpacked size of all members that are read
@@ -193,19 +195,34 @@ def _show(name: str, data: Any) -> Show:
         title, _ = os.path.splitext(os.path.basename(name))
 
     read_drones: list[Drone] = []
+    auto_yaw_names: list[str] = []
     for index, drone in enumerate(drones):
-        read_drones.append(_drone(name, index, _table(drone, "settings")))
+        settings = _table(drone, "settings")
+        read_drones.append(_drone(name, index, settings))
         check_light_count(name, read_drones)  # after each drone, before more memory is filled
+        if _table(settings, "yawControl").get("autoYaw") is True:
+            auto_yaw_names.append(read_drones[-1].name)
     show = Show(
         title=title[:_LONGEST_NAME],
         drones=tuple(read_drones),
         is_outdoors=is_outdoors,
         origin=_origin(location),
+        notes=_auto_yaw_notes(auto_yaw_names),
     )
     if is_outdoors and location.get("orientation") is not None:
         orientation_deg = _number(f"{name}, 'environment.location'", location["orientation"])
         show = _turned(show, orientation_deg)
     return show
+
+
+def _auto_yaw_notes(names: Sequence[str]) -> tuple[str, ...]:
+    """Return a note if drones are to turn with their flight, which Covey does not fly."""
+    if not names:
+        return ()
+    return (
+        f"'autoYaw' is not read ({listed(names)}): a vehicle does not turn into the direction of"
+        " its flight, and its heading follows the setpoints of yaw, if there are any",
+    )
 
 
 def _table(value: Any, key: str) -> dict[str, Any]:

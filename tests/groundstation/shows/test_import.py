@@ -386,6 +386,16 @@ def test_indoors_the_orientation_of_a_location_turns_nothing(tmp_path: Path) -> 
     assert read_skyc(file).drones[1].home_enu_m == (1.6, 0.0, 0.0)
 
 
+def test_a_heading_along_the_flight_is_not_read_and_a_note_says_so(tmp_path: Path) -> None:
+    file = write_skyc(tmp_path / "s.skyc", line_of(2), 12.0, yawControl={"autoYaw": True})
+    (note,) = read_skyc(file).notes
+    assert "'autoYaw' is not read" in note
+    assert ", ".join(drone.name for drone in read_skyc(file).drones) in note
+
+    file = write_skyc(tmp_path / "t.skyc", line_of(2), 12.0, yawControl={"autoYaw": False})
+    assert not read_skyc(file).notes
+
+
 def test_more_yaw_setpoints_than_a_vehicle_can_hold_are_refused(tmp_path: Path) -> None:
     many = [[2.0 + 0.001 * k, 0.0] for k in range(5000)]
     with pytest.raises(ConfigError, match=r"5000 yaw setpoints; \d+ are the most"):
