@@ -22,6 +22,7 @@ import operator
 from dataclasses import dataclass, field
 
 import numpy as np
+from msgspec.structs import replace
 
 from onboard.arrays import Array, BoolArray
 from onboard.bus.schema import MocapPose, StateMessage, Telemetry
@@ -135,6 +136,16 @@ class NeighbourTable:
         return frozenset(self._followed)
 
     @property
+    def names_to_check(self) -> list[str]:
+        """Followed neighbours, and others that are still watched or contradicted, in file order."""
+        suspects = self.judged.watched | self.judged.contradicted
+        return [
+            name
+            for name, index in self.indices.items()
+            if self.arrays.is_followed[index] or index in suspects
+        ]
+
+    @property
     def _is_settled(self) -> BoolArray:
         """Whether each neighbour (K,) is settled: it is followed, and its fast states already
         arrive.
@@ -215,15 +226,24 @@ class NeighbourTable:
 
         self.last_heard_ns = max(self.last_heard_ns, received_ns)
         if isinstance(message, Telemetry):
-            return self._hear_telemetry(message)
+            return self._hear_telemetry(message, received_ns)
         return self._hear_state(index, message, received_ns)
 
-    def _hear_telemetry(self, message: Telemetry) -> bool:
+    def _hear_telemetry(self, message: Telemetry, received_ns: int) -> bool:
         """Keep a telemetry message; return whether it was used."""
-        if not is_plausible(message.position_enu_m, message.goal_position_enu_m):
+        has_places = is_plausible(message.position_enu_m, message.goal_position_enu_m)
+        if not has_places or math.isnan(message.state_age_s):
             self.counts.malformed += 1
             return False
+
+        # as for a state, a false stamp could exclude all later messages
+        if message.stamp_ns > received_ns:
+            message = replace(message, stamp_ns=received_ns)
         before = self._telemetry.get(message.vehicle)
+        if before is not None and message.stamp_ns <= before.stamp_ns:
+            self.counts.late += 1
+            return False
+
         self._telemetry[message.vehicle] = message
         if before is None or before.stands_in_for != message.stands_in_for:
             names = {telemetry.stands_in_for for telemetry in self._telemetry.values()}

@@ -191,7 +191,7 @@ class NeighbourMonitor:
         other_files = tuple(table.other_hashes(self._own_hash, now_ns))
 
         rows = table.rows(now_ns)
-        implausible = self._check_plausibility(rows, now_ns)
+        implausible = self._check_plausibility(now_ns)
         uncooperative = self._check_predictions(rows, {*other_files, *implausible})
         endangered = self._check_distances(rows, view)
         telemetries = self._heard_telemetries(rows)
@@ -212,26 +212,26 @@ class NeighbourMonitor:
         heard = [row.name for row in rows if row.age_s < self._table.silent_s]
         return [telemetries[name] for name in heard if name in telemetries]
 
-    def _check_plausibility(self, rows: Iterable[NeighbourRow], now_ns: int) -> dict[str, str]:
+    def _check_plausibility(self, now_ns: int) -> dict[str, str]:
         """Compare each neighbour's messages with physics and the mocap.
 
         Returns:
             Name -> reason, for each neighbour whose messages cannot be true.
         """
         reasons = {}
-        for row in rows:
-            monitor = self._plausibilities[row.name]
+        for name in self._table.names_to_check:
+            monitor = self._plausibilities[name]
             # motion in the neighbour's newest message, and position of its body from the mocap
-            claim, mocap_position = self._table.claim(row.name)
+            claim, mocap_position = self._table.claim(name)
             if claim is not None:
                 monitor.update(claim, mocap_position, now_ns)
 
-            index = self._table.indices[row.name]
+            index = self._table.indices[name]
             is_contradicted = bool(monitor.reason)
             self._table.judged.set_watched(index, monitor.is_watched)
             self._table.judged.set_contradicted(index, is_contradicted)
             if is_contradicted:
-                reasons[row.name] = monitor.reason
+                reasons[name] = monitor.reason
         return reasons
 
     def _check_predictions(

@@ -298,3 +298,27 @@ def test_the_file_of_an_agent_that_has_left_counts_only_while_its_vehicle_flies(
     assert table.other_hashes("ours", 9 * S) == {"mav1": "another"}
     left = {"mav1": "another"} if is_airborne else {}
     assert table.other_hashes("ours", 11 * S) == left
+
+
+def test_a_late_or_repeated_telemetry_does_not_replace_the_newest() -> None:
+    table = _table()
+    newest = telemetry("mav1", state="landing", stamp_ns=20 * S)
+    assert table.hear(newest, 20 * S)
+    assert not table.hear(telemetry("mav1", state="holding", stamp_ns=14 * S), 20 * S)
+    assert not table.hear(newest, 21 * S)
+    assert table.telemetries()["mav1"] == newest
+    assert table.counts.late == 2
+
+
+def test_a_telemetry_from_the_future_excludes_no_later_one() -> None:
+    table = _table()
+    assert table.hear(telemetry("mav1", stamp_ns=900 * S), 20 * S)
+    assert table.hear(telemetry("mav1", state="landing", stamp_ns=20 * S + 1), 20 * S + 1)
+    assert table.telemetries()["mav1"].state == "landing"
+
+
+def test_a_telemetry_with_no_age_of_its_position_is_malformed() -> None:
+    table = _table()
+    assert not table.hear(telemetry("mav1", state_age_s=math.nan), 20 * S)
+    assert table.counts.malformed == 1
+    assert table.hear(telemetry("mav1", state_age_s=math.inf), 20 * S), "it never had a position"

@@ -261,7 +261,8 @@ def test_a_neighbour_for_which_the_wind_is_too_strong_is_named_while_it_is_heard
     assert watching.update_slowly(now_ns=BEGIN_NS + 2 * S).too_windy_for == ()
 
     pushed_about = (Condition.PUSHED_ABOUT.value,)
-    watching.table.hear(telemetry("mav2", conditions=pushed_about), BEGIN_NS + 2 * S)
+    later = telemetry("mav2", conditions=pushed_about, stamp_ns=BEGIN_NS + 2 * S)
+    watching.table.hear(later, BEGIN_NS + 2 * S)
     assert watching.update_slowly(now_ns=BEGIN_NS + 2 * S).too_windy_for == ("mav2",)
 
 
@@ -314,6 +315,38 @@ def test_a_neighbour_that_says_twice_that_it_flies_too_fast_is_implausible(
     said = (f"mav1 says that it flies {speed_m_s:.0f} m/s",)
     assert facts.implausible == (said if is_named else ())
     assert (index in judged.not_cooperating) is is_named
+
+
+def test_a_contradicted_neighbour_that_is_not_followed_any_more_is_soon_contradicted_no_more() -> (
+    None
+):
+    watching = Watching(square_fleet(8))
+    table = watching.table
+    index = table.indices["mav1"]
+
+    def pass_time(begin_ns: int, count: int, others_m: float, **state: Any) -> int:
+        """Hear all neighbours ten times a second; return the last time."""
+        for number in range(count):
+            now_ns = begin_ns + 100 * MS * number
+            watching.hear(now_ns, **state)
+            for name in table.names:
+                if name != "mav1":
+                    watching.hear(now_ns, name, position_enu_m=(others_m, 0.0, 1.0))
+            table.select_followed((0.0, 0.0, 1.0), now_ns)
+            table.reposition_contradicted((0.0, 0.0, 1.0), now_ns)
+            watching.update_slowly(now_ns)
+        return now_ns
+
+    fast_m_s = (90.0, 0.0, 0.0)
+    now_ns = pass_time(BEGIN_NS, 4, 20.0, position_enu_m=(3.0, 0.0, 1.0), velocity_enu_m_s=fast_m_s)
+    assert index in table.judged.contradicted
+
+    # it stands far away and says so, and others are nearer
+    standing = {"position_enu_m": (30.0, 0.0, 0.0), "predicted_position_enu_m": (30.0, 0.0, 0.0)}
+    now_ns = pass_time(now_ns + 100 * MS, 40, 2.0, is_airborne=False, **standing)
+    assert "mav1" not in table.followed
+    assert index not in table.judged.contradicted
+    assert "mav1" not in table.silent(now_ns + 60 * S)
 
 
 def predicting(watching: Watching, count: int, *, is_cooperative: bool = True) -> None:
