@@ -20,6 +20,9 @@ from onboard.config.file_reading import KEY_FILE, read_bytes
 from onboard.config.fleet import ConfigError
 from onboard.security.node_roles import NodeRole
 
+# raised for data that is no certificate, or one of an unknown version or kind
+NO_CERTIFICATE = (ValueError, TypeError, x509.InvalidVersion, UnsupportedAlgorithm)
+
 
 def check(authority: str, certificate: str, key: str, node: str, now: datetime.datetime) -> None:
     """Check that the three files of a node match.
@@ -90,11 +93,7 @@ def check_hosts(certificate: str, node: str, hosts: Iterable[str]) -> None:
     Raises:
         ConfigError: one of the hosts is not in the certificate.
     """
-    extensions = read_certificate(certificate).extensions
-    names = extensions.get_extension_for_class(x509.SubjectAlternativeName).value
-    issued = [str(address) for address in names.get_values_for_type(x509.IPAddress)]
-    issued += names.get_values_for_type(x509.DNSName)
-
+    issued = _names_in(read_certificate(certificate))
     for host in hosts:
         if host.strip("[]") in issued:
             continue
@@ -109,6 +108,23 @@ def check_hosts(certificate: str, node: str, hosts: Iterable[str]) -> None:
         )
 
 
+def _names_in(certificate: x509.Certificate) -> list[str]:
+    """Return the addresses and names to which others may connect; none if it lists none."""
+    try:
+        extensions = certificate.extensions
+        names = extensions.get_extension_for_class(x509.SubjectAlternativeName).value
+    except (
+        ValueError,
+        x509.DuplicateExtension,
+        x509.ExtensionNotFound,
+        x509.UnsupportedGeneralNameType,
+    ):
+        return []
+
+    addresses = [str(address) for address in names.get_values_for_type(x509.IPAddress)]
+    return addresses + names.get_values_for_type(x509.DNSName)
+
+
 def read_certificate(path: str) -> x509.Certificate:
     """Read one certificate.
 
@@ -120,7 +136,7 @@ def read_certificate(path: str) -> x509.Certificate:
     data = read_bytes(path, KEY_FILE._replace(words="certificate"))
     try:
         return x509.load_pem_x509_certificate(data)
-    except ValueError:
+    except NO_CERTIFICATE:
         raise ConfigError(
             f"{path} is no certificate, or was cut off. Copy it again, or issue it anew."
         ) from None
@@ -156,6 +172,6 @@ def issued_by(certificate: x509.Certificate, authority: x509.Certificate) -> boo
     """Whether a certificate authority has directly signed a certificate."""
     try:
         certificate.verify_directly_issued_by(authority)
-    except (ValueError, TypeError, InvalidSignature):
+    except (*NO_CERTIFICATE, InvalidSignature):
         return False
     return True

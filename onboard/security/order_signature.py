@@ -27,7 +27,13 @@ from cryptography.hazmat.primitives.serialization import Encoding
 from onboard.bus.codec import Malformed, decode, encode
 from onboard.bus.protocol import RefusalCode, UntrustedOrder
 from onboard.bus.schema import Message, Order
-from onboard.security.certificates import common_name, issued_by, read_certificate, read_key
+from onboard.security.certificates import (
+    NO_CERTIFICATE,
+    common_name,
+    issued_by,
+    read_certificate,
+    read_key,
+)
 from onboard.security.node_roles import NodeRole
 
 _CONTEXT = b"covey order 1\0"  # signed too, so that no signature for another purpose fits an order
@@ -240,10 +246,9 @@ class SealCheck:
 
         try:
             certificate = x509.load_der_x509_certificate(der)
-            is_issued = issued_by(certificate, self._authority)
-        except (ValueError, TypeError):
+        except NO_CERTIFICATE:
             return None
-        if not is_issued:
+        if not issued_by(certificate, self._authority):
             return None
 
         if len(self._issued_certificates) >= _MAX_KNOWN:

@@ -8,12 +8,14 @@ from collections import Counter
 from pathlib import Path
 
 import pytest
+from cryptography.hazmat.primitives.serialization import Encoding
 from msgspec.structs import replace
 
 from groundstation.keys.secured_fleet import secure_fleet
 from onboard.bus.codec import encode
 from onboard.bus.schema import Order
 from onboard.config.fleet import FleetConfig
+from onboard.security.certificates import read_certificate
 from onboard.security.order_signature import MOST_FALSE_PER_S, OrderSeal, OrderSigner, SealCheck
 
 PAPER = Path(__file__).parents[3] / "configs" / "fleets" / "paper.toml"
@@ -36,6 +38,12 @@ def fleet(tmp_path_factory: pytest.TempPathFactory) -> FleetConfig:
 
 def _signer(fleet: FleetConfig, node: str) -> OrderSigner:
     return OrderSigner(f"{fleet.keys_folder}/{node}.pem", f"{fleet.keys_folder}/{node}.key")
+
+
+def _of_version_4(fleet: FleetConfig) -> bytes:
+    """Return the ground's certificate (DER), changed to a version that X.509 does not have."""
+    certificate = read_certificate(f"{fleet.keys_folder}/ground.pem")
+    return certificate.public_bytes(Encoding.DER).replace(b"\x02\x01\x02", b"\x02\x01\x03", 1)
 
 
 def test_an_order_signed_by_the_ground_is_believed_by_its_vehicle_only(fleet: FleetConfig) -> None:
@@ -70,6 +78,12 @@ def test_each_false_order_is_refused_in_a_sentence_of_its_own(
         "no certificate": check.refusal(
             KEY, order, encode(OrderSeal(certificate=b"x", signature=b"y")), NOW
         ),
+        "another version": check.refusal(
+            KEY,
+            order,
+            encode(OrderSeal(certificate=_of_version_4(fleet), signature=b"y")),
+            NOW,
+        ),
         "years later": check.refusal(KEY, order, seal, later),
         "years earlier": check.refusal(KEY, order, seal, NOW - datetime.timedelta(days=2000)),
     }
@@ -82,6 +96,7 @@ def test_each_false_order_is_refused_in_a_sentence_of_its_own(
         "a viewer's": "role",
         "another fleet's": "foreign",
         "no certificate": "foreign",
+        "another version": "foreign",
         "years later": "foreign",
         "years earlier": "foreign",
     }
