@@ -539,7 +539,8 @@ class Link:
 
     def _file_transfer(self, message: MavlinkMessage) -> list[bytes]:
         sender = (message.system_id, message.component_id)
-        answer = self._file_server.answer(bytes(message.fields["payload"]), sender)
+        payload = bytes(message.fields["payload"])
+        answer = self._file_server.answer(payload, sender, self.view.now_s)
         if answer is None:
             return []
         return [self._file_message(answer, sender)]
@@ -550,7 +551,7 @@ class Link:
 
     def _pieces(self) -> list[bytes]:
         """Return the messages with pieces of logs and files that are due."""
-        frames = [self._file_message(*piece) for piece in self._file_server.due()]
+        frames = [self._file_message(*piece) for piece in self._file_server.due(self.view.now_s)]
         for number, offset, data in self._log_sender.due():
             padded = data.ljust(LOG_DATA_BYTES, b"\0")
             frames.append(
@@ -597,5 +598,5 @@ REACTIONS: dict[str, Reaction] = {
     "LOG_REQUEST_LIST": Reaction(Link._log_list),
     "LOG_REQUEST_DATA": Reaction(Link._log_data),
     "LOG_REQUEST_END": Reaction(Link._log_end),
-    "FILE_TRANSFER_PROTOCOL": Reaction(Link._file_transfer),
+    "FILE_TRANSFER_PROTOCOL": Reaction(Link._file_transfer, Link._is_for_autopilot),
 }

@@ -29,6 +29,7 @@ LOG_DATA_BYTES = 90
 _REPEATED_BYTES = 4
 _PIECES_PER_POLL = 8
 _BURST_PIECES = 60  # number of pieces after which a burst is complete
+_IDLE_S = 10.0  # a session ends after this time without a request, as PX4's does
 
 # Operations.
 _TERMINATE = 1
@@ -88,10 +89,11 @@ class FileServer:
         self._logs = logs
         self._file: LogFile | None = None  # file of the only session; None without a session
         self._sent_bytes = 0  # bytes that this session has sent
+        self._used_s = 0.0  # time of the last request or piece
         self._burst: _Burst | None = None
         self._last_answer = b""
 
-    def answer(self, payload: bytes, sender: tuple[int, int]) -> bytes | None:
+    def answer(self, payload: bytes, sender: tuple[int, int], now_s: float) -> bytes | None:
         """Return the answer to a payload.
 
         It is None for a payload that is itself an answer, and for the request of a burst, whose
@@ -100,10 +102,14 @@ class FileServer:
         Args:
             payload: payload of the request.
             sender: system and component of the sender.
+            now_s: present time.
         """
         sequence, session, operation, size, _, _, offset = _HEAD.unpack_from(payload)
         if operation in (_ACK, _NAK):
             return None
+        self._end_idle_session(now_s)
+        self._used_s = now_s
+
         data = payload[_HEAD.size : _HEAD.size + min(size, _MOST_DATA)]
         request = _Request(
             sequence=sequence,
@@ -131,9 +137,11 @@ class FileServer:
             self._last_answer = answer
         return answer
 
-    def due(self) -> list[tuple[bytes, tuple[int, int]]]:
-        """Return the next pieces of a burst, each with its receiver."""
+    def due(self, now_s: float) -> list[tuple[bytes, tuple[int, int]]]:
+        """Return the next pieces of a burst at the present time, each with its receiver."""
         pieces: list[tuple[bytes, tuple[int, int]]] = []
+        if self._burst is not None:
+            self._used_s = now_s
         while self._burst is not None and len(pieces) < _PIECES_PER_POLL:
             burst = self._burst
             content = b""
@@ -173,7 +181,11 @@ class FileServer:
         Raises:
             _Refused: the answer is an error.
         """
-        if request.operation in (_TERMINATE, _RESET):
+        if request.operation == _RESET:
+            self._close()
+            return b""
+        if request.operation == _TERMINATE:
+            self._file_of(request)
             self._close()
             return b""
 
@@ -184,8 +196,7 @@ class FileServer:
         if request.operation == _READ:
             return self._read(request)
         if request.operation == _BURST:
-            if self._file is None:
-                raise _Refused(_INVALID_SESSION)
+            self._file_of(request)
             first = (request.sequence + 1) & 0xFFFF
             self._burst = _Burst(first, request.offset, _BURST_PIECES, sender)
             return None
@@ -234,15 +245,30 @@ class FileServer:
         raise _Refused(_NOT_FOUND)
 
     def _read(self, request: _Request) -> bytes:
-        if self._file is None:
-            raise _Refused(_INVALID_SESSION)
-        if request.offset >= len(self._file.content):
+        file = self._file_of(request)
+        if request.offset >= len(file.content):
             raise _Refused(_END_OF_FILE)
         end = request.offset + min(request.size, _MOST_DATA)
-        content = bytes(self._file.content[request.offset : end])
+        content = bytes(file.content[request.offset : end])
         if self._reaches_limit(len(content)):
             raise _Refused(_INVALID_SESSION)
         return content
+
+    def _file_of(self, request: _Request) -> LogFile:
+        """Return the open file of a request's session.
+
+        Raises:
+            _Refused: this session is not open.
+        """
+        if self._file is None or request.session != 0:
+            raise _Refused(_INVALID_SESSION)
+        return self._file
+
+    def _end_idle_session(self, now_s: float) -> None:
+        """End a session whose client has been silent, so that others can open one."""
+        if self._file is not None and now_s - self._used_s > _IDLE_S:
+            self._close()
+            self._last_answer = b""
 
     def _reaches_limit(self, count: int) -> bool:
         """Add sent bytes to the session; at its limit, end it silently and return True."""

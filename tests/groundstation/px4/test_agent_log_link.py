@@ -76,7 +76,7 @@ class AgentOfOne:
         for _ in range(40):
             self._now_ns += TICK_NS
             self.relay.step(is_disarmed=self.is_disarmed, now_ns=self._now_ns)
-            for payload, _ in self._files.due():
+            for payload, _ in self._files.due(0.0):
                 self._answer(payload)
 
     # -- as the link to PX4 ---
@@ -84,7 +84,7 @@ class AgentOfOne:
     def request_log(self, number: int, payload: bytes) -> None:
         assert number == FILE_TRANSFER
         padded = payload.ljust(254, b"\0")
-        answer = self._files.answer(padded[IDS_BYTES:], SENDER)
+        answer = self._files.answer(padded[IDS_BYTES:], SENDER, 0.0)
         if answer is not None:
             self._answer(answer)
 

@@ -64,7 +64,7 @@ class CardLink:
     def send(self, name: str, *values: Any) -> None:
         self.sent.append(name)
         if name == "file_transfer_protocol" and self._count < self.files_until:
-            answer = self.files.answer(values[1], SENDER)
+            answer = self.files.answer(values[1], SENDER, 0.0)
             if answer is not None:
                 self._put("FILE_TRANSFER_PROTOCOL", payload=answer)
         elif name == "log_request_list" and self._has_data:
@@ -81,7 +81,7 @@ class CardLink:
             self._waiting.append((name, SimpleNamespace(**fields)))
 
     def next_message(self, names: Iterable[str], timeout_s: float) -> Any | None:
-        for payload, _ in self.files.due():
+        for payload, _ in self.files.due(0.0):
             if self._count < self.files_until:
                 self._put("FILE_TRANSFER_PROTOCOL", payload=payload)
         for number, offset, data in self.sender.due():

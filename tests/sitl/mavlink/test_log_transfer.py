@@ -15,7 +15,7 @@ from sitl.px4.flight_log import FOLDER
 from sitl.px4.modes import Mode
 from tests.sitl.sitl_flying import Client, emulator, run_for, until
 
-OPEN, READ, LIST, RESET, BURST, ACK, NAK = 4, 5, 3, 2, 15, 128, 129
+TERMINATE, OPEN, READ, LIST, RESET, BURST, ACK, NAK = 1, 4, 5, 3, 2, 15, 128, 129
 END_OF_FILE, INVALID_SESSION, NO_SESSION = 6, 4, 5
 HEAD = struct.Struct("<HBBBBBxI")
 
@@ -94,16 +94,23 @@ class Ftp:
         self.sequence = 0
 
     def ask(
-        self, operation: int, *, offset: int = 0, data: bytes = b"", size: int | None = None
+        self,
+        operation: int,
+        *,
+        offset: int = 0,
+        data: bytes = b"",
+        size: int | None = None,
+        session: int = 0,
+        component: int = 1,
     ) -> tuple[int, bytes]:
         """Send a request; operation and data of its answer (0 when there is none at once)."""
         self.sequence += 1
         head = HEAD.pack(
-            self.sequence, 0, operation, len(data) if size is None else size, 0, 0, offset
+            self.sequence, session, operation, len(data) if size is None else size, 0, 0, offset
         )
         payload = list((head + data).ljust(PAYLOAD_BYTES, b"\0"))
         answers = self.client.send(
-            "FILE_TRANSFER_PROTOCOL", target_system=1, target_component=1, payload=payload
+            "FILE_TRANSFER_PROTOCOL", target_system=1, target_component=component, payload=payload
         )
         if not answers:
             return 0, b""
@@ -168,6 +175,36 @@ def test_a_file_transfer_may_die_in_the_middle_without_a_word(flown: Emulator) -
         assert ftp.ask(OPEN, data=path)[0] == ACK  # and is begun anew
     finally:
         flown.flight_logs[0].session_limit_bytes = 0
+
+
+def test_the_session_of_a_client_that_has_gone_is_open_to_another_after_ten_seconds(
+    flown: Emulator,
+) -> None:
+    ftp = Ftp(flown)
+    path = path_of(ftp)
+    assert ftp.ask(OPEN, data=path)[0] == ACK
+    ftp.client.collect(9.5)
+    assert ftp.ask(OPEN, data=path) == (NAK, bytes((NO_SESSION,)))
+    ftp.client.collect(10.5)
+    assert ftp.ask(READ, offset=0, size=9) == (NAK, bytes((INVALID_SESSION,)))
+    assert ftp.ask(OPEN, data=path)[0] == ACK
+
+
+@pytest.mark.parametrize("operation", [TERMINATE, READ, BURST])
+def test_a_session_that_is_not_open_is_neither_read_nor_ended(
+    flown: Emulator, operation: int
+) -> None:
+    ftp = Ftp(flown)
+    ftp.ask(OPEN, data=path_of(ftp))
+    assert ftp.ask(operation, size=9, session=7) == (NAK, bytes((INVALID_SESSION,)))
+    assert ftp.ask(READ, offset=0, size=9)[0] == ACK
+    assert ftp.ask(TERMINATE)[0] == ACK
+    assert ftp.ask(operation, size=9) == (NAK, bytes((INVALID_SESSION,)))
+
+
+def test_a_file_request_for_another_component_is_not_answered(flown: Emulator) -> None:
+    assert Ftp(flown).ask(RESET, component=100) == (0, b"")
+    assert Ftp(flown).ask(RESET, component=0)[0] == ACK
 
 
 @pytest.mark.parametrize("operation", [0, 6, 7, 8, 14, 77])
