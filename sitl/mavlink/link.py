@@ -13,10 +13,12 @@ from __future__ import annotations
 import math
 from collections import deque
 from collections.abc import Callable, Mapping
-from typing import NamedTuple
+from enum import IntEnum
+from typing import Any, NamedTuple
 
 import numpy as np
 
+from onboard.tuples import Xyz
 from sitl.emulator.emulator import Emulator
 from sitl.mavlink import commands
 from sitl.mavlink.codec import ID_BY_NAME, Decoder, Encoder, MavlinkMessage, text_of
@@ -49,15 +51,20 @@ _TEXT_BACKLOG_S = 5.0  # largest age of texts that a new ground station receives
 _TEXT_CHUNK = 50  # characters in one STATUSTEXT
 _PARAMS_PER_POLL = 4
 
-# Frames of ODOMETRY that are fused.
-_LOCAL_NED = 1
-_LOCAL_FRD = 20
-
 # External positions and headings with a larger number are ignored.
 _MAX_POSITION_M = 1e4
 _MAX_YAW_RAD = 1e4
 _FULL_STICK = 1000.0
 _RTCM_BYTES = 180  # largest number of bytes in a GPS_RTCM_DATA
+
+
+class _Frame(IntEnum):
+    """Frames of ODOMETRY that are fused (MAV_FRAME)."""
+
+    LOCAL_NED = 1
+    LOCAL_ENU = 4
+    LOCAL_FRD = 20
+    LOCAL_FLU = 21
 
 
 class Link:
@@ -410,7 +417,8 @@ class Link:
 
     def _odometry(self, message: MavlinkMessage) -> None:
         fields = message.fields
-        if fields["frame_id"] not in (_LOCAL_NED, _LOCAL_FRD):
+        position = _odometry_position(fields)
+        if position is None:
             return
 
         # works for a quaternion of any length; NaN for a quaternion of zeros
@@ -420,15 +428,17 @@ class Link:
             yaw_rad = math.atan2(2.0 * (w * z + x * y), w * w + x * x - y * y - z * z)
 
         has_velocity = math.isfinite(fields["vx"] + fields["vy"] + fields["vz"])
-        self._take_vision(message, yaw_rad, has_velocity=has_velocity)
+        self._take_vision(position, yaw_rad, fields["reset_counter"], has_velocity=has_velocity)
 
     def _vision(self, message: MavlinkMessage) -> None:
-        self._take_vision(message, message.fields["yaw"], has_velocity=False)
-
-    def _take_vision(self, message: MavlinkMessage, yaw_rad: float, *, has_velocity: bool) -> None:
-        """Pass an external position to the estimator; a heading beyond the limit counts as NaN."""
         fields = message.fields
         position = (fields["x"], fields["y"], fields["z"])
+        self._take_vision(position, fields["yaw"], fields["reset_counter"], has_velocity=False)
+
+    def _take_vision(
+        self, position: Xyz, yaw_rad: float, reset_count: int, *, has_velocity: bool
+    ) -> None:
+        """Pass an external position to the estimator; a heading beyond the limit counts as NaN."""
         if not all(abs(coordinate) < _MAX_POSITION_M for coordinate in position):
             return
 
@@ -439,7 +449,7 @@ class Link:
             np.array(position),
             yaw_rad=yaw_rad,
             has_velocity=has_velocity,
-            reset_count=fields["reset_counter"],
+            reset_count=reset_count,
         )
 
     def _set_origin(self, message: MavlinkMessage) -> None:
@@ -560,6 +570,23 @@ class Link:
                 )
             )
         return frames
+
+
+def _odometry_position(fields: Mapping[str, Any]) -> Xyz | None:
+    """Return the position of an ODOMETRY [m], x, y and z down; None in a frame that is not fused.
+
+    PX4 converts the position of each of these frames, but takes the quaternion as it is.
+    """
+    x, y, z = fields["x"], fields["y"], fields["z"]
+    match fields["frame_id"]:
+        case _Frame.LOCAL_NED | _Frame.LOCAL_FRD:
+            return x, y, z
+        case _Frame.LOCAL_ENU:
+            return y, x, -z
+        case _Frame.LOCAL_FLU:
+            return x, -y, -z
+        case _:
+            return None
 
 
 class Reaction(NamedTuple):

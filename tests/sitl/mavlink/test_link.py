@@ -314,6 +314,25 @@ def test_vision_moves_the_local_frame_when_satellites_are_off() -> None:
     assert abs(emu.estimator.yaw_error_rad[0]) < 1e-3
 
 
+@pytest.mark.parametrize(
+    ("frame", "x", "y", "z"),
+    [(1, 3.0, -4.0, -0.1), (4, -4.0, 3.0, 0.1), (20, 3.0, -4.0, -0.1), (21, 3.0, 4.0, 0.1)],
+)
+def test_odometry_is_fused_in_each_local_frame(frame: int, x: float, y: float, z: float) -> None:
+    emu = emulator()
+    client = Client(emu)
+    client.send(
+        "PARAM_SET", param_id=b"EKF2_GPS_CTRL", param_value=0.0, param_type=6, target_system=1
+    )
+
+    def send() -> None:
+        if emu.world.vehicles.steps % 5 == 0:
+            client.send("ODOMETRY", x=x, y=y, z=z, q=[1.0, 0.0, 0.0, 0.0], frame_id=frame)
+
+    run_for(emu, 4.0, send)
+    assert math.dist(emu.estimator.local(0).position_ned_m, (3.0, -4.0, -0.1)) < 0.4
+
+
 def test_another_reset_counter_in_odometry_is_followed_at_once_in_height_too() -> None:
     emu = emulator()
     client = Client(emu)
