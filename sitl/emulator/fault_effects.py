@@ -27,7 +27,7 @@ from sitl.px4.sticks import CENTRED
 
 LINKS = ("companion", "ground")
 DIRECTIONS = ("in", "out")
-SIMULATOR_LINK = "simulator"  # link to viewers of the truth, which no fault disturbs
+SIMULATOR_LINK = "simulator"  # link to viewers of the truth, which only a hang disturbs
 _PILOT_MODES = {
     "posctl": Mode.POSCTL,
     "altctl": Mode.ALTCTL,
@@ -256,7 +256,7 @@ def _hang(emulator: FaultyEmulator, index: int, fault: Fault, is_on: bool) -> No
     disturbances = emulator.disturbances
     disturbances.is_hung[index] = is_on
     disturbances.clocks[index].change(emulator.time_s, is_stopped=is_on)
-    for link in LINKS:
+    for link in (*LINKS, SIMULATOR_LINK):
         # Messages that arrive meanwhile wait in the socket. They are read when the process
         # continues.
         disturbances.wires[index][link, "in"].is_held = is_on

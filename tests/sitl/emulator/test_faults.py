@@ -13,11 +13,13 @@ import pytest
 from sitl.emulator.emulator import Emulator, Environment
 from sitl.emulator.mocap import Mocap, MocapSettings, Pose
 from sitl.faults.catalogue import FAULT_KINDS, Fault, FaultError, check, listing, parse
+from sitl.mavlink.lossy_link import LossyLink
+from sitl.mavlink.streams import SIMULATOR_RATES_HZ
 from sitl.physics.vehicle import STEP_S
 from sitl.physics.wind import WindSettings
 from sitl.px4.estimator_errors import Source
 from sitl.px4.modes import Mode
-from tests.sitl.sitl_flying import EAST_WXYZ, emulator, height_m, run_for, streamer, until
+from tests.sitl.sitl_flying import CLIENT, EAST_WXYZ, emulator, height_m, run_for, streamer, until
 
 NAMES = ["v0", "v1"]
 
@@ -190,6 +192,26 @@ def test_a_hung_autopilot_is_deaf_its_clock_stands_still_and_then_it_goes_on_as_
     assert emu.autopilots[0].mode is Mode.OFFBOARD
     run_for(emu, 1.0, send)
     assert emu.autopilots[0].mode is Mode.OFFBOARD
+
+
+@pytest.mark.parametrize("link", ["companion", "ground", "simulator"])
+def test_a_hung_autopilot_obeys_on_no_link_until_it_goes_on(link: str) -> None:
+    emu = flying()
+    lossy = LossyLink(emu, 0, SIMULATOR_RATES_HZ, link)
+
+    def poll() -> None:
+        lossy.poll()
+
+    emu.inject(parse("v0 autopilot_hang duration=1"))
+    run_for(emu, 0.1)
+    disarm = CLIENT.encode_named(
+        "COMMAND_LONG", command=400, target_system=1, target_component=1, param2=21196.0
+    )
+    assert lossy.receive(disarm) == []
+    run_for(emu, 0.5, poll)
+    assert emu.autopilots[0].is_armed
+    run_for(emu, 1.0, poll)
+    assert not emu.autopilots[0].is_armed
 
 
 def test_a_reboot_in_flight_stops_the_motors_forgets_and_counts_anew() -> None:
