@@ -8,8 +8,8 @@ Examples:
 
 The emulator has arming, PX4's modes, offboard, telemetry, parameters, signing
 and losses. It answers UNSUPPORTED to missions, fences, rally points,
-calibration, orbit and gimbal. It has no follow-me, no shell and no corrections
-of satellites. docs/emulator.md lists every command and message.
+calibration, orbit and gimbal. It has no follow-me and no shell.
+docs/emulator.md lists every command and message.
 
 Exit status: 0 ended by an interrupt; 2 wrong input or a port in use, nothing was emulated.
 """

@@ -135,15 +135,27 @@ def _instance(autopilot: str) -> tuple[int, int] | None:
 
 
 def station_of(text: str) -> Address:
-    """Return `HOST:PORT` of a ground station as an address."""
+    """Return `HOST:PORT` of a ground station as an address.
+
+    A name is resolved here, once, because each datagram would resolve it again.
+    """
     host, _, port = text.rpartition(":")
-    if not port.isdigit() or not 0 < int(port) < 65536:
+    if not port.isdecimal() or not 0 < int(port) < 65536:
         raise StartError(
             f"'{text}' is no address of a ground station. Write it as 127.0.0.1:14550."
         )
     if not host:
         host, _ = GROUND_STATION
-    return host, int(port)
+
+    try:
+        found = socket.getaddrinfo(host, int(port), socket.AF_INET, socket.SOCK_DGRAM)
+    except (OSError, UnicodeError):
+        raise StartError(
+            f"The host of '{text}' is not known. Check its name, or write its address: "
+            "127.0.0.1:14550."
+        ) from None
+    _, _, _, _, address = found[0]
+    return str(address[0]), int(port)
 
 
 def _parse(endpoint: str, key: str) -> tuple[str, str, int]:
