@@ -139,8 +139,8 @@ def map_finding(fleet: FleetConfig, accuracy: Accuracy, law_map: LawMap) -> Find
         law_map: the map.
     Returns:
         A refusal if an easier or equal cell has failed. Otherwise ok if a harder or equal cell is
-        promised with the same law and no wider margin. Otherwise a warning if harder cells are
-        promised only with a wider margin. Otherwise a note.
+        promised with the same distances and law, and no wider margin. Otherwise a warning if harder
+        cells are promised only with a wider margin. Otherwise a note.
     """
     here = _cell_of(fleet, accuracy)
     promised = [cell for cell in law_map.cells if cell.is_promised]
@@ -271,10 +271,20 @@ def _distance(here: MapCell, cell: MapCell) -> float:
 
 
 def _differences(fleet: FleetConfig, accuracy: Accuracy, law_map: LawMap) -> str:
-    """Return in words how the fleet differs from the map's law and vehicles; empty if it does
-    not.
+    """Return in words how the fleet differs from the map's fleets, law and vehicles; empty if it
+    does not.
     """
     different = []
+
+    safety_distance_m = fleet.fleet.safety_distance_m
+    if safety_distance_m != law_map.safety_distance_m:
+        different.append(
+            f"fleet.safety_distance_m = {law_map.safety_distance_m} (here {safety_distance_m})"
+        )
+
+    vertical_separation_m = fleet.fleet.vertical_separation_m
+    if vertical_separation_m is not None:
+        different.append(f"no fleet.vertical_separation_m (here {vertical_separation_m})")
 
     flown = law_map.law.get(accuracy.name, {})
     for key, flown_value in flown.items():

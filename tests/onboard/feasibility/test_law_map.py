@@ -116,6 +116,19 @@ def test_another_law_or_a_slower_vehicle_is_named_as_the_reason():
     assert "a command 0.15 s later" in slow.sentence
 
 
+@pytest.mark.parametrize("distance_m", [0.6, 1.0])
+def test_another_safety_distance_is_named_as_the_reason(distance_m):
+    other = found(cell(), changes={"fleet.safety_distance_m": distance_m})
+    assert other.status == "note"
+    assert f"fleet.safety_distance_m = 0.8 (here {distance_m})" in other.sentence
+
+
+def test_heights_that_count_are_named_as_the_reason():
+    other = found(cell(), changes={"fleet.vertical_separation_m": 1.2})
+    assert other.status == "note"
+    assert "no fleet.vertical_separation_m (here 1.2)" in other.sentence
+
+
 def test_a_harder_cell_that_holds_is_named_before_an_easier_one_that_is_nearer():
     slow = map_finding(
         load_fleet("sih").with_law("covey"),
