@@ -114,7 +114,7 @@ def forecast(
         worst = int(flight.min_separation_m.argmin())
     else:
         worst = int(flight.arrival_s[:, 0].argmax())
-    trace_enu_m = flight.trace_enu_m[:, worst]
+    trace_enu_m = flight.positions_enu_m(worst)
 
     height_share = fleet.fleet.height_share
     closest_m, pair, closest_s = _closest(trace_enu_m, names, height_share)

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from onboard.arrays import Array, BoolArray
+from onboard.arrays import Array, BoolArray, IntArray
 from onboard.avoidance.params import Capsule, still
 from onboard.config.fleet import FleetConfig
 from onboard.config.pair_separation import separations_m
@@ -64,6 +64,7 @@ class RolloutResult:
 
     # (T, F, N, 3) true positions after each tick, until the last flight has ended
     trace_enu_m: Array
+    ticks: IntArray  # (F,) number of ticks of each flight until its own end
     height_share: float = 0.0  # as in FleetModel
 
     @property
@@ -73,16 +74,28 @@ class RolloutResult:
 
     @property
     def min_separation_m(self) -> Array:
-        """Smallest true separation of any two vehicles (F,); infinite for a single vehicle."""
+        """Smallest true separation of any two vehicles (F,); infinite for a single vehicle.
+
+        Positions after a flight's own end do not count.
+        """
         first, second = np.triu_indices(self.trace_enu_m.shape[2], 1)
 
         # computed tick by tick, because the pairs of all ticks would fill the memory
         least_m = []
-        for position_enu_m in self.trace_enu_m:
+        for tick, position_enu_m in enumerate(self.trace_enu_m):
             gap_m = position_enu_m[:, first] - position_enu_m[:, second]
             pairs_m = separations_m(gap_m, self.height_share)
-            least_m.append(pairs_m.min(-1, initial=np.inf))
+            nearest_m = pairs_m.min(-1, initial=np.inf)
+            least_m.append(np.where(tick < self.ticks, nearest_m, np.inf))
         return np.asarray(np.min(least_m, axis=0))
+
+    def positions_enu_m(self, flight: int) -> Array:
+        """Return the true positions [m] of one flight (T, N, 3), after each tick until its own end.
+
+        Args:
+            flight: index of the flight.
+        """
+        return self.trace_enu_m[: self.ticks[flight], flight]
 
 
 def fleet_model(fleet: FleetConfig, names: Sequence[str], law: str | None = None) -> FleetModel:
@@ -157,6 +170,7 @@ def fly(
     return RolloutResult(
         arrival_s=legs.arrival_s,
         trace_enu_m=np.array(trace_enu_m),
+        ticks=legs.ticks,
         height_share=model.height_share,
     )
 
@@ -220,6 +234,7 @@ class _Legs:
         self._leg = np.zeros(flights, np.int64)
         self._time_s = np.zeros(flights)  # time since the present leg began
         self._is_open = np.ones(flights, bool)  # whether a flight has not ended
+        self.ticks = np.zeros(flights, np.int64)  # number of ticks of each flight until its own end
 
         # how long each vehicle has been near its goal (F, N)
         self._near_s = np.zeros((flights, vehicles))
@@ -238,6 +253,7 @@ class _Legs:
         continues.
         """
         scenario = self._scenario
+        self.ticks[self._is_open] += 1
         leg = np.minimum(self._leg, self._leg_count - 1)
         goal_enu_m = scenario.legs_enu_m[self._flights, leg]
         distance_m = np.sqrt(((position_enu_m - goal_enu_m) ** 2).sum(-1))

@@ -14,6 +14,7 @@ import time
 from pathlib import Path
 
 import msgspec
+import numpy as np
 import psutil
 import pytest
 
@@ -81,6 +82,19 @@ def test_who_would_not_arrive_and_who_would_be_in_the_way_is_said(fleet: FleetCo
 
 def test_the_same_question_has_the_same_answer(fleet: FleetConfig) -> None:
     assert forecast(fleet, SWAP) == forecast(fleet, SWAP)
+
+
+def test_the_worst_of_several_flights_is_forecast_as_if_it_were_flown_alone(
+    fleet: FleetConfig,
+) -> None:
+    seeds = (0, 1)
+    worst = forecast(fleet, SWAP, seeds=seeds)
+    alone = [forecast(fleet, SWAP, seeds=(seed,)) for seed in seeds]
+
+    nearest = min(alone, key=lambda flown: flown.closest_m)
+    assert worst.closest_m == pytest.approx(nearest.closest_m, abs=1e-9)
+    for name, path in nearest.paths_enu_m.items():
+        np.testing.assert_allclose(worst.paths_enu_m[name], path, atol=1e-9)
 
 
 def test_a_vehicle_on_the_ground_stays_there_and_is_flown_around(fleet: FleetConfig) -> None:

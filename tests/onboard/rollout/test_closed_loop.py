@@ -105,6 +105,28 @@ def test_a_flight_alone_equals_the_same_flight_in_a_batch():
     )
 
 
+def test_what_a_flight_does_after_its_end_changes_nothing_of_its_result():
+    fleet = load_fleet("configs/fleets/sih.toml")
+    model = closed_loop.fleet_model(fleet, list(fleet.vehicles))
+    waits = STARTS[None]
+    moves = STARTS[None] + np.array([0.0, 1.0, 0.0])
+    scenario = closed_loop.Scenario(
+        start_enu_m=np.repeat(STARTS[None], 2, 0),
+        legs_enu_m=np.array([waits, moves]),
+        duration_s=np.array([2.0]),
+        timeout_s=5.0,
+    )
+    gusts = Perturbation(start_m=0.0, gust_m_s2=0.5)
+    together = closed_loop.fly(scenario, model, [5, 6], gusts)
+    one = replace(scenario, start_enu_m=STARTS[None], legs_enu_m=waits[None])
+    alone = closed_loop.fly(one, model, [5], gusts)
+
+    assert len(alone.trace_enu_m) < len(together.trace_enu_m)
+    np.testing.assert_allclose(together.positions_enu_m(0), alone.positions_enu_m(0), atol=1e-9)
+    assert together.min_separation_m[0] == pytest.approx(alone.min_separation_m[0], abs=1e-9)
+    assert together.ticks[1] == len(together.trace_enu_m)
+
+
 def test_repeating_a_flight_gives_the_same_bytes():
     fleet = load_fleet("configs/fleets/sih.toml")
     model = closed_loop.fleet_model(fleet, list(fleet.vehicles))
