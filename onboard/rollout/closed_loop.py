@@ -266,9 +266,12 @@ class _Legs:
         is_late = self._time_s >= scenario.timeout_s
 
         # Record the arrival for the flights whose leg ends at this tick. A vehicle has arrived when
-        # it starts to settle.
+        # it starts to settle. If all vehicles are parked, the leg ends at once.
         ended = np.flatnonzero(self._is_open & (has_arrived | is_late))
-        arrival_s = np.where(has_arrived[ended], self._time_s[ended] - scenario.settle_s, np.inf)
+        settling_began_s = self._time_s[ended] - scenario.settle_s
+        if self.is_parked.all():
+            settling_began_s = np.zeros(len(ended))
+        arrival_s = np.where(has_arrived[ended], settling_began_s, np.inf)
         self.arrival_s[ended, self._leg[ended]] = arrival_s
 
         self._leg[ended] += 1

@@ -159,3 +159,14 @@ def test_vehicle_that_cannot_arrive_ends_its_leg_at_the_timeout_and_says_so():
     assert not result.is_success.any()
     assert np.isinf(result.arrival_s).all()
     assert TICK_S * len(result.trace_enu_m) == pytest.approx(1.0, abs=0.03)
+
+
+def test_legs_of_vehicles_that_are_all_parked_end_at_once():
+    fleet = load_fleet("configs/fleets/paper.toml")
+    model = closed_loop.fleet_model(fleet, ["mav0"])
+    scenario = closed_loop.Scenario(
+        np.zeros((1, 1, 3)), np.full((1, 2, 1, 3), 5.0), np.zeros(2), 1.0, is_parked=(True,)
+    )
+    result = closed_loop.fly(scenario, model, [0])
+    assert result.arrival_s.tolist() == [[0.0, 0.0]]
+    assert result.ticks.tolist() == [2]
