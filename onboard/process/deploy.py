@@ -60,7 +60,7 @@ def main(words: Sequence[str]) -> int:
     try:
         fleet = load_fleet(arguments.fleet)
         names = fleet.select(arguments.vehicles)
-        _check_keys_folder(fleet)
+        _check_folders(fleet)
         for wheel in arguments.wheel:
             if not Path(wheel).is_file():
                 raise ConfigError(
@@ -106,14 +106,19 @@ def _at(fleet: FleetConfig, name: str) -> str:
     return f"{name} ({fleet.vehicles[name].host})"
 
 
-def _check_keys_folder(fleet: FleetConfig) -> None:
-    """Refuse a fleet file if its folder of keys exists only on this computer."""
-    if PurePosixPath(fleet.fleet.keys).is_absolute():
-        raise ConfigError(
-            f"{fleet.path}: 'fleet.keys' is {fleet.fleet.keys!r}, a folder of this computer: no "
-            "companion would find its keys there. Deploy the fleet file that this one was made "
-            'from, or name a folder beside the fleet file, for instance keys = "keys".'
-        )
+def _check_folders(fleet: FleetConfig) -> None:
+    """Refuse a fleet file if its folder of keys or of a law exists only on this computer."""
+    folders = (
+        ("fleet.keys", fleet.fleet.keys, "its keys", 'keys = "keys"'),
+        ("law.folder", fleet.law.folder, "its law", 'folder = "laws"'),
+    )
+    for key, folder, content, example in folders:
+        if PurePosixPath(folder).is_absolute():
+            raise ConfigError(
+                f"{fleet.path}: '{key}' is {folder!r}, a folder of this computer: no companion "
+                f"would find {content} there. Deploy the fleet file that this one was made from, "
+                f"or name a folder beside the fleet file, for instance {example}."
+            )
 
 
 def _run(fleet: FleetConfig, name: str, arguments: argparse.Namespace) -> bool:

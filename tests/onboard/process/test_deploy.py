@@ -144,6 +144,18 @@ def test_keys_of_this_computer_only_are_not_deployed(
     assert "a folder of this computer" in capfd.readouterr().err
 
 
+def test_a_law_of_this_computer_only_is_not_deployed(
+    lab: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    text = (lab / "lab.toml").read_text()
+    (lab / "lab.toml").write_text(text.replace("[law]\n", f'[law]\nfolder = "{lab}"\n'))
+    assert main(["deploy", "--fleet", "lab.toml"]) == 2
+    said = capfd.readouterr().err
+    assert "'law.folder' is" in said
+    assert "a folder of this computer" in said
+    assert not (lab / "log").exists()
+
+
 @pytest.mark.parametrize("folder", [".", "laws"])
 def test_the_module_of_an_own_law_is_copied_to_where_the_companion_looks(
     lab: Path, folder: str
