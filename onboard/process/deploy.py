@@ -140,11 +140,19 @@ def _run(fleet: FleetConfig, name: str, arguments: argparse.Namespace) -> bool:
 
 def _ssh(fleet: FleetConfig, name: str, arguments: argparse.Namespace, line: str) -> list[str]:
     """Return the command line that runs a shell line in Covey's folder of one companion."""
-    return ["ssh", "-t", "--", _target(fleet, name, arguments), f"cd {_FOLDER} && {line}"]
+    return ["ssh", "-t", "--", _ssh_target(fleet, name, arguments), f"cd {_FOLDER} && {line}"]
 
 
-def _target(fleet: FleetConfig, name: str, arguments: argparse.Namespace) -> str:
-    """Return the destination of ssh and scp for one companion: HOST or USER@HOST."""
+def _ssh_target(fleet: FleetConfig, name: str, arguments: argparse.Namespace) -> str:
+    """Return ssh's destination for one companion, where an IPv6 address has no brackets."""
+    target = _scp_target(fleet, name, arguments)
+    return target.replace("[", "").replace("]", "")
+
+
+def _scp_target(fleet: FleetConfig, name: str, arguments: argparse.Namespace) -> str:
+    """Return scp's destination for one companion, HOST or USER@HOST, where an IPv6 address has
+    brackets.
+    """
     host = fleet.vehicles[name].host
     if arguments.login:
         return f"{arguments.login}@{host}"
@@ -156,7 +164,8 @@ def deployment(fleet: FleetConfig, name: str, arguments: argparse.Namespace) -> 
 
     Texts from the fleet file are quoted where the remote shell reads them.
     """
-    target = _target(fleet, name, arguments)
+    ssh_target = _ssh_target(fleet, name, arguments)
+    scp_target = _scp_target(fleet, name, arguments)
 
     keys: list[str] = []  # names of the vehicle's files in the folder of keys
     if fleet.has_keys:
@@ -168,22 +177,22 @@ def deployment(fleet: FleetConfig, name: str, arguments: argparse.Namespace) -> 
     make_folders = f"mkdir -p {_FOLDER}"
     if keys:
         make_folders += f" && mkdir -p -m 700 {keys_folder}"
-    commands = [["ssh", "--", target, make_folders]]
+    commands = [["ssh", "--", ssh_target, make_folders]]
 
-    commands.append(["scp", "--", fleet.path, f"{target}:{_FOLDER}/fleet.toml"])
+    commands.append(["scp", "--", fleet.path, f"{scp_target}:{_FOLDER}/fleet.toml"])
     if keys:
         paths = [str(Path(fleet.keys_folder) / file) for file in keys]
         # the remote folder is quoted, because older versions of scp pass it to a shell
-        commands.append(["scp", "-p", "--", *paths, f"{target}:{keys_folder}/"])
+        commands.append(["scp", "-p", "--", *paths, f"{scp_target}:{keys_folder}/"])
 
     # copy the module of the user's own law to the same place relative to the fleet file as here
     if fleet.own_law is not None and fleet.own_law.file is not None:
         law_folder = shlex.quote(f"{_FOLDER}/{fleet.law.folder}")
-        commands.append(["ssh", "--", target, f"mkdir -p {law_folder}"])
-        commands.append(["scp", "--", fleet.own_law.file, f"{target}:{law_folder}/"])
+        commands.append(["ssh", "--", ssh_target, f"mkdir -p {law_folder}"])
+        commands.append(["scp", "--", fleet.own_law.file, f"{scp_target}:{law_folder}/"])
 
     if arguments.wheel:
-        commands.append(["scp", "--", *arguments.wheel, f"{target}:{_FOLDER}/"])
+        commands.append(["scp", "--", *arguments.wheel, f"{scp_target}:{_FOLDER}/"])
         covey_wheel, *_ = arguments.wheel
         commands.append(_ssh(fleet, name, arguments, _installation(covey_wheel)))
 

@@ -88,6 +88,18 @@ def test_each_companion_gets_wheel_fleet_file_and_service_and_one_that_fails_is_
     assert "once more with --vehicles mav1" in said
 
 
+def test_an_ipv6_address_has_brackets_for_scp_and_none_for_ssh(lab: Path) -> None:
+    text = (lab / "lab.toml").read_text()
+    (lab / "lab.toml").write_text(text.replace("10.0.0.11", "[fd00::1]"))
+    arguments = parser().parse_args(["--fleet", "lab.toml", "--login", "pi"])
+    commands = deployment(load_fleet("lab.toml"), "mav0", arguments)
+
+    assert [command[0] for command in commands] == ["ssh", "scp", "ssh"]
+    assert "pi@fd00::1" in commands[0]
+    assert commands[1][-1] == "pi@[fd00::1]:covey/fleet.toml"
+    assert "pi@fd00::1" in commands[2]
+
+
 def test_the_status_says_what_runs_where_and_the_hash_that_all_must_have(
     lab: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:
