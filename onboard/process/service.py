@@ -195,11 +195,9 @@ def _write_unit(service: Service, text: str) -> str:
 
     path = service.path
     try:
-        is_foreign = path.is_symlink() or (path.exists() and not _is_ours(path))
-        if is_foreign:
-            return (
-                f"{path} was not written by covey agent install: move it away, or rename the fleet."
-            )
+        problem = _replacement_problem(path, text)
+        if problem:
+            return problem
         path.parent.mkdir(parents=True, exist_ok=True)
         path.write_text(text, encoding="utf-8")
     except (OSError, UnicodeDecodeError) as error:
@@ -212,9 +210,30 @@ def _write_unit(service: Service, text: str) -> str:
     return ""
 
 
-def _is_ours(path: Path) -> bool:
-    """Whether ``covey agent install`` has written a unit file."""
-    return path.read_text(encoding="utf-8").startswith(_MARK)
+def _replacement_problem(path: Path, text: str) -> str:
+    """Return why a text must not replace a unit file; empty if it may, or if there is no file."""
+    if not path.is_symlink() and not path.exists():
+        return ""
+
+    written = ""
+    if not path.is_symlink():
+        written = path.read_text(encoding="utf-8")
+    if not written.startswith(_MARK):
+        return f"{path} was not written by covey agent install: move it away, or rename the fleet."
+
+    if _owner(written) != _owner(text):
+        return (
+            f"{path} is the service {_owner(written)}. The service {_owner(text)} would have the "
+            "same name, so nothing was written. Rename the fleet or the vehicle."
+        )
+    return ""
+
+
+def _owner(text: str) -> str:
+    """Return the vehicle and the fleet of a unit file of this module, from its first line."""
+    first_line, *_ = text.splitlines()
+    owner, _, _ = first_line.removeprefix(_MARK).partition(";")
+    return owner.strip()
 
 
 def _reload_systemd(service: Service, *, starts: bool) -> str:

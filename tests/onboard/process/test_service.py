@@ -177,6 +177,31 @@ def test_installing_writes_the_unit_again_and_again_but_never_over_somebody_else
     assert path.read_text(encoding="utf-8") == "[Service]\nExecStart=/bin/true\n"
 
 
+def test_two_vehicles_whose_services_have_the_same_name_are_not_installed_over_each_other(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    programs(tmp_path, monkeypatch, systemctl="exit 0")
+    monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path))
+    written = Path(PAPER).read_text(encoding="utf-8")
+    for fleet, vehicle in (("lab-a", "b"), ("lab", "a-b")):
+        text = written.replace('name = "paper"', f'name = "{fleet}"').replace("mav0", vehicle)
+        (tmp_path / f"{fleet}.toml").write_text(text, encoding="utf-8")
+
+    first = ["install", "--fleet", str(tmp_path / "lab-a.toml"), "--vehicle", "b", "--user"]
+    other = ["install", "--fleet", str(tmp_path / "lab.toml"), "--vehicle", "a-b", "--user"]
+    assert main([*first, "--now"]) == 0
+    path = tmp_path / "systemd" / "user" / "covey-agent-lab-a-b.service"
+    unit = path.read_text(encoding="utf-8")
+    called = (tmp_path / "called").read_text()
+
+    assert main([*other, "--now"]) == 2
+    said = capsys.readouterr().err
+    assert "is the service for vehicle b of fleet lab-a. The service for vehicle a-b" in said
+    assert path.read_text(encoding="utf-8") == unit
+    assert (tmp_path / "called").read_text() == called
+    assert main(first) == 0
+
+
 def test_a_folder_that_cannot_be_written_says_so(
     capsys: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
