@@ -235,6 +235,7 @@ class CorrectionsRelay:
             ConfigError: the fleet file describes a source that cannot be opened.
         """
         began_s = time.monotonic()
+        reported_s = began_s
         while True:
             wait_s = every_s
             if seconds is not None:
@@ -254,9 +255,11 @@ class CorrectionsRelay:
             if stopping in done:
                 return
 
-            for line in self.report(every_s):
+            now_s = time.monotonic()
+            for line in self.report(now_s - reported_s):
                 self._say(line)
-            if seconds is not None and time.monotonic() - began_s >= seconds:
+            reported_s = now_s
+            if seconds is not None and now_s - began_s >= seconds:
                 return
 
     def report(self, period_s: float) -> list[str]:

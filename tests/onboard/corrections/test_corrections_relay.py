@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import copy
 import random
+import re
 import signal
 import subprocess
 import sys
@@ -69,6 +70,13 @@ async def test_a_base_is_told_with_its_place_and_its_messages(fleet: FleetConfig
     assert await run(relay) == EXIT_OK
     assert "base 1234 at 47.3977420, 8.5455940, 536.90 m above the ellipsoid" in said[1]
     assert "(1005 1077 1087 1097)" in said[1]
+
+
+async def test_the_rate_is_that_of_the_time_since_the_last_report(fleet: FleetConfig):
+    relay, said = relay_of(fleet, base_frame(), *epoch(0))
+    await run(relay)  # 4 messages, and a report after 0.05 s in place of 10 s
+    (rate,) = re.findall(r"([\d.]+) messages/s", said[1])
+    assert 4 / 10.0 < float(rate) <= 4 / 0.05
 
 
 async def test_a_source_that_sends_nothing_is_told(fleet: FleetConfig):
