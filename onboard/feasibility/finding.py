@@ -6,6 +6,7 @@ or :func:`at_most`. These functions decide the status and write the numbers into
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Literal
@@ -19,6 +20,7 @@ ORDER: tuple[Status, ...] = ("refused", "warning", "note", "ok")
 
 # Because of rounding, a value counts as within its bound if it exceeds it by no more than this.
 _ROUNDING = 1e-9
+_LEAST_STEP = 1e-9  # a smaller excess over a rounded number is a rounding error
 _DIGITS = 3  # of a number in a sentence
 _MOST_DIGITS = 6
 
@@ -79,7 +81,8 @@ def at_least(
         bound: bound of the quantity.
         unit: unit of value and bound.
         sentence: template without a full stop. ``<value>``, ``<bound>`` and ``<difference>`` stand
-            for the numbers with their unit, ``<relation>`` for "at least".
+            for the numbers with their unit, ``<relation>`` for "at least". The difference is
+            rounded up, so that it is enough.
         remedy: template of the same kind, with a full stop.
         refuse_below: a smaller value is refused; None: the bound; -inf: no value is refused.
         warn_below: a smaller value is a warning; None: the bound.
@@ -153,6 +156,28 @@ def at_most(
     )
 
 
+def rounded_up(value: float, decimals: int) -> float:
+    """Return the smallest number of so many decimals that is not less than a value.
+
+    Args:
+        value: a value.
+        decimals: number of digits after the point.
+    """
+    scale = 10.0**decimals
+    return math.ceil(scale * value - _LEAST_STEP) / scale
+
+
+def rounded_down(value: float, decimals: int) -> float:
+    """Return the largest number of so many decimals that is not greater than a value.
+
+    Args:
+        value: a value.
+        decimals: number of digits after the point.
+    """
+    scale = 10.0**decimals
+    return math.floor(scale * value + _LEAST_STEP) / scale
+
+
 def _finding(
     *,
     name: str,
@@ -173,7 +198,7 @@ def _finding(
         "<value>": f"{value:.{digits}g} {unit}".strip(),
         "<bound>": f"{bound:.{digits}g} {unit}".strip(),
         "<relation>": relation,
-        "<difference>": f"{abs(bound - value):.2f} {unit}".strip(),
+        "<difference>": f"{rounded_up(abs(bound - value), 2):.2f} {unit}".strip(),
     }
     full_sentence = f"{sentence}."
     full_remedy = remedy

@@ -28,7 +28,7 @@ from onboard.estimation.accuracies import ACCURACIES, Accuracy
 from onboard.feasibility import bounds, law_map
 from onboard.feasibility.blind_descent import blind_descent_findings
 from onboard.feasibility.fence_checks import braking_in_wind
-from onboard.feasibility.finding import Finding, at_least, at_most, worst, worst_first
+from onboard.feasibility.finding import Finding, at_least, at_most, rounded_up, worst, worst_first
 from onboard.feasibility.pair_checks import (
     crowding,
     effective_margin_m,
@@ -405,7 +405,7 @@ def _obstacle_margin(fleet: FleetConfig, accuracy: Accuracy) -> Finding:
     """Check that the distance kept from obstacles covers the errors of the estimate."""
     kappa_1, kappa_2 = kappa_values(fleet)
     required_m = bounds.required_obstacle_margin_m(accuracy, kappa_1, kappa_2)
-    advised_m = math.ceil(100.0 * required_m) / 100.0
+    advised_m = rounded_up(required_m, 2)
 
     return at_least(
         name="obstacle margin",

@@ -22,7 +22,7 @@ from onboard.avoidance.prediction import LAG_ERROR_S
 from onboard.config.fleet import FleetConfig, Vehicle
 from onboard.estimation.accuracies import Accuracy
 from onboard.feasibility import bounds
-from onboard.feasibility.finding import Finding, Status
+from onboard.feasibility.finding import Finding, Status, rounded_up
 from onboard.types import TICK_S
 
 
@@ -85,7 +85,7 @@ def inequality_finding(
     sentence = f"The inequality holds: the margin of {margin_m:.3f} m covers {parts}."
     if margin_m < required_m:
         status = "note"
-        remedy = f"A margin of {required_m:.2f} m would promise it without flights."
+        remedy = f"A margin of {rounded_up(required_m, 2):.2f} m would promise it without flights."
         sentence = (
             f"The inequality promises nothing, the map of the law decides: the margin is "
             f"{margin_m:.3f} m, and it takes {parts}. {remedy}"

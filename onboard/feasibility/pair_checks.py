@@ -18,7 +18,7 @@ from onboard.config.flight_space import flight_space_of
 from onboard.estimation.accuracies import Accuracy
 from onboard.feasibility import bounds
 from onboard.feasibility.bounds import Response
-from onboard.feasibility.finding import Finding, at_least, at_most, worst
+from onboard.feasibility.finding import Finding, at_least, at_most, rounded_down, rounded_up, worst
 from onboard.feasibility.inequality import inequality_finding
 from onboard.feasibility.vehicle_checks import GUST_M_S2, available_m_s2
 from onboard.types import TICK_S
@@ -134,9 +134,9 @@ def _margin(fleet: FleetConfig, accuracy: Accuracy) -> Finding:
         if accuracy.name == "mocap":
             refuse_below_m = 0.0
 
-    advised_m = math.ceil(100.0 * required_m) / 100.0
+    advised_m = rounded_up(required_m, 2)
     # 0.10 m beyond the design distance, as in parking_distance_m
-    apart_m = fleet.fleet.safety_distance_m + required_m + 0.10
+    apart_m = rounded_up(fleet.fleet.safety_distance_m + advised_m + 0.10, 2)
 
     return at_least(
         name="margin",
@@ -285,8 +285,7 @@ def margin_for_age_m(fleet: FleetConfig, accuracy: Accuracy) -> float:
     kappa_1, kappa_2 = kappa_values(fleet)
     for_errors_m = bounds.required_margin_m(accuracy, kappa_1, kappa_2)
     for_age_m = bounds.delay_margin_m(message_age_s(fleet))
-    margin_m = for_errors_m + for_age_m
-    return math.ceil(100.0 * margin_m - 1e-9) / 100.0
+    return rounded_up(for_errors_m + for_age_m, 2)
 
 
 def message_age_s(fleet: FleetConfig) -> float:
@@ -344,8 +343,8 @@ def _kappas(fleet: FleetConfig, vehicle: Vehicle) -> Finding:
             "<relation> <bound>"
         ),
         remedy=(
-            f"Use kappas up to {stable_share * kappa_1:.1f} and {stable_share * kappa_2:.1f} 1/s, "
-            "or a vehicle with less lag."
+            f"Use kappas up to {rounded_down(stable_share * kappa_1, 1):.1f} and "
+            f"{rounded_down(stable_share * kappa_2, 1):.1f} 1/s, or a vehicle with less lag."
         ),
         refuse_above=_FAST_GROWTH_1_S,
     )
@@ -393,7 +392,8 @@ def _paper_kappas(vehicle: Vehicle, kappa: float) -> Finding:
             "<bound> does not overshoot"
         ),
         remedy=(
-            f"Lower them to {largest:.2f}, or set law.name = 'covey', which predicts over the lag."
+            f"Lower them to {rounded_down(largest, 2):.2f}, or set law.name = 'covey', which "
+            "predicts over the lag."
         ),
         refuse_above=refuse_above,
     )

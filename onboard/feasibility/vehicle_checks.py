@@ -15,7 +15,7 @@ from onboard.config.wind_limit import (
 )
 from onboard.constants import GRAVITY_M_S2, MAX_PLANNED_THRUST_FRAC
 from onboard.feasibility import bounds
-from onboard.feasibility.finding import Finding, at_least, at_most
+from onboard.feasibility.finding import Finding, at_least, at_most, rounded_down
 from onboard.feasibility.lift_off import blown_aside_m
 from onboard.plain_text import listed
 from onboard.px4.required_params import silence_s, weakened
@@ -26,6 +26,9 @@ GUST_M_S2 = 0.3
 
 # In simulation, a person that walks so fast reaches vehicles that may flee more slowly.
 _BRISK_WALK_M_S = 1.5
+
+# least vertical part of the full thrust at the largest tilt, in units of the weight: 5 % in reserve
+_LEAST_LIFT = 1.05
 
 # least upward acceleration, for climbing and gusts
 _CLIMB_M_S2 = 1.0
@@ -74,19 +77,22 @@ def height_at_tilt(fleet: FleetConfig, vehicle: Vehicle) -> Finding:
         / vehicle.hover_thrust_frac
         * math.cos(math.radians(vehicle.max_tilt_deg))
     )
-    cos_allowed_tilt = min(1.0, vehicle.hover_thrust_frac / MAX_PLANNED_THRUST_FRAC)
-    allowed_deg = math.degrees(math.acos(cos_allowed_tilt))
+    cos_allowed_tilt = _LEAST_LIFT * vehicle.hover_thrust_frac / MAX_PLANNED_THRUST_FRAC
+    allowed_deg = math.degrees(math.acos(min(1.0, cos_allowed_tilt)))
 
     return at_least(
         name="height at full tilt",
         value=lift,
-        bound=1.05,  # 5 % in reserve
+        bound=_LEAST_LIFT,
         unit="",
         sentence=(
             f"{vehicle.name} at its max_tilt_deg = {vehicle.max_tilt_deg:g} and full throttle "
             "lifts <value> of its weight; to keep the height it must be <relation> <bound>"
         ),
-        remedy=f"Lower max_tilt_deg below {allowed_deg:.0f}, or make the vehicle lighter.",
+        remedy=(
+            f"Set max_tilt_deg = {rounded_down(allowed_deg, 0):.0f} or less, or make the vehicle "
+            "lighter."
+        ),
         refuse_below=1.0,
     )
 
@@ -184,7 +190,9 @@ def wind(fleet: FleetConfig, vehicle: Vehicle) -> Finding:
             "with <value> in gusts; against wind it leans with <relation> <bound>, and in these "
             f"gusts the others keep {wider_m:.2f} m beyond fleet.safety_distance_m{spots}"
         ),
-        remedy=f"Set max_wind_m_s = {advised_m_s:.1f} or less, or raise max_tilt_deg.",
+        remedy=(
+            f"Set max_wind_m_s = {rounded_down(advised_m_s, 1):.1f} or less, or raise max_tilt_deg."
+        ),
         refuse_above=tilt_acceleration_m_s2(vehicle),
     )
 

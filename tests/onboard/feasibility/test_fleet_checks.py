@@ -5,6 +5,7 @@ purpose.
 from __future__ import annotations
 
 import math
+import re
 import tomllib
 from pathlib import Path
 from typing import Any
@@ -183,6 +184,125 @@ def test_each_finding_fails_on_purpose_with_value_bound_and_remedy() -> None:
         if name not in ("law", "vehicles"):
             assert f"{finding.bound:.3g}" in finding.sentence, case
             assert (finding.value < finding.bound) == (finding.relation == "at least"), case
+
+
+# finding, accuracy, changes, the remedy's numbers, and the keys to which they are added or set
+FOLLOWED: list[tuple[str, ErrorClass, list[dict[str, Any]], str, list[str]]] = [
+    (
+        "height at full tilt",
+        "mocap",
+        [
+            {"types.sih.hover_thrust_frac": hover, "types.sih.max_tilt_deg": 45.0}
+            for hover in (0.66, 0.7, 0.75, 0.8, 0.85, 0.9)
+        ],
+        r"max_tilt_deg = (\d+)",
+        ["types.sih.max_tilt_deg"],
+    ),
+    (
+        "wind",
+        "mocap",
+        [
+            {
+                "types.sih.drag_1_s": drag,
+                "types.sih.max_wind_m_s": 30.0,
+                "types.sih.max_tilt_deg": 10.0,
+            }
+            for drag in (0.3, 1.52, 2.5, 3.3, 4.55)
+        ],
+        r"max_wind_m_s = ([\d.]+)",
+        ["types.sih.max_wind_m_s"],
+    ),
+    (
+        "kappas",
+        "mocap",
+        [
+            {"law.kappa_1_1_s": kappa, "law.kappa_2_1_s": 2.0 * kappa}
+            for kappa in (7.73, 11.23, 13.1)
+        ],
+        r"up to ([\d.]+) and ([\d.]+) 1/s",
+        ["law.kappa_1_1_s", "law.kappa_2_1_s"],
+    ),
+    (
+        "kappas",
+        "mocap",
+        [{"law.name": "paper", "types.sih.attitude_wn_rad_s": wn} for wn in (5.0, 7.0, 9.0, 11.0)],
+        r"Lower them to ([\d.]+),",
+        ["law.paper_kappa_1_1_s", "law.paper_kappa_2_1_s"],
+    ),
+    (
+        "margin",
+        "vision",
+        [{"law.margin": "fixed", "law.kappa_1_1_s": kappa} for kappa in (3.0, 4.0, 5.0)],
+        r"design_margin_m = ([\d.]+)",
+        ["law.design_margin_m"],
+    ),
+    (
+        "bus delay",
+        "mocap",
+        [{"radio.expected_delay_s": delay} for delay in (0.2, 0.25, 0.333)],
+        r"design_margin_m = ([\d.]+)",
+        ["law.design_margin_m"],
+    ),
+    (
+        "inequality",
+        "mocap",
+        [{"types.sih.max_speed_m_s": speed} for speed in (1.5, 1.7, 1.9, 2.2)],
+        r"margin of ([\d.]+) m would",
+        ["law.design_margin_m"],
+    ),
+    (
+        "sensing range",
+        "mocap",
+        [{"law.range_m": 1.0, "types.sih.max_speed_m_s": speed} for speed in (0.7, 0.9, 1.1)],
+        r"by ([\d.]+) m",
+        ["law.range_m +"],
+    ),
+    (
+        "body",
+        "mocap",
+        [{"fleet.body_diameter_m": diameter_m} for diameter_m in (0.71, 0.734, 0.777)],
+        r"by ([\d.]+) m",
+        ["fleet.safety_distance_m +"],
+    ),
+]
+
+
+@pytest.mark.parametrize(
+    ("name", "errors", "cases", "numbers", "keys"), FOLLOWED, ids=[row[0] for row in FOLLOWED]
+)
+def test_the_number_of_a_remedy_ends_the_finding(
+    name: str, errors: ErrorClass, cases: list[dict[str, Any]], numbers: str, keys: list[str]
+) -> None:
+    for changes in cases:
+        fleet = fleet_with(changes)
+        finding = named(fleet, name, errors=errors)
+        assert finding.status != "ok", changes
+        found = re.search(numbers, finding.remedy)
+        assert found is not None, finding.remedy
+
+        followed = dict(changes)
+        for index, key in enumerate(keys):
+            number = float(found[min(index + 1, found.re.groups)])
+            key, _, plus = key.partition(" ")
+            if plus:
+                section, field = key.split(".")
+                number += getattr(getattr(fleet, section), field)
+            followed[key] = number
+        after = named(fleet_with(followed), name, errors=errors)
+        assert after.status == "ok", (changes, finding.remedy, after.sentence)
+
+
+def test_spots_that_are_moved_apart_by_the_remedy_are_far_enough_apart() -> None:
+    fleet = fleet_with()
+    for x_m in (0.951, 0.9555, 0.999):
+        for _ in range(2):
+            spots = {"mav0": (0.0, 0.0, 1.0), "mav1": (x_m, 0.0, 1.0)}
+            findings = {finding.name: finding for finding in spot_findings(fleet, spots, "here")}
+            spacing = findings["spacing, here"]
+            found = re.search(r"([\d.]+) m farther apart", spacing.remedy)
+            if found is not None:
+                x_m += float(found[1])
+        assert spacing.status == "ok", spacing.sentence
 
 
 def test_a_crowd_that_knows_too_few_and_has_too_little_room_is_told_both_at_once() -> None:
