@@ -32,6 +32,7 @@ from sitl.px4.journal import Px4Event
 from sitl.px4.modes import CommandResult
 from sitl.px4.parameters import HASH_CHECK, MAV_PARAM_TYPE_UINT32
 from sitl.px4.signals import Setpoint, StatusText
+from sitl.px4.sticks import CENTRED
 
 _ACK = ID_BY_NAME["COMMAND_ACK"]
 _PARAM_VALUE = ID_BY_NAME["PARAM_VALUE"]
@@ -54,7 +55,12 @@ _PARAMS_PER_POLL = 4
 # External positions and headings with a larger number are ignored.
 _MAX_POSITION_M = 1e4
 _MAX_YAW_RAD = 1e4
-_FULL_STICK = 1000.0
+
+# Fields of MANUAL_CONTROL in the order of `Axes`, with the least value of each: a throttle has no
+# negative half.
+_STICK_RANGES = (("x", -1000), ("y", -1000), ("z", 0), ("r", -1000))
+_FULL_STICK = 1000.0  # largest value of each
+
 _RTCM_BYTES = 180  # largest number of bytes in a GPS_RTCM_DATA
 
 
@@ -388,10 +394,13 @@ class Link:
         fields = message.fields
         if fields["target"] != self.view.system_id:
             return
-        if not all(abs(fields[axis]) <= _FULL_STICK for axis in "xyzr"):
-            return
 
-        pitch, roll, throttle, yaw = (fields[axis] / _FULL_STICK for axis in "xyzr")
+        # PX4 takes a stick beyond its range as centred.
+        positions = list(CENTRED)
+        for place, (axis, least) in enumerate(_STICK_RANGES):
+            if least <= fields[axis] <= _FULL_STICK:
+                positions[place] = fields[axis] / _FULL_STICK
+        pitch, roll, throttle, yaw = positions
         self.autopilot.take_sticks(self.view.now_s, (pitch, roll, throttle, yaw))
 
     def _position_target(self, message: MavlinkMessage) -> None:

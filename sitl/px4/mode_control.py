@@ -397,7 +397,7 @@ class ModeControl:
     def _command(
         self, attitude: Array, thrust_frac: float, rate_rad_s: Array | None = None
     ) -> None:
-        """Command an attitude, or body rates in place of it."""
+        """Command an attitude, or body rates in place of it, and a thrust within [0, 1]."""
         if self.has_lost_attitude:
             rate_rad_s = DRIFT_RAD_S
         is_rate = rate_rad_s is not None
@@ -408,7 +408,7 @@ class ModeControl:
             attitude=attitude,
             rate_rad_s=rate_rad_s,
             is_rate=is_rate,
-            thrust_frac=thrust_frac,
+            thrust_frac=min(1.0, max(0.0, thrust_frac)),
             motors_on=True,
         )
 

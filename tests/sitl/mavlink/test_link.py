@@ -37,6 +37,7 @@ HANDLED = (
         45,
         48,
         51,
+        69,
         75,
         76,
         82,
@@ -382,6 +383,13 @@ def test_with_vision_only_hold_can_be_armed_in_once_an_origin_is_given() -> None
     client.send("SET_GPS_GLOBAL_ORIGIN", target_system=1, latitude=473977420)
     run_for(emu, 0.1, send)
     assert client.command(400, 1) == [ACCEPTED]
+
+
+def test_a_stick_beyond_its_range_counts_as_centred() -> None:
+    emu = emulator()
+    client = Client(emu)
+    client.send("MANUAL_CONTROL", target=1, x=1001, y=-200, z=-1000, r=-32768)
+    assert emu.autopilots[0].sticks.positions == (0.0, -0.2, 0.5, 0.0)
 
 
 def test_nonsense_is_counted_and_changes_nothing() -> None:

@@ -54,3 +54,10 @@ def test_a_stick_forward_flies_forward(mode: Mode) -> None:
     run_for(emu, 2.0)
     north, east, _ = emu.world.vehicles.states.position_ned_m[0] - begin
     assert north * math.cos(yaw_rad) + east * math.sin(yaw_rad) > 0.5
+
+
+@pytest.mark.parametrize("throttle", [-1.0, 2.0])
+def test_no_throttle_commands_a_thrust_beyond_its_range(throttle: float) -> None:
+    emu = _taken(Mode.STABILIZED, (0.0, 0.0, throttle, 0.0))
+    run_for(emu, 0.1)
+    assert 0.0 <= emu.autopilots[0].actuation.thrust_frac <= 1.0
