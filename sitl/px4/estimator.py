@@ -441,9 +441,17 @@ class Estimator:
         """Set the altitude of the local frame's origin, and shift the height by the change."""
         shift_m = altitude_m - self._known_origin_m(index)
         self.origin_altitude_m[index] = altitude_m
-        if shift_m and self.source[index] is not Source.NONE:
-            self._correct(index, (0.0, 0.0, shift_m))
-            self.resets[index, Z] += 1
+        if not shift_m or self.source[index] is Source.NONE:
+            return
+
+        self._correct(index, (0.0, 0.0, shift_m))
+        self.resets[index, Z] += 1
+        shift_ned_m = np.array([0.0, 0.0, shift_m])
+        self.jumps.append((index, shift_ned_m))
+
+        frame = self._vision_frame[index]
+        if frame is not None:
+            self._vision_frame[index] = frame + shift_ned_m
 
     def _known_origin_m(self, index: int) -> float:
         """Return the altitude of the local frame's origin, 0 while it is not known."""

@@ -9,6 +9,7 @@ import math
 import numpy as np
 import pytest
 
+from sitl.emulator.emulator import Emulator
 from sitl.mavlink.codec import ID_BY_NAME, Encoder
 from sitl.mavlink.streams import GCS_RATES_HZ
 from sitl.px4.arming_checks import BOOT_S
@@ -294,6 +295,40 @@ def test_a_reposition_command_moves_hold_to_a_position_on_earth() -> None:
     assert [m.fields["result"] for m in answers] == [ACCEPTED]
     until(emu, lambda: emu.world.vehicles.states.position_ned_m[0, 0] > 3.0, 12.0)
     assert emu.world.vehicles.states.position_ned_m[0, 2] < -1.5
+
+
+@pytest.mark.parametrize("change_m", [20.0, -20.0])
+@pytest.mark.parametrize("has_vision", [False, True])
+def test_a_vehicle_that_holds_stays_where_it_is_when_its_origin_gets_another_altitude(
+    change_m: float, has_vision: bool
+) -> None:
+    emu = emulator()
+    client = Client(emu)
+
+    def see() -> None:
+        if has_vision and emu.world.vehicles.steps % 5 == 0:
+            emu.vision(0, emu.world.vehicles.states.position_ned_m[0])
+
+    run_for(emu, 5.0)
+    assert client.command(22) == [ACCEPTED]
+    assert client.command(400, 1) == [ACCEPTED]
+    until(emu, lambda: emu.autopilots[0].mode is Mode.LOITER, 15.0, see)
+    true_before_m, estimated_before_m = heights_m(emu)
+
+    altitude_mm = round(1e3 * (emu.origin.altitude_m + change_m))
+    place = {"latitude": 473977420, "longitude": 85455940, "altitude": altitude_mm}
+    client.send("SET_GPS_GLOBAL_ORIGIN", target_system=1, **place)
+    run_for(emu, 4.0, see)
+    true_m, estimated_m = heights_m(emu)
+    assert true_m == pytest.approx(true_before_m, abs=0.5)
+    assert estimated_m == pytest.approx(estimated_before_m - change_m, abs=0.5)
+
+
+def heights_m(emu: Emulator) -> tuple[float, float]:
+    """Return the true and the estimated height of the first vehicle."""
+    _, _, down_m = emu.world.vehicles.states.position_ned_m[0].tolist()
+    _, _, estimated_down_m = emu.estimator.local(0).position_ned_m
+    return -down_m, -estimated_down_m
 
 
 def test_a_speed_command_holds_for_the_mode_and_changes_no_parameter() -> None:
