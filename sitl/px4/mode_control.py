@@ -45,6 +45,9 @@ _MOST_HOVER_THRUST = 0.9
 
 # Share of full deflection below which a stick counts as centred (MPC_HOLD_DZ).
 _STICK_REST = 0.1
+_TAKEOFF_THROTTLE = 0.65  # throttle above which a vehicle on the ground takes off by hand
+
+_BY_HAND = frozenset({Mode.POSCTL, Mode.ALTCTL, Mode.STABILIZED, Mode.MANUAL})
 
 _NO_POSITION = np.full(3, math.nan)
 _ZERO = np.zeros(3)
@@ -168,13 +171,14 @@ class ModeControl:
             self.terminate()
             return False
 
-        # On the ground the motors idle in every mode but a take-off. Modes that hold the height
+        # On the ground the motors idle unless the vehicle takes off. Modes that hold the height
         # continue until the landing is detected, so that a vehicle that hovers low and touches the
         # ground does not drop.
         has_landed = landed is LandedState.ON_GROUND
         holds_height = mode is Mode.LOITER or (mode in modes.BLIND_DESCENT and sticks is not None)
         has_touched = inputs.on_ground and not holds_height
-        if mode is not Mode.TAKEOFF and (has_landed or has_touched):
+        takes_off = mode is Mode.TAKEOFF or self._takes_off_by_hand(inputs, mode)
+        if not takes_off and (has_landed or has_touched):
             self._idle(self._start(inputs).yaw_rad)
             return False
 
@@ -238,6 +242,19 @@ class ModeControl:
         self._fly(inputs, goal, params, is_level=True)
 
     # -- manual modes ------------------------------------------------------------------------------
+
+    def _takes_off_by_hand(self, inputs: AutopilotInputs, mode: Mode) -> bool:
+        """Return whether a pilot's throttle lifts a vehicle off the ground.
+
+        PX4 lets STABILIZED and MANUAL lift off at any thrust. Here they need as much throttle as
+        the other modes.
+        """
+        if self._sticks is None or mode not in _BY_HAND:
+            return False
+
+        _, _, throttle, _ = self._sticks
+        has_spooled = inputs.time_s - self._armed_time_s >= _SPOOL_S
+        return has_spooled and throttle > _TAKEOFF_THROTTLE
 
     def _fly_position_by_hand(self, inputs: AutopilotInputs, params: Parameters) -> None:
         """Fly POSCTL: centred sticks hold the position, others command a velocity."""

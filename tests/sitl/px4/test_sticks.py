@@ -6,10 +6,10 @@ import math
 
 import pytest
 
-from sitl.px4.modes import Mode
+from sitl.px4.modes import CommandResult, LandedState, Mode
 from sitl.px4.sticks import CENTRED, Axes
 from tests.sitl.px4.test_commander import offboard_at_height
-from tests.sitl.sitl_flying import emulator, run_for
+from tests.sitl.sitl_flying import emulator, run_for, until
 
 PILOTS = (Mode.POSCTL, Mode.ALTCTL, Mode.STABILIZED)
 
@@ -54,6 +54,28 @@ def test_a_stick_forward_flies_forward(mode: Mode) -> None:
     run_for(emu, 2.0)
     north, east, _ = emu.world.vehicles.states.position_ned_m[0] - begin
     assert north * math.cos(yaw_rad) + east * math.sin(yaw_rad) > 0.5
+
+
+@pytest.mark.parametrize("mode", [*PILOTS, Mode.MANUAL])
+def test_a_high_throttle_takes_off_and_no_throttle_lands(mode: Mode) -> None:
+    emu = emulator()
+    run_for(emu, 5.0)
+    px4 = emu.autopilots[0]
+    px4.request(emu.time_s, mode)
+    px4.held_sticks = CENTRED
+    assert px4.request_arm(emu.time_s, True, 0.0) is CommandResult.ACCEPTED
+
+    run_for(emu, 2.0)
+    assert _height_m(emu) == pytest.approx(0.0, abs=0.01)
+    assert px4.landed is LandedState.ON_GROUND
+
+    px4.held_sticks = (0.0, 0.0, 0.8, 0.0)
+    until(emu, lambda: _height_m(emu) > 1.0, 5.0)
+    assert px4.landed is LandedState.IN_AIR
+
+    px4.held_sticks = (0.0, 0.0, 0.2, 0.0)
+    until(emu, lambda: not px4.is_armed, 20.0)
+    assert _height_m(emu) == pytest.approx(0.0, abs=0.01)
 
 
 @pytest.mark.parametrize("throttle", [-1.0, 2.0])
