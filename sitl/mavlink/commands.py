@@ -123,7 +123,7 @@ def _take_off(link: CommandedLink, command: ReceivedCommand) -> Answer:
     *_, altitude_m = command.numbers  # above the sea, since PX4 ignores the frame
     height_m = math.nan
     if abs(altitude_m) < _MOST_ALTITUDE_M:
-        height_m = altitude_m - link.view.ground_altitude_m
+        height_m = altitude_m - link.view.home_altitude_m
     return link.autopilot.request_takeoff(link.view.now_s, height_m), []
 
 

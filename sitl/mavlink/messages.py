@@ -16,6 +16,7 @@ from typing import Any
 from sitl.mavlink.codec import Encoder
 from sitl.mavlink.view import View
 from sitl.physics import frames
+from sitl.physics.earth import degrees_at
 from sitl.px4.arming_checks import BOOT_S
 from sitl.px4.battery import EMPTY_MV
 from sitl.px4.modes import AUTO_MAIN, MODES, LandedState, Mode
@@ -312,12 +313,13 @@ def gps_raw_int(v: View) -> Values:
 
 def altitude(v: View) -> Values:
     height_m = -v.sensed.position_ned_m[2]
+    altitude_m = v.origin_altitude_m + height_m
     return (
         v.boot_us,
         v.ground_altitude_m,  # monotonic
-        v.ground_altitude_m + height_m,  # above the sea
+        altitude_m,  # above the sea
         height_m,  # in the local frame
-        height_m + v.ground_altitude_m - v.home_altitude_m,  # above home
+        altitude_m - v.home_altitude_m,  # above home
         _NAN,  # above the terrain
         _NAN,  # below the vehicle
     )
@@ -329,7 +331,7 @@ def vfr_hud(v: View) -> Values:
     return (
         speed_m_s,  # in the air
         speed_m_s,  # over the ground
-        v.ground_altitude_m - v.sensed.position_ned_m[2],
+        v.origin_altitude_m - v.sensed.position_ned_m[2],
         -vz,
         int(math.degrees(v.yaw_rad) % 360.0),
         round(100.0 * v.autopilot.actuation.thrust_frac),
@@ -481,7 +483,7 @@ def highres_imu(v: View) -> Values:
         *(0.21, 0.0, 0.43),  # magnetometer [gauss]
         955.0,  # pressure [hPa]
         0.0,  # pressure of the airflow
-        v.ground_altitude_m - sensed.position_ned_m[2],  # pressure altitude
+        v.true_altitude_m,  # pressure altitude
         25.0,  # temperature [deg C]
         7167,  # bits of the updated fields
         0,  # id
@@ -517,9 +519,9 @@ def hil_state_quaternion(v: View) -> Values:
     index = v.index
 
     # The origin of the local frame is the start of the vehicle.
-    north, east, down = states.position_ned_m[index].tolist()
-    start_east, start_north, start_up = v.emulator.specs[index].start_enu_m
-    local_ned_m = (north - start_north, east - start_east, down + start_up)
+    north, east, _ = states.position_ned_m[index].tolist()
+    start_east, start_north, _ = v.emulator.specs[index].start_enu_m
+    latitude_deg, longitude_deg = degrees_at(v.local_origin, north - start_north, east - start_east)
 
     specific_force_mg = [_int16(force_m_s2 / 9.80665e-3) for force_m_s2 in v.accelerometer()]
     return (
@@ -527,7 +529,7 @@ def hil_state_quaternion(v: View) -> Values:
         *states.attitude[index].tolist(),
         *states.tilt_rate_rad_s[index].tolist(),
         float(states.yaw_rate_rad_s[index]),
-        *_degrees_and_mm(*v.to_global(local_ned_m)),
+        *_degrees_and_mm(latitude_deg, longitude_deg, v.true_altitude_m),
         *[_int16(100.0 * speed_m_s) for speed_m_s in states.velocity_ned_m_s[index].tolist()],
         0,  # indicated airspeed
         0,  # true airspeed
@@ -569,7 +571,7 @@ def open_drone_id_location(v: View) -> Values:
         longitude=longitude,
         altitude_barometric=altitude_m,
         altitude_geodetic=altitude_m,
-        height=altitude_m - v.ground_altitude_m,
+        height=altitude_m - v.home_altitude_m,
         timestamp=65535.0,  # unknown, as MAVLink defines
         direction=_heading_cdeg(v),
         speed_horizontal=_clip(100.0 * math.hypot(vx, vy), 0, 25425),
@@ -586,6 +588,6 @@ def open_drone_id_system(v: View) -> Values:
         operator_longitude=round(longitude_deg * 1e7),
         area_ceiling=-1000.0,
         area_floor=-1000.0,
-        operator_altitude_geo=v.ground_altitude_m,
+        operator_altitude_geo=v.home_altitude_m,
         area_count=1,
     )

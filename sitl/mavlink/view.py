@@ -108,7 +108,7 @@ class View:
     @property
     def home_altitude_m(self) -> float:
         """Altitude of home above the sea."""
-        return self.ground_altitude_m - float(self.autopilot.mode_control.home_ned_m[2])
+        return self.origin_altitude_m - float(self.autopilot.mode_control.home_ned_m[2])
 
     @property
     def sensed(self) -> Sensed:
@@ -134,16 +134,23 @@ class View:
         """Latitude [deg], longitude [deg], altitude [m] of the estimate."""
         return self.to_global(self.sensed.position_ned_m)
 
+    @property
+    def true_altitude_m(self) -> float:
+        """True altitude above the sea; each vehicle starts at that of the ground."""
+        _, _, start_up_m = self.emulator.specs[self.index].start_enu_m
+        down_m = float(self.emulator.world.vehicles.states.position_ned_m[self.index, 2])
+        return self.ground_altitude_m - (down_m + start_up_m)
+
     def to_global(self, position_ned_m: Vector) -> Vector:
         """Return latitude [deg], longitude [deg], altitude [m] of a position in the local frame."""
         north, east, down = position_ned_m
         latitude_deg, longitude_deg = degrees_at(self.local_origin, north, east)
-        return latitude_deg, longitude_deg, self.ground_altitude_m - down
+        return latitude_deg, longitude_deg, self.origin_altitude_m - down
 
     def to_local(self, latitude_deg: float, longitude_deg: float, altitude_m: float) -> Vector:
         """Return a global position in the local frame, NED [m]."""
         north, east = metres_from(self.local_origin, latitude_deg, longitude_deg)
-        return north, east, self.ground_altitude_m - altitude_m
+        return north, east, self.origin_altitude_m - altitude_m
 
     @property
     def has_fix(self) -> bool:

@@ -18,6 +18,7 @@ from sitl.px4.modes import Mode
 from tests.sitl.sitl_flying import Client, emulator, run_for, until
 
 ACCEPTED, REJECTED, DENIED, UNSUPPORTED, FAILED = range(5)
+ZURICH_DEG = {"latitude": 473977420, "longitude": 85455940}  # times 1e7, as in messages
 
 
 def test_events_go_to_every_link_and_are_sent_again_on_request() -> None:
@@ -316,12 +317,56 @@ def test_a_vehicle_that_holds_stays_where_it_is_when_its_origin_gets_another_alt
     true_before_m, estimated_before_m = heights_m(emu)
 
     altitude_mm = round(1e3 * (emu.origin.altitude_m + change_m))
-    place = {"latitude": 473977420, "longitude": 85455940, "altitude": altitude_mm}
-    client.send("SET_GPS_GLOBAL_ORIGIN", target_system=1, **place)
+    client.send("SET_GPS_GLOBAL_ORIGIN", target_system=1, **ZURICH_DEG, altitude=altitude_mm)
     run_for(emu, 4.0, see)
     true_m, estimated_m = heights_m(emu)
     assert true_m == pytest.approx(true_before_m, abs=0.5)
     assert estimated_m == pytest.approx(estimated_before_m - change_m, abs=0.5)
+
+
+def test_altitudes_are_those_above_the_sea_whatever_altitude_the_origin_has() -> None:
+    emu = emulator()
+    client = Client(emu)
+    run_for(emu, 5.0)
+    client.send("SET_GPS_GLOBAL_ORIGIN", target_system=1, **ZURICH_DEG, altitude=50_000)
+    client.command(511, ID_BY_NAME["HIL_STATE_QUATERNION"], 100_000)
+    seen = {message.name: message.fields for message in client.collect(3.0)}
+
+    altitude_m = emu.origin.altitude_m
+    assert seen["LOCAL_POSITION_NED"]["z"] == pytest.approx(50.0 - altitude_m, abs=0.5)
+    assert seen["GPS_GLOBAL_ORIGIN"]["altitude"] == 50_000
+    altitudes_m = [
+        seen["GLOBAL_POSITION_INT"]["alt"] * 1e-3,
+        seen["GPS_RAW_INT"]["alt"] * 1e-3,
+        seen["HOME_POSITION"]["altitude"] * 1e-3,
+        seen["ALTITUDE"]["altitude_amsl"],
+        seen["VFR_HUD"]["alt"],
+        seen["OPEN_DRONE_ID_LOCATION"]["altitude_geodetic"],
+        seen["HIGHRES_IMU"]["pressure_alt"],
+        seen["HIL_STATE_QUATERNION"]["alt"] * 1e-3,
+    ]
+    assert altitudes_m == pytest.approx([altitude_m] * len(altitudes_m), abs=0.5)
+    assert seen["GLOBAL_POSITION_INT"]["relative_alt"] * 1e-3 == pytest.approx(0.0, abs=0.5)
+    assert seen["ALTITUDE"]["altitude_relative"] == pytest.approx(0.0, abs=0.5)
+
+
+def test_altitudes_in_commands_count_from_the_sea_whatever_altitude_the_origin_has() -> None:
+    emu = emulator()
+    client = Client(emu)
+    run_for(emu, 5.0)
+    client.send("SET_GPS_GLOBAL_ORIGIN", target_system=1, **ZURICH_DEG, altitude=50_000)
+    run_for(emu, 0.1)
+
+    altitude_m = emu.origin.altitude_m
+    nowhere = (math.nan, math.nan)
+    assert client.command(22, 0, 0, 0, math.nan, *nowhere, altitude_m + 4.0) == [ACCEPTED]
+    assert client.command(400, 1) == [ACCEPTED]
+    until(emu, lambda: emu.autopilots[0].mode is Mode.LOITER, 15.0)
+    assert heights_m(emu)[0] == pytest.approx(4.0, abs=0.8)
+
+    assert client.command(192, -1, 1, 0, math.nan, *nowhere, altitude_m + 7.0) == [ACCEPTED]
+    run_for(emu, 6.0)
+    assert heights_m(emu)[0] == pytest.approx(7.0, abs=0.8)
 
 
 def heights_m(emu: Emulator) -> tuple[float, float]:
