@@ -19,7 +19,7 @@ from sitl.emulator.fault_effects import Disturbances
 from sitl.faults.catalogue import FAULT_KINDS, Fault, FaultError, check
 from sitl.physics import frames
 from sitl.physics.contacts import Collision, Downwash
-from sitl.physics.earth import ZURICH, EarthPoint
+from sitl.physics.earth import ZURICH, EarthPoint, degrees_at
 from sitl.physics.frames import Array
 from sitl.physics.vehicle import STEP_S, VehicleProfile
 from sitl.physics.wind import WindSettings
@@ -47,6 +47,10 @@ _TICK_STEPS = round(TICK_S / STEP_S)
 _DEFAULT_DATE_S = 1.7e9  # date at the start of an emulator without a clock [Unix time]
 _TIME_TOLERANCE_S = 1e-9  # times that differ by less count as equal
 _NEW_SETPOINT_S = 0.2  # age up to which a setpoint is new; they come every 20 ms
+
+# Bounds of the altitude of a local frame.
+_LOWEST_ORIGIN_M = -12_000.0
+_HIGHEST_ORIGIN_M = 100_000.0
 
 # Bits of EKF2_EV_CTRL and EKF2_GPS_CTRL.
 _USES_POSITION = 1
@@ -120,6 +124,8 @@ class Emulator:
         disturbances: present and future faults, see :meth:`inject`.
         has_global_origin: whether each vehicle has received the position of its local frame on
             Earth.
+        local_origins: latitude and longitude of the local frame of each vehicle: its start, or as
+            received. The altitude is that of the ground; the estimator has the one of the frame.
         key_stores: store of the key of MAVLink signing, per vehicle.
         flight_logs: logs on the card of each vehicle; None unless :meth:`keep_logs` was called.
         outside: function that begins and ends faults of bus and agents; None where there is neither
@@ -173,6 +179,7 @@ class Emulator:
         self.key_stores = [KeyStore() for _ in specs]
         self.flight_logs: list[FlightLogs] | None = None
         self.has_global_origin = [False] * len(specs)
+        self.local_origins = [self.start_on_earth(index) for index in range(len(specs))]
         self.unix_start_s = _DEFAULT_DATE_S
 
         # Newest external position and heading of each vehicle.
@@ -191,6 +198,12 @@ class Emulator:
     def time_s(self) -> float:
         """Simulated time since the start [s]."""
         return self.world.time_s
+
+    def start_on_earth(self, index: int) -> EarthPoint:
+        """Return the point on Earth where a vehicle started."""
+        east_m, north_m, _ = self.specs[index].start_enu_m
+        latitude_deg, longitude_deg = degrees_at(self.origin, north_m, east_m)
+        return EarthPoint(latitude_deg, longitude_deg, self.origin.altitude_m)
 
     def clock_s(self, index: int) -> float:
         """Return the time of an autopilot's clock: simulated time, unless a fault disturbs it."""
@@ -243,6 +256,7 @@ class Emulator:
         self.autopilots[index] = new
 
         self.has_global_origin[index] = False
+        self.local_origins[index] = self.start_on_earth(index)
         self.estimator.restart(index, self.time_s, self.world.vehicles.states.position_ned_m[index])
         self.key_stores[index].restart()
         if self.flight_logs is not None:
@@ -302,6 +316,21 @@ class Emulator:
             if self.flight_logs is not None:
                 unix_s = self.unix_start_s + self.time_s
                 self.flight_logs[index].tick(autopilot, inputs, unix_s)
+
+    def set_global_origin(self, index: int, received: EarthPoint) -> None:
+        """Use the position of a local frame on Earth (SET_GPS_GLOBAL_ORIGIN).
+
+        PX4 ignores a position that is not on Earth, and an altitude far from it. A frame by
+        satellites keeps its latitude and longitude here; in PX4 it moves.
+        """
+        if abs(received.latitude_deg) > 90.0 or abs(received.longitude_deg) > 180.0:
+            return
+
+        self.has_global_origin[index] = True
+        if not self.estimator.has_gps[index]:
+            self.local_origins[index] = received._replace(altitude_m=self.origin.altitude_m)
+        if _LOWEST_ORIGIN_M < received.altitude_m < _HIGHEST_ORIGIN_M:
+            self.estimator.set_origin_altitude(index, received.altitude_m)
 
     def _has_global_position(self, index: int, source: Source) -> bool:
         # Satellites give a global position directly. A local position gives one as soon as the

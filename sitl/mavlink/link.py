@@ -26,6 +26,7 @@ from sitl.mavlink.link_key import LinkKey
 from sitl.mavlink.log_transfer import LOG_DATA_BYTES, FileServer, LogSender
 from sitl.mavlink.streams import BUILDERS, schedule_of
 from sitl.mavlink.view import View
+from sitl.physics.earth import EarthPoint
 from sitl.px4 import setpoints
 from sitl.px4.commander import EmulatedPx4
 from sitl.px4.journal import Px4Event
@@ -462,8 +463,13 @@ class Link:
         )
 
     def _set_origin(self, message: MavlinkMessage) -> None:
-        self.emulator.has_global_origin[self.index] = True
-        self.emulator.estimator.set_origin_altitude(self.index, message.fields["altitude"] * 1e-3)
+        fields = message.fields
+        received = EarthPoint(
+            latitude_deg=fields["latitude"] * 1e-7,
+            longitude_deg=fields["longitude"] * 1e-7,
+            altitude_m=fields["altitude"] * 1e-3,
+        )
+        self.emulator.set_global_origin(self.index, received)
 
     def _set_mode(self, message: MavlinkMessage) -> list[bytes]:
         custom_mode = message.fields["custom_mode"]

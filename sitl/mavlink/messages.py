@@ -518,10 +518,12 @@ def hil_state_quaternion(v: View) -> Values:
     states = v.emulator.world.vehicles.states
     index = v.index
 
-    # The origin of the local frame is the start of the vehicle.
+    # Truth counts from the start of the vehicle, whatever origin its PX4 has received.
     north, east, _ = states.position_ned_m[index].tolist()
     start_east, start_north, _ = v.emulator.specs[index].start_enu_m
-    latitude_deg, longitude_deg = degrees_at(v.local_origin, north - start_north, east - start_east)
+    latitude_deg, longitude_deg = degrees_at(
+        v.start_on_earth, north - start_north, east - start_east
+    )
 
     specific_force_mg = [_int16(force_m_s2 / 9.80665e-3) for force_m_s2 in v.accelerometer()]
     return (

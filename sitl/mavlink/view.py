@@ -57,7 +57,7 @@ class View:
         self.index = index
         self.system_id = emulator.specs[index].system_id
         self.ground_altitude_m = emulator.origin.altitude_m  # ground at the start
-        self.local_origin = _local_origin(emulator, index)
+        self.start_on_earth = emulator.start_on_earth(index)
         self._rng = np.random.default_rng([seed, Stream.VIEW, index])
         self._noise: list[float] = []
         self._clock_step = -1  # step of the physics at which the clock was read
@@ -123,6 +123,11 @@ class View:
     def yaw_rad(self) -> float:
         """Estimated heading, without noise."""
         return self.emulator.believed_yaw_rad(self.index)
+
+    @property
+    def local_origin(self) -> EarthPoint:
+        """Latitude and longitude of the local frame's origin, with the altitude of the ground."""
+        return self.emulator.local_origins[self.index]
 
     @property
     def origin_deg(self) -> tuple[float, float]:
@@ -235,13 +240,6 @@ class View:
         if not self._noise:
             self._noise = self._rng.standard_normal(_NOISE_BLOCK).tolist()
         return self._noise.pop()
-
-
-def _local_origin(emulator: Emulator, index: int) -> EarthPoint:
-    """Return the position on Earth of the origin of a vehicle's local frame: its start."""
-    east, north, _ = emulator.specs[index].start_enu_m
-    latitude_deg, longitude_deg = degrees_at(emulator.origin, north, east)
-    return EarthPoint(latitude_deg, longitude_deg, emulator.origin.altitude_m)
 
 
 def measured_attitude(

@@ -5,6 +5,7 @@ cleanly.
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 import pytest
@@ -322,6 +323,67 @@ def test_a_vehicle_that_holds_stays_where_it_is_when_its_origin_gets_another_alt
     true_m, estimated_m = heights_m(emu)
     assert true_m == pytest.approx(true_before_m, abs=0.5)
     assert estimated_m == pytest.approx(estimated_before_m - change_m, abs=0.5)
+
+
+def told_place(emu: Emulator, **origin: int) -> dict[str, dict[str, Any]]:
+    """Return what a vehicle says of its place by vision alone, once it has received an origin."""
+    client = Client(emu)
+    client.send(
+        "PARAM_SET", param_id=b"EKF2_GPS_CTRL", param_value=0.0, param_type=6, target_system=1
+    )
+    client.command(511, ID_BY_NAME["HIL_STATE_QUATERNION"], 100_000)
+
+    def see() -> None:
+        if emu.world.vehicles.steps % 5 == 0:
+            emu.vision(0, emu.world.vehicles.states.position_ned_m[0])
+
+    run_for(emu, 5.0, see)
+    client.send("SET_GPS_GLOBAL_ORIGIN", target_system=1, **origin)
+    return {message.name: message.fields for message in client.collect(3.0, see)}
+
+
+def test_a_vehicle_without_satellites_is_where_its_origin_says() -> None:
+    emu = emulator()
+    berlin = {"latitude": 520000000, "longitude": 130000000, "altitude": 50_000}
+    seen = told_place(emu, **berlin)
+    origin = seen["GPS_GLOBAL_ORIGIN"]
+    assert {name: origin[name] for name in berlin} == berlin
+
+    place = seen["GLOBAL_POSITION_INT"]
+    home = seen["HOME_POSITION"]
+    assert [place["lat"], place["lon"]] == pytest.approx([520000000, 130000000], abs=50)
+    assert [home["latitude"], home["longitude"]] == pytest.approx([520000000, 130000000], abs=50)
+    truth = seen["HIL_STATE_QUATERNION"]
+    assert [truth["lat"], truth["lon"]] == pytest.approx(list(ZURICH_DEG.values()), abs=1)
+
+    emu.reboot(0)
+    assert Client(emu).link.view.origin_deg == pytest.approx((47.397742, 8.545594))
+
+
+@pytest.mark.parametrize(
+    "origin", [{"latitude": 900000001}, {"longitude": -1800000001}], ids=["latitude", "longitude"]
+)
+def test_an_origin_that_is_not_on_earth_is_ignored(origin: dict[str, int]) -> None:
+    emu = emulator()
+    seen = told_place(emu, altitude=50_000, **origin)
+    assert "GPS_GLOBAL_ORIGIN" not in seen
+    assert emu.estimator.local(0).position_ned_m == pytest.approx((0.0, 0.0, 0.0), abs=0.3)
+
+
+def test_an_altitude_of_the_origin_beyond_the_air_is_ignored() -> None:
+    emu = emulator()
+    told_place(emu, **ZURICH_DEG, altitude=100_001_000)
+    assert emu.estimator.local(0).position_ned_m == pytest.approx((0.0, 0.0, 0.0), abs=0.3)
+
+
+def test_an_origin_by_satellites_keeps_its_latitude_and_longitude() -> None:
+    emu = emulator()
+    client = Client(emu)
+    run_for(emu, 5.0)
+    client.send("SET_GPS_GLOBAL_ORIGIN", target_system=1, latitude=520000000, altitude=489_400)
+    seen = {message.name: message.fields for message in client.collect(1.0)}
+    assert seen["GPS_GLOBAL_ORIGIN"]["latitude"] == ZURICH_DEG["latitude"]
+    assert seen["GLOBAL_POSITION_INT"]["lat"] == pytest.approx(ZURICH_DEG["latitude"], abs=50)
 
 
 def test_altitudes_are_those_above_the_sea_whatever_altitude_the_origin_has() -> None:
