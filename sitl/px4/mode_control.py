@@ -79,7 +79,7 @@ class ModeControl:
     goal: PositionGoal | None = None  # goal of the position control; None while it is not used
     home_ned_m: Array = field(default_factory=lambda: np.zeros(3))  # (3,) position of arming
     takeoff_height_m: float | None = None  # height of a command; None: MIS_TAKEOFF_ALT
-    # Commanded horizontal speed, which applies until the mode ends; None: MPC_XY_CRUISE.
+    # Commanded horizontal speed of an automatic mode, until the mode ends; None: MPC_XY_CRUISE.
     cruise_m_s: float | None = None
     has_lost_attitude: bool = False  # whether the attitude control has failed until a restart
     _control: PositionControl = field(default_factory=PositionControl)
@@ -164,7 +164,8 @@ class ModeControl:
 
         if mode is Mode.OFFBOARD:
             if setpoint is not None and setpoint.goal is not None:
-                self._fly(inputs, setpoint.goal, params)
+                most_m_s = params["MPC_XY_VEL_MAX"]
+                self._fly(inputs, setpoint.goal, params, speed_m_s=most_m_s)
             return False
 
         if mode is Mode.TERMINATION:
@@ -277,7 +278,8 @@ class ModeControl:
         speed_m_s = params["MPC_VEL_MANUAL"]
         down_m_s = -climb * params["MPC_Z_VEL_MAX_UP"]
         velocity = np.array([speed_m_s * north, speed_m_s * east, down_m_s])
-        self._fly(inputs, PositionGoal(_NO_POSITION, velocity, self._start(inputs).yaw_rad), params)
+        goal = PositionGoal(_NO_POSITION, velocity, self._start(inputs).yaw_rad)
+        self._fly(inputs, goal, params, speed_m_s=speed_m_s)
 
     def _fly_height_by_hand(self, inputs: AutopilotInputs, params: Parameters) -> None:
         """Fly ALTCTL: the throttle commands a climb, roll and pitch a tilt.
@@ -355,20 +357,31 @@ class ModeControl:
         goal: PositionGoal,
         params: Parameters,
         *,
+        speed_m_s: float | None = None,
         up_m_s: float | None = None,
         is_level: bool = False,
     ) -> None:
-        """Command the attitude and the thrust that lead to a goal."""
+        """Command the attitude and the thrust that lead to a goal.
+
+        Args:
+            inputs: inputs at this tick.
+            goal: the goal.
+            params: PX4's parameters.
+            speed_m_s: limit of the horizontal speed; None: that of PX4's automatic modes.
+            up_m_s: limit of the climb; None: MPC_Z_VEL_MAX_UP.
+            is_level: whether the attitude is that of the sticks, level without them.
+        """
         self.goal = goal
         yaw_rad = self._heading(goal, inputs)
 
         if up_m_s is None:
             up_m_s = params["MPC_Z_VEL_MAX_UP"]
-        speed_m_s = params["MPC_XY_CRUISE"]
-        if self.cruise_m_s is not None:
-            speed_m_s = min(self.cruise_m_s, params["MPC_XY_VEL_MAX"])
+        if speed_m_s is None:
+            speed_m_s = params["MPC_XY_CRUISE"]
+            if self.cruise_m_s is not None:
+                speed_m_s = self.cruise_m_s
         limits = PositionLimits(
-            speed_m_s=max(0.0, speed_m_s),
+            speed_m_s=max(0.0, min(speed_m_s, params["MPC_XY_VEL_MAX"])),
             up_m_s=up_m_s,
             down_m_s=params["MPC_Z_VEL_MAX_DN"],
             tilt_rad=math.radians(min(_MOST_TILT_DEG, max(0.0, params["MPC_TILTMAX_AIR"]))),

@@ -533,6 +533,31 @@ def test_setpoints_for_positions_on_earth_are_flown() -> None:
     assert math.dist((north, east, down), (3.0, -1.0, -2.0)) < 1.5
 
 
+@pytest.mark.parametrize(
+    "ahead", [{"x": 100.0, "type_mask": 0xDF8}, {"vx": 11.0, "type_mask": 0xDC7}], ids=["x", "vx"]
+)
+def test_setpoints_are_flown_faster_than_px4_cruises_by_itself(ahead: dict[str, Any]) -> None:
+    emu = emulator()
+    client = Client(emu)
+    px4 = emu.autopilots[0]
+    goal = {"z": -5.0, "vz": -1.0, **ahead}
+
+    def send() -> None:
+        if emu.world.vehicles.steps % 10 == 0:
+            client.send(
+                "SET_POSITION_TARGET_LOCAL_NED", target_system=1, coordinate_frame=1, **goal
+            )
+
+    run_for(emu, 5.0, send)
+    assert client.command(176, 1, 6) == [ACCEPTED, ACCEPTED]
+    assert client.command(400, 1) == [ACCEPTED]
+    run_for(emu, 6.0, send)
+    assert client.command(178, 1, 1.0) == [ACCEPTED]  # a speed of automatic modes only
+    run_for(emu, 2.0, send)
+    north_m_s = float(emu.world.vehicles.states.velocity_ned_m_s[0, 0])
+    assert px4.params["MPC_XY_CRUISE"] + 1.0 < north_m_s < px4.params["MPC_XY_VEL_MAX"]
+
+
 def test_a_setpoint_in_an_unknown_frame_or_of_nothing_is_refused_in_words() -> None:
     emu = emulator()
     client = Client(emu)

@@ -56,6 +56,14 @@ def test_a_stick_forward_flies_forward(mode: Mode) -> None:
     assert north * math.cos(yaw_rad) + east * math.sin(yaw_rad) > 0.5
 
 
+def test_full_sticks_fly_faster_than_px4_cruises_by_itself() -> None:
+    emu = _taken(Mode.POSCTL, (1.0, 0.0, 0.5, 0.0))
+    run_for(emu, 4.0)
+    north_m_s, east_m_s, _ = emu.world.vehicles.states.velocity_ned_m_s[0].tolist()
+    cruise_m_s = emu.autopilots[0].params["MPC_XY_CRUISE"]
+    assert math.hypot(north_m_s, east_m_s) > cruise_m_s + 1.0
+
+
 @pytest.mark.parametrize("mode", [*PILOTS, Mode.MANUAL])
 def test_a_high_throttle_takes_off_and_no_throttle_lands(mode: Mode) -> None:
     emu = emulator()
