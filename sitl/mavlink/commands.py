@@ -156,7 +156,7 @@ def _terminate(link: CommandedLink, command: ReceivedCommand) -> Answer:
 
 
 def _reposition(link: CommandedLink, command: ReceivedCommand) -> Answer:
-    """Enter Hold, and let Hold fly to the position in the command."""
+    """Enter Hold, and let Hold fly to the position in the command, at its heading and speed."""
     changes_mode = command.integer(2) == 1
     if not changes_mode:
         return CommandResult.UNSUPPORTED, []
@@ -168,7 +168,7 @@ def _reposition(link: CommandedLink, command: ReceivedCommand) -> Answer:
     scale = 1.0
     if command.is_integer:
         scale = 1e-7
-    *_, latitude, longitude, altitude_m = command.numbers
+    _, _, _, yaw_rad, latitude, longitude, altitude_m = command.numbers
     latitude_deg = latitude * scale
     longitude_deg = longitude * scale
     if math.isinf(latitude_deg) or math.isinf(longitude_deg):
@@ -178,7 +178,11 @@ def _reposition(link: CommandedLink, command: ReceivedCommand) -> Answer:
 
     # The vehicle keeps each coordinate that is missing or too far away.
     is_usable = np.abs(position) < _MOST_POSITION_M
-    link.autopilot.mode_control.hold_at(np.where(is_usable, position, math.nan))
+    control = link.autopilot.mode_control
+    control.hold_at(np.where(is_usable, position, math.nan), yaw_rad)
+    # Without a speed above zero, a speed that was commanded in this Hold goes on.
+    if command[1] > 0.0:
+        control.cruise_m_s = command[1]
     return result, []
 
 

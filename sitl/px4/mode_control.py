@@ -88,6 +88,7 @@ class ModeControl:
     # Position that Hold or POSCTL holds. None in Hold: the position at the start of the mode is
     # held. None in POSCTL: no position is held, and the sticks command a velocity.
     _hold_ned_m: Array | None = None
+    _hold_yaw_rad: float = math.nan  # heading that Hold turns to; NaN: that at its start
     _yaw_setpoint_rad: float | None = None  # None before the first heading of the mode
     _hover_thrust_frac: float = 0.5  # estimated in flight
     _sticks: Axes | None = None  # sticks of a pilot at this tick; None while none are received
@@ -111,12 +112,18 @@ class ModeControl:
         self.cruise_m_s = None
         self._entry = inputs
         self._hold_ned_m = None
+        self._hold_yaw_rad = math.nan
         self._yaw_setpoint_rad = None
         self._control.forget_horizontal()
 
-    def hold_at(self, position_ned_m: Array) -> None:
-        """Let Hold fly to another position (DO_REPOSITION); NaN keeps a coordinate."""
+    def hold_at(self, position_ned_m: Array, yaw_rad: float = math.nan) -> None:
+        """Let Hold fly to another position and heading (DO_REPOSITION); NaN keeps a value."""
+        if self._hold_ned_m is not None:
+            is_given = np.isfinite(position_ned_m)
+            position_ned_m = np.where(is_given, position_ned_m, self._hold_ned_m)
         self._hold_ned_m = position_ned_m
+        if math.isfinite(yaw_rad):
+            self._hold_yaw_rad = yaw_rad
 
     def frame_jumped(self, shift_ned_m: Array) -> None:
         """Shift all stored positions by a jump of the local frame.
@@ -220,7 +227,10 @@ class ModeControl:
         position = start.position_ned_m
         if self._hold_ned_m is not None:
             position = np.where(np.isfinite(self._hold_ned_m), self._hold_ned_m, position)
-        self._fly(inputs, PositionGoal(position, _ZERO, start.yaw_rad), params)
+        yaw_rad = start.yaw_rad
+        if math.isfinite(self._hold_yaw_rad):
+            yaw_rad = self._hold_yaw_rad
+        self._fly(inputs, PositionGoal(position, _ZERO, yaw_rad), params)
 
     def _land(self, inputs: AutopilotInputs, params: Parameters) -> None:
         start = self._start(inputs)

@@ -299,6 +299,36 @@ def test_a_reposition_command_moves_hold_to_a_position_on_earth() -> None:
     assert emu.world.vehicles.states.position_ned_m[0, 2] < -1.5
 
 
+def test_a_reposition_command_turns_hold_to_its_heading_and_flies_at_its_speed() -> None:
+    emu = emulator()
+    client = Client(emu)
+    run_for(emu, 5.0)
+    assert client.command(22) == [ACCEPTED]
+    assert client.command(400, 1) == [ACCEPTED]
+    until(emu, lambda: emu.autopilots[0].mode is Mode.LOITER, 15.0)
+    control = emu.autopilots[0].mode_control
+
+    place = client.link.view.to_global((8.0, 0.0, -2.5))
+    assert client.command(192, 1.0, 1, 0, math.pi, *place) == [ACCEPTED]
+    run_for(emu, 4.0)
+    assert emu.world.vehicles.states.velocity_ned_m_s[0, 0] == pytest.approx(1.0, abs=0.3)
+    assert abs(math.remainder(emu.believed_yaw_rad(0) - math.pi, 2.0 * math.pi)) < 0.2
+
+    # A heading alone keeps the position, and the speed of this Hold.
+    nowhere = (math.nan, math.nan)
+    assert client.command(192, -1, 1, 0, 0.0, *nowhere, math.nan) == [ACCEPTED]
+    run_for(emu, 2.0)
+    assert emu.world.vehicles.states.velocity_ned_m_s[0, 0] == pytest.approx(1.0, abs=0.3)
+    assert control.goal is not None
+    assert control.goal.position_ned_m[0] == pytest.approx(8.0, abs=0.5)  # degrees of 32 bits
+    assert control.goal.yaw_rad == 0.0
+
+    # Another Hold begins with neither.
+    assert client.command(20) == [ACCEPTED]
+    assert client.command(192, math.nan, 1, 0, math.nan, *place) == [ACCEPTED]
+    assert control.cruise_m_s is None
+
+
 @pytest.mark.parametrize("change_m", [20.0, -20.0])
 @pytest.mark.parametrize("has_vision", [False, True])
 def test_a_vehicle_that_holds_stays_where_it_is_when_its_origin_gets_another_altitude(
