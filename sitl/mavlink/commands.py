@@ -176,10 +176,18 @@ def _reposition(link: CommandedLink, command: ReceivedCommand) -> Answer:
         longitude_deg = math.nan
     position = np.array(link.view.to_local(latitude_deg, longitude_deg, altitude_m))
 
-    # The vehicle keeps each coordinate that is missing or too far away.
+    # A coordinate that is too far away counts as missing. The vehicle stays at its present height
+    # without one, and stops without anything. With a height or a heading alone it keeps its goal.
     is_usable = np.abs(position) < _MOST_POSITION_M
+    position[~is_usable] = math.nan
+    present = np.array(link.emulator.estimator.local(link.index).position_ned_m)
+    if not is_usable.any() and not math.isfinite(yaw_rad):
+        position = present
+    elif not is_usable[2]:
+        position[2] = present[2]
+
     control = link.autopilot.mode_control
-    control.hold_at(np.where(is_usable, position, math.nan), yaw_rad)
+    control.hold_at(position, yaw_rad)
     # Without a speed above zero, a speed that was commanded in this Hold goes on.
     if command[1] > 0.0:
         control.cruise_m_s = command[1]

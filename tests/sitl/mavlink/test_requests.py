@@ -329,6 +329,23 @@ def test_a_reposition_command_turns_hold_to_its_heading_and_flies_at_its_speed()
     assert control.cruise_m_s is None
 
 
+def test_a_reposition_command_without_a_position_stops_a_vehicle_on_its_way() -> None:
+    emu = emulator()
+    client = Client(emu)
+    run_for(emu, 5.0)
+    assert client.command(22) == [ACCEPTED]
+    assert client.command(400, 1) == [ACCEPTED]
+    until(emu, lambda: emu.autopilots[0].mode is Mode.LOITER, 15.0)
+
+    place = client.link.view.to_global((40.0, 0.0, -8.0))
+    assert client.command(192, -1, 1, 0, math.nan, *place) == [ACCEPTED]
+    run_for(emu, 4.0)
+    stopped_at = np.array(emu.estimator.local(0).position_ned_m)
+    assert client.command(192, -1, 1, *[math.nan] * 5) == [ACCEPTED]
+    run_for(emu, 5.0)
+    assert math.dist(emu.estimator.local(0).position_ned_m, stopped_at) < 1.0
+
+
 @pytest.mark.parametrize("change_m", [20.0, -20.0])
 @pytest.mark.parametrize("has_vision", [False, True])
 def test_a_vehicle_that_holds_stays_where_it_is_when_its_origin_gets_another_altitude(
