@@ -58,6 +58,12 @@ def level(yaw_rad: float) -> Array:
     return np.array([math.cos(0.5 * yaw_rad), 0.0, 0.0, math.sin(0.5 * yaw_rad)])
 
 
+def _turned(yaw_rad: float, yaw_rate_rad_s: float) -> float:
+    """Return a heading after one tick, at a rate of at most half a turn a second."""
+    limited_rad_s = max(-math.pi, min(math.pi, yaw_rate_rad_s))
+    return math.remainder(yaw_rad + TICK_S * limited_rad_s, 2.0 * math.pi)
+
+
 def _motors_off(attitude: Array) -> Actuation:
     return Actuation(
         attitude=attitude,
@@ -249,7 +255,7 @@ class ModeControl:
     def _descend_without_position(self, inputs: AutopilotInputs, params: Parameters) -> None:
         # The descent is level and holds no position, because sticks or a position are missing.
         velocity = np.array([0.0, 0.0, params["MPC_LAND_SPEED"]])
-        goal = PositionGoal(_NO_POSITION, velocity, self._start(inputs).yaw_rad)
+        goal = PositionGoal(_NO_POSITION, velocity, self._heading_by_stick(inputs, params))
         self._fly(inputs, goal, params, is_level=True)
 
     # -- manual modes ------------------------------------------------------------------------------
@@ -273,13 +279,13 @@ class ModeControl:
             self._descend_without_position(inputs, params)
             return
 
+        yaw_rad = self._heading_by_stick(inputs, params)
         pitch, roll, throttle, _ = self._sticks
         climb = 2.0 * throttle - 1.0
         if max(abs(pitch), abs(roll), abs(climb)) < _STICK_REST:
             if self._hold_ned_m is None:
                 self._hold_ned_m = inputs.position_ned_m.copy()
-            goal = PositionGoal(self._hold_ned_m, _ZERO, self._start(inputs).yaw_rad)
-            self._fly(inputs, goal, params)
+            self._fly(inputs, PositionGoal(self._hold_ned_m, _ZERO, yaw_rad), params)
             return
 
         self._hold_ned_m = None
@@ -288,7 +294,7 @@ class ModeControl:
         speed_m_s = params["MPC_VEL_MANUAL"]
         down_m_s = -climb * params["MPC_Z_VEL_MAX_UP"]
         velocity = np.array([speed_m_s * north, speed_m_s * east, down_m_s])
-        goal = PositionGoal(_NO_POSITION, velocity, self._start(inputs).yaw_rad)
+        goal = PositionGoal(_NO_POSITION, velocity, yaw_rad)
         self._fly(inputs, goal, params, speed_m_s=speed_m_s)
 
     def _fly_height_by_hand(self, inputs: AutopilotInputs, params: Parameters) -> None:
@@ -303,7 +309,7 @@ class ModeControl:
         _, _, throttle, _ = self._sticks
         climb = 2.0 * throttle - 1.0
         velocity = np.array([0.0, 0.0, -climb * params["MPC_Z_VEL_MAX_UP"]])
-        goal = PositionGoal(_NO_POSITION, velocity, self._start(inputs).yaw_rad)
+        goal = PositionGoal(_NO_POSITION, velocity, self._heading_by_stick(inputs, params))
         self._fly(inputs, goal, params, is_level=True)
 
     def _fly_attitude_by_hand(self, inputs: AutopilotInputs, params: Parameters) -> None:
@@ -321,8 +327,20 @@ class ModeControl:
         if throttle > 0.5:
             thrust_frac = hover_frac + (2.0 * throttle - 1.0) * (1.0 - hover_frac)
         self.goal = None
-        attitude = self._attitude_by_sticks(self._start(inputs).yaw_rad, params)
+        attitude = self._attitude_by_sticks(self._heading_by_stick(inputs, params), params)
         self._command(attitude, thrust_frac)
+
+    def _heading_by_stick(self, inputs: AutopilotInputs, params: Parameters) -> float:
+        """Turn the heading of the mode at the rate of the yaw stick; return it."""
+        if self._yaw_setpoint_rad is None:
+            self._yaw_setpoint_rad = self._start(inputs).yaw_rad
+
+        if self._sticks is not None:
+            _, _, _, yaw = self._sticks
+            if abs(yaw) >= _STICK_REST:
+                yaw_rate_rad_s = yaw * math.radians(params["MPC_MAN_Y_MAX"])
+                self._yaw_setpoint_rad = _turned(self._yaw_setpoint_rad, yaw_rate_rad_s)
+        return self._yaw_setpoint_rad
 
     def _attitude_by_sticks(self, yaw_rad: float, params: Parameters) -> Array:
         """Return the attitude (4,) that the sticks command; without sticks it is level."""
@@ -423,9 +441,7 @@ class ModeControl:
         if self._yaw_setpoint_rad is None:
             self._yaw_setpoint_rad = inputs.yaw_rad
         if math.isfinite(goal.yaw_rate_rad_s):
-            yaw_rate_rad_s = max(-math.pi, min(math.pi, goal.yaw_rate_rad_s))
-            turned_rad = self._yaw_setpoint_rad + TICK_S * yaw_rate_rad_s
-            self._yaw_setpoint_rad = math.remainder(turned_rad, 2.0 * math.pi)
+            self._yaw_setpoint_rad = _turned(self._yaw_setpoint_rad, goal.yaw_rate_rad_s)
         return self._yaw_setpoint_rad
 
     def _idle(self, yaw_rad: float) -> None:

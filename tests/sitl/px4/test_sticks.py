@@ -56,6 +56,36 @@ def test_a_stick_forward_flies_forward(mode: Mode) -> None:
     assert north * math.cos(yaw_rad) + east * math.sin(yaw_rad) > 0.5
 
 
+@pytest.mark.parametrize("mode", [*PILOTS, Mode.MANUAL])
+def test_the_yaw_stick_turns_at_the_rate_of_its_parameter_and_the_heading_stays(mode: Mode) -> None:
+    emu = _taken(mode, CENTRED)
+    px4 = emu.autopilots[0]
+    px4.params.values["MPC_MAN_Y_MAX"] = 60.0
+    before_rad = emu.believed_yaw_rad(0)
+    px4.held_sticks = (0.0, 0.0, 0.5, 0.05)  # counts as centred
+    run_for(emu, 1.0)
+    assert emu.believed_yaw_rad(0) == pytest.approx(before_rad, abs=0.1)
+
+    px4.held_sticks = (0.0, 0.0, 0.5, 0.5)
+    run_for(emu, 2.0)
+    px4.held_sticks = CENTRED
+    run_for(emu, 3.0)
+    turned_rad = math.remainder(emu.believed_yaw_rad(0) - before_rad, 2.0 * math.pi)
+    assert turned_rad == pytest.approx(math.radians(60.0), abs=0.15)
+
+
+def test_a_vehicle_whose_pilot_falls_silent_keeps_the_heading_that_he_has_turned_to() -> None:
+    emu = _taken(Mode.ALTCTL, (0.0, 0.0, 0.5, 1.0))
+    px4 = emu.autopilots[0]
+    run_for(emu, 0.5)
+    px4.held_sticks = CENTRED
+    run_for(emu, 3.0)
+    before_rad = emu.believed_yaw_rad(0)
+    px4.held_sticks = None
+    run_for(emu, 2.0)
+    assert emu.believed_yaw_rad(0) == pytest.approx(before_rad, abs=0.2)
+
+
 def test_full_sticks_fly_faster_than_px4_cruises_by_itself() -> None:
     emu = _taken(Mode.POSCTL, (1.0, 0.0, 0.5, 0.0))
     run_for(emu, 4.0)
