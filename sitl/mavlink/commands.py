@@ -176,8 +176,8 @@ def _reposition(link: CommandedLink, command: ReceivedCommand) -> Answer:
         longitude_deg = math.nan
     position = np.array(link.view.to_local(latitude_deg, longitude_deg, altitude_m))
 
-    # A coordinate that is too far away counts as missing. The vehicle stays at its present height
-    # without one, and stops without anything. With a height or a heading alone it keeps its goal.
+    # A coordinate that is too far away counts as missing. Without a height the vehicle stays at its
+    # present height. With a height or a heading alone it keeps its goal. Without anything it stops.
     is_usable = np.abs(position) < _MOST_POSITION_M
     position[~is_usable] = math.nan
     present = np.array(link.emulator.estimator.local(link.index).position_ned_m)

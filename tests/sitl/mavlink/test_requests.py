@@ -372,8 +372,8 @@ def test_a_vehicle_that_holds_stays_where_it_is_when_its_origin_gets_another_alt
     assert estimated_m == pytest.approx(estimated_before_m - change_m, abs=0.5)
 
 
-def told_place(emu: Emulator, **origin: int) -> dict[str, dict[str, Any]]:
-    """Return what a vehicle says of its place by vision alone, once it has received an origin."""
+def reported_place(emu: Emulator, **origin: int) -> dict[str, dict[str, Any]]:
+    """Return what a vehicle by vision alone reports of its place after it received an origin."""
     client = Client(emu)
     client.send(
         "PARAM_SET", param_id=b"EKF2_GPS_CTRL", param_value=0.0, param_type=6, target_system=1
@@ -392,7 +392,7 @@ def told_place(emu: Emulator, **origin: int) -> dict[str, dict[str, Any]]:
 def test_a_vehicle_without_satellites_is_where_its_origin_says() -> None:
     emu = emulator()
     berlin = {"latitude": 520000000, "longitude": 130000000, "altitude": 50_000}
-    seen = told_place(emu, **berlin)
+    seen = reported_place(emu, **berlin)
     origin = seen["GPS_GLOBAL_ORIGIN"]
     assert {name: origin[name] for name in berlin} == berlin
 
@@ -412,14 +412,14 @@ def test_a_vehicle_without_satellites_is_where_its_origin_says() -> None:
 )
 def test_an_origin_that_is_not_on_earth_is_ignored(origin: dict[str, int]) -> None:
     emu = emulator()
-    seen = told_place(emu, altitude=50_000, **origin)
+    seen = reported_place(emu, altitude=50_000, **origin)
     assert "GPS_GLOBAL_ORIGIN" not in seen
     assert emu.estimator.local(0).position_ned_m == pytest.approx((0.0, 0.0, 0.0), abs=0.3)
 
 
 def test_an_altitude_of_the_origin_beyond_the_air_is_ignored() -> None:
     emu = emulator()
-    told_place(emu, **ZURICH_DEG, altitude=100_001_000)
+    reported_place(emu, **ZURICH_DEG, altitude=100_001_000)
     assert emu.estimator.local(0).position_ned_m == pytest.approx((0.0, 0.0, 0.0), abs=0.3)
 
 
