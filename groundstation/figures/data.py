@@ -6,6 +6,7 @@ Time 0 is when the first vehicle leaves the ground.
 from __future__ import annotations
 
 import itertools
+import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
@@ -19,6 +20,7 @@ from groundstation.recording.reader import (
     is_vector,
     of_one_flight,
 )
+from groundstation.recording.recorded_flight import at_times, has_lifted
 from onboard.arrays import Array
 from onboard.config.flight_space import Outline
 from onboard.config.pair_separation import separations_m
@@ -28,10 +30,9 @@ from onboard.plain_text import natural_sort_key
 TOPICS = ("truth", "tick", "telemetry")
 POSES = "mocap"  # this topic is also read if the fleet has persons
 GRID_S = 0.02
-_AIRBORNE_Z_M = 0.12
+_IN_FLIGHT = ("flying", "holding")  # states of an agent whose vehicle is in the air
 _LONGEST_START_NS = 600_000_000_000  # longest time from a record's start to its first vehicle
 _LEAD_S = 1.0  # time before the start that is shown
-_LIFTED_M = 0.05  # a vehicle this far above its first position has left the ground
 _SLOT_STEP_M = 0.05  # largest distance of two goals that are the same slot
 
 
@@ -49,6 +50,7 @@ class Track:
     flown_deg: Array  # (n, 2)
     path_time_s: Array  # (m,)
     path_enu_m: Array  # (m, 3): ground truth if is_truth, or else the vehicle's estimate
+    is_up: Array  # (m,), 1 where the vehicle is off the ground, else 0
     is_truth: bool
     slots_enu_m: Array  # (k, 3): goals in the order of the orders
 
@@ -232,10 +234,7 @@ def _start_ns(truths: dict[str, list[Sample]], ticks: dict[str, list[Sample]]) -
         if len(truths[name]) > 1:
             path = truths[name]
         height_m = _vectors(path, "position_enu_m", 3)[:, 2]
-        known_m = height_m[np.isfinite(height_m)]
-        if not known_m.size:
-            continue
-        lifted = np.flatnonzero(height_m > known_m[0] + _LIFTED_M)
+        lifted = np.flatnonzero(has_lifted(height_m))
         if lifted.size:
             lifted_ns.append(path[int(lifted[0])].stamp_ns)
 
@@ -268,9 +267,27 @@ def _track(
         flown_deg=_roll_pitch_deg(_vectors(ticks, "attitude_quaternion_enu_flu_wxyz", 4)),
         path_time_s=_times(path, start_ns),
         path_enu_m=_vectors(path, "position_enu_m", 3),
+        is_up=_is_up(path),
         is_truth=has_truth,
         slots_enu_m=_slots(telemetry),
     )
+
+
+def _is_up(path: list[Sample]) -> Array:
+    """Return where a vehicle is off the ground (m,): 1, else 0.
+
+    Ground truth says it. Else the height above the first position counts, and so does the agent's
+    state, because a record may begin in flight.
+    """
+    has_left = has_lifted(_vectors(path, "position_enu_m", 3)[:, 2])
+    is_up = np.zeros(len(path))
+    for index, sample in enumerate(path):
+        is_on_ground = sample.values.get("is_on_ground")
+        if isinstance(is_on_ground, bool):
+            is_up[index] = not is_on_ground
+        else:
+            is_up[index] = has_left[index] or sample.values.get("state") in _IN_FLIGHT
+    return is_up
 
 
 def _walks(
@@ -316,7 +333,7 @@ def _slots(telemetry: list[Sample]) -> Array:
     """Return the goals (k, 3) of orders to move, in the order in which they were given."""
     slots_enu_m: list[list[float]] = []
     for sample in telemetry:
-        is_flying = sample.values.get("state") in ("flying", "holding")
+        is_flying = sample.values.get("state") in _IN_FLIGHT
         if not is_flying or sample.values.get("order_kind") != "move":
             continue
 
@@ -334,12 +351,14 @@ def _pairs(
     tracks: tuple[Track, ...], grid_s: Array, height_share: float
 ) -> tuple[PairSeparation, ...]:
     paths_enu_m = {track.name: track.path_at(grid_s) for track in tracks}
+    is_up = {
+        track.name: at_times(track.path_time_s, track.is_up, grid_s, math.inf) > 0.0
+        for track in tracks
+    }
 
     pairs = []
     for first, second in itertools.combinations(paths_enu_m, 2):
-        first_enu_m = paths_enu_m[first]
-        second_enu_m = paths_enu_m[second]
-        distance_m = separations_m(first_enu_m - second_enu_m, height_share)
-        in_air = (first_enu_m[:, 2] > _AIRBORNE_Z_M) | (second_enu_m[:, 2] > _AIRBORNE_Z_M)
+        distance_m = separations_m(paths_enu_m[first] - paths_enu_m[second], height_share)
+        in_air = is_up[first] | is_up[second]
         pairs.append(PairSeparation(first, second, np.where(in_air, distance_m, np.nan)))
     return tuple(pairs)

@@ -15,11 +15,14 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from groundstation.recording.audit import OrderTrace
 from onboard.arrays import Array
 from onboard.bus.schema import Event, PreflightReport
 from onboard.config.fleet import FleetConfig
+
+LIFTED_M = 0.05  # a vehicle this far above its first position has left the ground
 
 
 @dataclass(frozen=True, slots=True)
@@ -188,6 +191,21 @@ class Flight:
             if times_s.size:
                 begins_s.append(float(times_s[0]))
         return min(begins_s, default=0.0)
+
+
+def has_lifted(height_m: Array) -> NDArray[np.bool_]:
+    """Return where a vehicle is above the ground on which it stood.
+
+    Args:
+        height_m: heights (n,) in the order of time; NaN where not known.
+
+    Returns:
+        Whether each height is more than LIFTED_M above the first one that is known (n,).
+    """
+    known_m = height_m[np.isfinite(height_m)]
+    if not known_m.size:
+        return np.zeros(height_m.shape, np.bool_)
+    return height_m > known_m[0] + LIFTED_M
 
 
 def at_times(times_s: Array, values: Array, wanted_s: Array, max_gap_s: float) -> Array:

@@ -26,6 +26,7 @@ from groundstation.recording.recorded_flight import (
     VehicleFlight,
     at_times,
     between_times,
+    has_lifted,
     largest_in_cells,
 )
 from groundstation.report.chosen_values import settings
@@ -48,7 +49,6 @@ _PATH_GAP_S = 0.5
 _PERSON_GAP_S = 0.5
 _TICK_GAP_S = 0.3
 _TELEMETRY_GAP_S = 3.0
-_UP_M = 0.05  # a vehicle this far above its first position counts as flying
 _HEAD = struct.Struct("<I")
 
 # Resolutions of the columns.
@@ -277,12 +277,7 @@ def _lift_off_s(flight: Flight) -> float:
     lifted_s = []
     for vehicle in flight.vehicles.values():
         times_s, positions_enu_m = vehicle.path
-        height_m = positions_enu_m[:, 2]
-        known_m = height_m[np.isfinite(height_m)]
-        if not known_m.size:
-            continue
-
-        lifted = np.flatnonzero(height_m > known_m[0] + _UP_M)
+        lifted = np.flatnonzero(has_lifted(positions_enu_m[:, 2]))
         if lifted.size:
             lifted_s.append(float(times_s[lifted[0]]))
     return min(lifted_s, default=flight.begin_s)
@@ -409,7 +404,7 @@ def _pairs(flight: Flight) -> list[list[Any]]:
             continue
 
         positions_enu_m = positions_enu_m[is_known]
-        is_down = positions_enu_m[:, 2] < positions_enu_m[0, 2] + _UP_M
+        is_down = ~has_lifted(positions_enu_m[:, 2])
         if vehicle.has_truth:
             is_down = vehicle.truth.is_on_ground[is_known] > 0.5
         tracks[name] = TrueMotion(

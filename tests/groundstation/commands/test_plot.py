@@ -191,6 +191,44 @@ def test_distances_are_horizontal_and_only_counted_in_flight(tmp_path: Path) -> 
     assert closest[0].distance_m[closest[1]] == least
 
 
+@pytest.mark.parametrize("has_truth", [True, False])
+@pytest.mark.parametrize("ground_m", [-3.0, 0.0, 0.5])
+def test_distances_count_above_the_ground_wherever_it_is(ground_m: float, has_truth: bool) -> None:
+    samples = []
+    for step in range(100):
+        climbed_m = max(0.0, 0.02 * (step - 50))
+        for name, x_m in (("mav0", 0.0), ("mav1", 0.5 + climbed_m)):
+            values = {"position_enu_m": [x_m, 0.0, ground_m + climbed_m]}
+            samples.append(Sample(f"tick/{name}", step * SECOND // 50, values))
+            if has_truth:
+                told = {**values, "is_on_ground": climbed_m == 0.0}
+                samples.append(Sample(f"truth/{name}", step * SECOND // 50, told))
+
+    flight = from_samples(samples, title="test", safety_distance_m=0.8)
+    assert flight is not None
+    (pair,) = flight.pairs
+    assert np.isnan(pair.distance_m[flight.grid_s < -0.1]).all()
+    assert np.isfinite(pair.distance_m[flight.grid_s > 0.01]).all()
+    closest = flight.closest()
+    assert closest is not None
+    assert closest[0].distance_m[closest[1]] == pytest.approx(0.55, abs=0.035)
+
+
+def test_distances_of_a_record_that_begins_in_flight_count() -> None:
+    samples = [
+        Sample(
+            f"tick/{name}",
+            step * SECOND // 50,
+            {"position_enu_m": [x_m, 0.0, 1.0], "state": "holding"},
+        )
+        for step in range(50)
+        for name, x_m in (("mav0", 0.0), ("mav1", 0.5))
+    ]
+    flight = from_samples(samples, title="test", safety_distance_m=0.8)
+    assert flight is not None
+    assert np.nanmin(flight.pairs[0].distance_m) == pytest.approx(0.5)
+
+
 def test_time_counts_from_when_the_first_leaves_the_ground_and_not_from_its_motors_start(
     tmp_path: Path,
 ) -> None:
