@@ -16,6 +16,7 @@ from pathlib import Path
 import msgspec
 from cryptography.hazmat.primitives import hashes
 
+from groundstation.formations.slots import formation_files
 from groundstation.mission_files.mission import Mission
 from onboard.config.fleet import ConfigError, FleetConfig
 from onboard.security.certificates import read_certificate
@@ -33,7 +34,7 @@ class Provenance(msgspec.Struct, frozen=True, kw_only=True):
     versions: dict[str, str]
     source: str  # SHA-256 of Covey's own files
     machine: dict[str, str]
-    files: dict[str, str]  # name of a file -> its SHA-256
+    files: dict[str, str]  # path of a file, from the mission's folder -> its SHA-256
     config_hash: str  # hash of the fleet file's values
     certificates: dict[str, str]  # name of a certificate -> its SHA-256; empty without keys
 
@@ -100,12 +101,19 @@ def _processor() -> str:
 
 
 def _files(fleet_path: Path, mission_path: Path, mission: Mission) -> dict[str, str]:
-    """Return the hashes of fleet file, mission file, and the files of the mission's paths."""
-    hash_by_name = {}
+    """Return the hashes of fleet file, mission file, and the files of paths and formations.
+
+    Files are named as seen from the mission's folder: two folders may hold files of one name.
+    """
     folder = mission_path.parent
-    for path in [fleet_path, mission_path, *(folder / name for name in sorted(mission.paths))]:
+    paths = [folder / name for name in sorted(mission.paths)]
+    formations = [Path(file) for file in formation_files(mission.fleet)]
+
+    hash_by_name = {}
+    for path in [fleet_path, mission_path, *paths, *formations]:
         if path.is_file():
-            hash_by_name[path.name] = hashlib.sha256(path.read_bytes()).hexdigest()
+            name = os.path.relpath(path, folder)
+            hash_by_name[name] = hashlib.sha256(path.read_bytes()).hexdigest()
     return hash_by_name
 
 

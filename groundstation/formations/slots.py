@@ -36,6 +36,14 @@ def formation_names(fleet: FleetConfig) -> tuple[str, ...]:
     return (*fleet.formations, *fleet.shapes)
 
 
+def formation_files(fleet: FleetConfig) -> list[str]:
+    """Return the paths of all files that the fleet's formations read, sorted."""
+    files: set[str] = set()
+    for shape in fleet.shapes.values():
+        files.update(_files(shape, fleet.path))
+    return sorted(files)
+
+
 def formation_slots(fleet: FleetConfig, name: str) -> dict[str, Xyz]:
     """Return the offsets of a formation as the fleet file defines it.
 
@@ -127,6 +135,11 @@ def _slots(shape: FormationShape, count: int, path: str, least_m: float) -> tupl
         points = shapes.centred(points)
     points = np.round(shapes.turned(points, shape.rotation_deg), 4)
     return tuple((x, y, z) for x, y, z in points.tolist())
+
+
+def _files(shape: FormationShape, path: str) -> list[str]:
+    """Return the paths of the files that a shape reads."""
+    return [slot_drawing.beside(path, file) for file in (shape.file, shape.font) if file]
 
 
 def _outline(shape: FormationShape, count: int, path: str) -> Array:
