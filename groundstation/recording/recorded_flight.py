@@ -205,7 +205,8 @@ def has_lifted(height_m: Array) -> NDArray[np.bool_]:
     known_m = height_m[np.isfinite(height_m)]
     if not known_m.size:
         return np.zeros(height_m.shape, np.bool_)
-    return height_m > known_m[0] + LIFTED_M
+    lifted: NDArray[np.bool_] = height_m > known_m[0] + LIFTED_M
+    return lifted
 
 
 def at_times(times_s: Array, values: Array, wanted_s: Array, max_gap_s: float) -> Array:
