@@ -26,8 +26,8 @@ from cyclopts import Parameter
 from groundstation.commands.parameters import FleetFile, Folder
 from groundstation.evidence.evidence_page import PAGE_NAME, result_words
 from groundstation.evidence.evidence_summary import Evidence, read_evidence, summarized
-from groundstation.evidence.folder import write_folder
-from groundstation.evidence.kept_flights import KEPT_NAME, KeptFlights
+from groundstation.evidence.folder import OtherMachine, write_folder
+from groundstation.evidence.kept_flights import KEPT_NAME, KeptFlights, read_flights
 from groundstation.evidence.matrix import MatrixRow
 from groundstation.evidence.provenance import provenance
 from groundstation.mission_files.loading import load_mission
@@ -80,14 +80,11 @@ def evidence(
     flown_mission = load_mission(mission, config)
     config = flown_mission.fleet
     refuse_strong_wind(config, wind)
-    other = None
-    if beside is not None:
-        if beside.resolve() == out.resolve():
-            raise ConfigError(
-                f"--beside is {beside}, the folder of this evidence itself. Give the folder of"
-                " another machine's."
-            )
-        other = read_evidence(beside)
+    if beside is not None and beside.resolve() == out.resolve():
+        raise ConfigError(
+            f"--beside is {beside}, the folder of this evidence itself. Give the folder of"
+            " another machine's."
+        )
 
     campaign = Campaign(
         fleet_path=str(fleet),
@@ -97,12 +94,15 @@ def evidence(
         only=only,
     )
     made_by = provenance(Path(config.path), Path(flown_mission.path), flown_mission)
-    origin = {
+    same_campaign = {
         "fleet": made_by.config_hash,
         "files": ",".join(made_by.files.values()),
         "wind": f"{wind:g}",
-        "Covey": made_by.source,
     }
+    origin = {**same_campaign, "Covey": made_by.source}
+    other = None
+    if beside is not None:
+        other = _other_machine(beside, same_campaign)
     try:
         out.mkdir(parents=True, exist_ok=True)
         kept = KeptFlights(out / KEPT_NAME, origin)
@@ -129,8 +129,8 @@ def evidence(
         if not agreement.is_within:
             is_right = False
             print(
-                f"Outside the other machine's interval: {agreement.figure}: {agreement.here},"
-                f" {agreement.there}."
+                f"Beside the other machine: {agreement.figure}: here {agreement.here}, there"
+                f" {agreement.there}: {agreement.result}."
             )
     return EXIT_OK if is_right else EXIT_FAILED
 
@@ -153,6 +153,18 @@ def _jobs(jobs: int | None) -> int:
     if not 1 <= jobs <= _MOST_JOBS:
         raise ConfigError(f"--jobs is {jobs}; it must lie between 1 and {_MOST_JOBS}.")
     return jobs
+
+
+def _other_machine(folder: Path, same_campaign: dict[str, str]) -> OtherMachine:
+    """Return the evidence of another machine, which must be of this campaign."""
+    evidence_there = read_evidence(folder)
+    flights = read_flights(folder / KEPT_NAME, same_campaign)
+    if len(flights) < evidence_there.flights:
+        raise ConfigError(
+            f"{folder / KEPT_NAME} holds {len(flights)} of the {evidence_there.flights} flights of"
+            " its evidence. Copy the whole folder of the other machine."
+        )
+    return OtherMachine(evidence=evidence_there, flights=flights)
 
 
 def _command(campaign: Campaign, out: Path) -> str:

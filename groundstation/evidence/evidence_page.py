@@ -10,10 +10,9 @@ import html
 from collections.abc import Iterable, Sequence
 
 from groundstation.evidence.evidence_comparison import Agreement
-from groundstation.evidence.evidence_summary import Evidence
+from groundstation.evidence.evidence_summary import Evidence, share_beyond
 from groundstation.evidence.matrix import NOT_SHOWN, SHOWN, WRONG, FailsafeRow, MatrixRow
 from groundstation.evidence.volumes import GUST_OF_MEAN
-from onboard.confidence_intervals import upper_bound
 from onboard.plain_text import numbered
 
 PAGE_NAME = "evidence.html"
@@ -130,11 +129,7 @@ def _volumes(evidence: Evidence, picture: bytes) -> str:
         for name, size, basis in rows
     )
 
-    # Width and height of the volume are maxima over the same n flights, so that one flight has set
-    # the width and one the height. The share s of flights that go beyond either is that beyond two
-    # of n flights: with 95 % confidence it is below the value at which at most one of n flights
-    # does with a probability of 5 %, that is, (1 - s)^n + n s (1 - s)^(n - 1) = 0.05.
-    largest_share = upper_bound(1, evidence.flights)
+    largest_share = share_beyond(evidence.flights)
     encoded = base64.b64encode(picture).decode("ascii")
     return (
         f"<img alt='the three volumes from above' src='data:image/png;base64,{encoded}'>"
@@ -274,14 +269,17 @@ def _agreements_table(agreements: Sequence[Agreement], other: str) -> str:
     cells = []
     for agreement in agreements:
         status = "shown" if agreement.is_within else "wrong"
-        word = "within" if agreement.is_within else "outside"
         cells.append(
             f"<tr class='{status}'><td>{_text(agreement.figure)}</td>"
-            f"<td>{_text(agreement.here)}</td><td>{_text(agreement.there)}</td><td>{word}</td></tr>"
+            f"<td>{_text(agreement.here)}</td><td>{_text(agreement.there)}</td>"
+            f"<td>{_text(agreement.result)}</td></tr>"
         )
     return (
         f"<p>The other machine: {_text(other)}.</p>"
-        "<table><tr><th>figure</th><th>here</th><th>there</th><th>in the other's exact interval"
+        "<p>Compared are the wrong flights of each row, whose share has to lie in the other's exact"
+        " interval, both ways, and the flights that leave the other's contingency volume, by width"
+        " or height, of which there may be no more than that volume leaves out by chance.</p>"
+        "<table><tr><th>figure</th><th>here</th><th>there</th><th>within what the other allows"
         f"</th></tr>{''.join(cells)}</table>"
     )
 

@@ -14,6 +14,7 @@ from groundstation.evidence.matrix import WRONG, MatrixRow, conditions_never_see
 from groundstation.evidence.proofs import tests_by_condition
 from groundstation.evidence.provenance import Provenance
 from groundstation.evidence.volumes import Volumes, distance_outside_m, volumes
+from onboard.confidence_intervals import upper_bound
 from onboard.config.file_reading import EVIDENCE_FILE, read_bytes
 from onboard.config.fleet import ConfigError, FleetConfig
 
@@ -119,6 +120,17 @@ def _rounded(fleet_volumes: Volumes) -> Volumes:
     return Volumes(**values)
 
 
+def share_beyond(flights: int) -> float:
+    """Return the bound of the share of further flights beyond the contingency volume, 95 %.
+
+    Width and height of the volume are maxima over the same n flights, so that one flight has set
+    the width and one the height. The share s of flights that go beyond either is that beyond two
+    of n flights: with 95 % confidence it is below the value at which at most one of n flights
+    does with a probability of 5 %, that is, (1 - s)^n + n s (1 - s)^(n - 1) = 0.05.
+    """
+    return upper_bound(1, flights)
+
+
 def read_evidence(folder: Path) -> Evidence:
     """Return the evidence of a folder.
 
@@ -128,6 +140,12 @@ def read_evidence(folder: Path) -> Evidence:
     path = folder / EVIDENCE_NAME
     data = read_bytes(path, EVIDENCE_FILE)
     try:
-        return msgspec.json.decode(data, type=Evidence)
+        evidence = msgspec.json.decode(data, type=Evidence)
     except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
         raise ConfigError(f"{path} is no evidence of this version of Covey: {error}.") from None
+    if evidence.schema != SCHEMA:
+        raise ConfigError(
+            f"{path} has schema {evidence.schema}; this version of Covey reads schema {SCHEMA}."
+            " Make that evidence again with this version."
+        )
+    return evidence

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
+from typing import NamedTuple
 
 import msgspec
 
@@ -18,13 +19,20 @@ from onboard.config.fleet import FleetConfig
 GEOGRAPHY_NAME = "geography.geojson"
 
 
+class OtherMachine(NamedTuple):
+    """The evidence of another machine, with its flights."""
+
+    evidence: Evidence
+    flights: Sequence[FlownCase]
+
+
 def write_folder(
     folder: Path,
     evidence: Evidence,
     *,
     fleet: FleetConfig,
     flights: Sequence[FlownCase],
-    other: Evidence | None = None,
+    other: OtherMachine | None = None,
 ) -> list[Agreement]:
     """Write all files of the evidence.
 
@@ -53,9 +61,16 @@ def write_folder(
     other_machine = ""
     if other is not None:
         half_body_m = 0.5 * fleet.fleet.body_diameter_m
-        agreements = compared(evidence, other, half_body_m=half_body_m)
-        versions = [f"{name} {version}" for name, version in other.provenance.versions.items()]
-        other_machine = ", ".join([*other.provenance.machine.values(), *versions])
+        agreements = compared(
+            evidence,
+            other.evidence,
+            flights_here=flights,
+            flights_there=other.flights,
+            half_body_m=half_body_m,
+        )
+        made_by = other.evidence.provenance
+        versions = [f"{name} {version}" for name, version in made_by.versions.items()]
+        other_machine = ", ".join([*made_by.machine.values(), *versions])
 
     text = page(evidence, drawing.read_bytes(), agreements, other_machine)
     (folder / PAGE_NAME).write_text(text, encoding="utf-8")

@@ -79,25 +79,7 @@ class KeptFlights:
 
         The file is rewritten, because its last line may be incomplete.
         """
-        lines = read_bytes(self.path, EVIDENCE_FILE).splitlines()
-        try:
-            kept_origin = msgspec.json.decode(lines[0], type=dict[str, str])
-        except (IndexError, msgspec.DecodeError, UnicodeDecodeError, RecursionError):
-            raise ConfigError(
-                f"{self.path} does not begin with a line of covey evidence. Give another folder."
-            ) from None
-        different = [name for name in origin if kept_origin.get(name) != origin[name]]
-        if different:
-            raise ConfigError(
-                f"{self.path} holds flights of another campaign ({', '.join(different)} differs)."
-                " Give another folder, or remove it."
-            )
-
-        for line in lines[1:]:
-            try:
-                flight = msgspec.json.decode(line, type=FlownCase)
-            except (msgspec.DecodeError, UnicodeDecodeError, RecursionError):
-                break  # an incomplete last line: the campaign was stopped while it was written
+        for flight in read_flights(self.path, origin):
             self.flown[flight.case] = flight
         self._write_whole(origin)
 
@@ -123,6 +105,39 @@ class KeptFlights:
         self.flown[flight.case] = flight
         with self.path.open("ab") as stream:
             stream.write(msgspec.json.encode(flight) + b"\n")
+
+
+def read_flights(path: Path, origin: dict[str, str]) -> list[FlownCase]:
+    """Return the flights of a file, without an incomplete last line.
+
+    Args:
+        path: path of the file.
+        origin: hashes and numbers that identify the campaign, by name; others are not compared.
+
+    Raises:
+        ConfigError: the file belongs to another campaign, or cannot be read.
+    """
+    lines = read_bytes(path, EVIDENCE_FILE).splitlines()
+    try:
+        kept_origin = msgspec.json.decode(lines[0], type=dict[str, str])
+    except (IndexError, msgspec.DecodeError, UnicodeDecodeError, RecursionError):
+        raise ConfigError(
+            f"{path} does not begin with a line of covey evidence. Give another folder."
+        ) from None
+    different = [name for name in origin if kept_origin.get(name) != origin[name]]
+    if different:
+        raise ConfigError(
+            f"{path} holds flights of another campaign ({', '.join(different)} differs)."
+            " Give another folder."
+        )
+
+    flights = []
+    for line in lines[1:]:
+        try:
+            flights.append(msgspec.json.decode(line, type=FlownCase))
+        except (msgspec.DecodeError, UnicodeDecodeError, RecursionError):
+            break  # an incomplete last line: the campaign was stopped while it was written
+    return flights
 
 
 def digest(flights: Sequence[FlownCase]) -> str:

@@ -12,9 +12,10 @@ import pytest
 from groundstation.evidence import evidence_page
 from groundstation.evidence.evidence_comparison import compared
 from groundstation.evidence.evidence_summary import read_evidence
-from groundstation.evidence.folder import write_folder
+from groundstation.evidence.folder import OtherMachine, write_folder
 from groundstation.evidence.hazards import HAZARDS, NOT_SHOWN
 from onboard.confidence_intervals import upper_bound
+from onboard.config.fleet import ConfigError
 from tests.groundstation.evidence.campaigns import evidence, flown
 
 
@@ -71,47 +72,91 @@ def test_the_files_can_be_read_again(tmp_path, paper) -> None:
     assert (tmp_path / "volumes.png").read_bytes().startswith(b"\x89PNG")
 
 
+def test_evidence_of_another_schema_is_refused(tmp_path, paper) -> None:
+    later = msgspec.structs.replace(evidence(paper, [flown()]), schema=99)
+    (tmp_path / "evidence.json").write_bytes(msgspec.json.encode(later))
+    with pytest.raises(ConfigError, match="has schema 99"):
+        read_evidence(tmp_path)
+
+
+def agreements(fleet, here, there):
+    return compared(
+        evidence(fleet, here),
+        evidence(fleet, there),
+        flights_here=here,
+        flights_there=there,
+        half_body_m=0.5 * fleet.fleet.body_diameter_m,
+    )
+
+
+def broken(count=40, **changes):
+    return [flown(), *(flown("motor dead", number, **changes) for number in range(count))]
+
+
+def results(fleet, here, there):
+    return {one.figure: one.result for one in agreements(fleet, here, there)}
+
+
 def test_figures_of_another_machine_are_put_beside_and_both_are_named(tmp_path, paper) -> None:
-    flights = [flown("motor dead", number) for number in range(40)]
+    flights = broken()
     machine = msgspec.structs.replace(
         evidence(paper, []).provenance, machine={"processor": "the other one"}
     )
     same = msgspec.structs.replace(evidence(paper, flights), provenance=machine)
-    _, agreements, page = written(tmp_path, paper, flights, other=same)
-    assert agreements
-    assert all(one.is_within for one in agreements)
+    _, figures, page = written(tmp_path, paper, flights, other=OtherMachine(same, flights))
+    assert figures
+    assert all(one.is_within for one in figures)
     assert "the other one" in page
     assert "a &lt;machine&gt;" in page
 
 
 def test_a_figure_outside_of_the_other_machines_interval_is_found(paper) -> None:
-    flights = [flown("motor dead", number) for number in range(40)]
-    bad = [flown("motor dead", number, wrong=("falls on mav1",)) for number in range(40)]
-    agreements = compared(evidence(paper, flights), evidence(paper, bad), half_body_m=0.25)
-    outside = {one.figure for one in agreements if not one.is_within}
+    found = results(paper, broken(), broken(wrong=("falls on mav1",)))
+    outside = {figure for figure, result in found.items() if result == "outside"}
     assert outside == {"propulsion", "one-among-others"}
 
 
+def test_a_row_that_only_one_machine_has_flown_is_not_comparable(paper) -> None:
+    (row,) = [one for one in agreements(paper, broken(), [flown()]) if one.figure == "propulsion"]
+    assert row == ("propulsion", "0 of 40", "not flown", "not comparable")
+    assert not row.is_within
+    assert results(paper, [flown()], broken())["propulsion"] == "not comparable"
+
+
+BEYOND = "flights beyond the other's contingency volume"
+
+
 def test_flights_far_beyond_the_other_machines_volume_are_found(paper) -> None:
-    flights = [flown(), *(flown("motor dead", number) for number in range(40))]
     wide = ((-9.0, 0.0), (2.0, 0.0), (2.0, 2.0))
-    far = [flown(), *(flown("motor dead", number, hull_m=wide) for number in range(40))]
-    agreements = compared(evidence(paper, far), evidence(paper, flights), half_body_m=0.25)
-    assert [one.figure for one in agreements if not one.is_within] == [
-        "flights beyond the other's contingency volume"
-    ]
+    found = results(paper, broken(hull_m=wide), broken())
+    assert [figure for figure, result in found.items() if result != "within"] == [BEYOND]
+
+
+def test_volumes_at_another_place_do_not_agree(paper) -> None:
+    elsewhere = ((100.0, 0.0), (102.0, 0.0), (102.0, 2.0), (100.0, 2.0))
+    away = [msgspec.structs.replace(flight, hull_m=elsewhere) for flight in broken()]
+    assert results(paper, broken(), away)[BEYOND] == "outside"
+
+
+def test_volumes_of_another_height_do_not_agree(paper) -> None:
+    found = agreements(paper, broken(highest_m=50.0), broken())[-1]
+    assert (found.here, found.there, found.result) == ("40 of 41", "0 of 41", "outside")
+
+
+def test_few_flights_beyond_the_other_volume_are_chance(paper) -> None:
+    one_higher = [*broken(39), flown("motor dead", 39, highest_m=1.2)]
+    found = agreements(paper, one_higher, broken())[-1]
+    assert (found.here, found.result) == ("1 of 41", "within")
 
 
 def test_a_flight_is_beyond_the_other_volume_as_soon_as_half_a_body_is(paper) -> None:
     half_body_m = 0.5 * paper.fleet.body_diameter_m
     wide = ((-3.0, 0.0), (2.0, 0.0), (2.0, 2.0))
     wider = ((-3.0 - 0.5 * half_body_m, 0.0), (2.0, 0.0), (2.0, 2.0))
-    there = evidence(paper, [flown(), *(flown("motor dead", n, hull_m=wide) for n in range(40))])
-    here = evidence(paper, [flown(), *(flown("motor dead", n, hull_m=wider) for n in range(40))])
 
-    same = compared(there, there, half_body_m=half_body_m)[-1]
+    same = agreements(paper, broken(hull_m=wide), broken(hull_m=wide))[-1]
     assert same.here == same.there == "0 of 41"
-    beyond = compared(here, there, half_body_m=half_body_m)[-1]
+    beyond = agreements(paper, broken(hull_m=wider), broken(hull_m=wide))[-1]
     assert (beyond.here, beyond.there) == ("40 of 41", "0 of 41")
 
 
