@@ -16,6 +16,7 @@ from onboard.arrays import Array
 from onboard.config.fleet import FleetConfig
 
 _LOW_M = 0.3  # below this height the ground may bear a part of the weight
+_LARGEST = 1e6  # largest believable number: metres, parts of a quaternion, thrust
 _GAP_S = 0.1  # a longer gap between ticks ends a stretch
 # age of an attitude that PX4 sends at 50-100 Hz over a link: half a period, and the transmission
 _LINK_AGE_S = 0.012
@@ -112,9 +113,10 @@ def _is_tracked(pose: Sample) -> bool:
 
 
 def _are_numbers(values: Mapping[str, Any], *fields: str, count: int) -> bool:
-    """Return whether the fields together hold ``count`` numbers.
+    """Return whether the fields together hold ``count`` believable numbers.
 
-    A number that is not finite is null in a record, so it does not count.
+    A number that is not finite is null in a record, so it does not count. Numbers beyond _LARGEST
+    do not count either: the squares of a fit would overflow, and the fit might not return.
     """
     numbers: list[Any] = []
     for field in fields:
@@ -123,7 +125,11 @@ def _are_numbers(values: Mapping[str, Any], *fields: str, count: int) -> bool:
             numbers += value
         else:
             numbers.append(value)
-    return len(numbers) == count and all(isinstance(number, int | float) for number in numbers)
+    return len(numbers) == count and all(_is_believable(number) for number in numbers)
+
+
+def _is_believable(number: Any) -> bool:
+    return isinstance(number, int | float) and -_LARGEST < number < _LARGEST
 
 
 def _longest_stretch(ticks: list[Sample]) -> list[Sample]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import msgspec
 import pytest
 
 from groundstation.identification.recorded_motion import logs_of
@@ -27,3 +28,23 @@ def test_the_mocap_belongs_to_the_ticks_whatever_the_vehicles_clock_is(
 
     assert log.attitude_age_s == 0.0, "it has the mocap's attitudes, not those of the link"
     assert log.position_time_s[0] == pytest.approx(log.command_time_s[0], abs=0.1)
+
+
+@pytest.mark.parametrize("has_mocap", [True, False])
+def test_a_sample_with_an_absurd_number_is_left_out(tmp_path: Path, has_mocap: bool) -> None:
+    fleet = load_fleet(FLEET)
+    told = rows()
+    if has_mocap:
+        body = fleet.vehicles["mav0"].body
+        assert body is not None
+        told += poses(body, lambda time_s: position(0, time_s), 0.0, 10.0)
+    for index in (600, len(told) - 250):
+        stamp_ns, topic, name, message = told[index]
+        absurd = msgspec.structs.replace(message, position_enu_m=(1e300, 0.0, 1.0))
+        told[index] = (stamp_ns, topic, name, absurd)
+
+    log = logs_of(write(tmp_path / "flight", told), fleet, ["mav0"])["mav0"]
+
+    assert (log.attitude_age_s == 0.0) == has_mocap
+    assert log.position_time_s.size > 300
+    assert abs(log.position_enu_m).max() < 10.0
