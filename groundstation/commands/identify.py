@@ -32,6 +32,7 @@ from groundstation.identification.identification_report import (
     page,
     rows,
     toml_of_types,
+    unknown_parameters,
 )
 from groundstation.identification.identified_flight import identify_flight
 from groundstation.identification.manoeuvre import BOX_M
@@ -154,8 +155,22 @@ def _identify_record(
 
     if not result.vehicles:
         return EXIT_FAILED
-    if target is not None:
-        _write(target, result.vehicles)
+    if target is None:
+        return EXIT_OK
+
+    unknown = [
+        f"{name} of {vehicle.vehicle.name}"
+        for vehicle in result.vehicles
+        for name in unknown_parameters(vehicle)
+    ]
+    if unknown:
+        print(
+            f"Nothing is written into {target}: the flight shows too little of"
+            f" {', '.join(unknown)}. Fly longer, or put values into the file by hand.",
+            file=sys.stderr,
+        )
+        return EXIT_FAILED
+    _write(target, result.vehicles)
     return EXIT_OK
 
 

@@ -17,6 +17,8 @@ _HOVER_SHARE = 0.05  # share of the hover thrust, which the observer compensates
 _DRAG_M_S2 = 0.15  # deceleration by drag at top speed
 _TILT_DEG = 2.0
 _GAIN = 0.15
+_DRAG_KNOWN_1_S = 0.06  # half of drag's interval after a long flight in calm air
+_NOT_KNOWN = "not known well enough: fly longer"
 _WRITTEN_LAG_ERROR_S = 0.001  # the values are written with three decimals
 
 
@@ -63,6 +65,7 @@ def rows(flown: IdentifiedVehicle) -> list[dict[str, Any]]:
             configured=vehicle.drag_1_s,
             flown=identified.drag_1_s,
             harmless=_DRAG_M_S2 / vehicle.max_speed_m_s,
+            half_width=max(_DRAG_M_S2 / vehicle.max_speed_m_s, _DRAG_KNOWN_1_S),
             reason="the vehicle brakes later or earlier than the law believes",
         ),
         _row(
@@ -96,12 +99,36 @@ def rows(flown: IdentifiedVehicle) -> list[dict[str, Any]]:
     return table
 
 
+def unknown_parameters(flown: IdentifiedVehicle) -> list[str]:
+    """Return the names of the parameters whose intervals are too wide to rely on the values."""
+    return [row["name"] for row in rows(flown) if not row["is_known"]]
+
+
 def _row(
-    name: str, *, configured: float, flown: Estimate, harmless: float, reason: str
+    name: str,
+    *,
+    configured: float,
+    flown: Estimate,
+    harmless: float,
+    half_width: float | None = None,
+    reason: str,
 ) -> dict[str, Any]:
-    """Return the row of one parameter; a difference up to ``harmless`` has no noticeable effect."""
+    """Return the row of one parameter.
+
+    Args:
+        name: name of the parameter.
+        configured: value of the fleet file.
+        flown: value of the flight.
+        harmless: a difference up to this has no noticeable effect.
+        half_width: half of the widest interval of a value that is known; None: ``harmless``.
+        reason: what a larger difference means, in words.
+    """
+    if half_width is None:
+        half_width = harmless
+    is_known = 0.5 * (flown.high - flown.low) <= half_width
+
     if flown.low <= configured <= flown.high:
-        word = "agrees"
+        word = "agrees" if is_known else _NOT_KNOWN
     elif abs(flown.value - configured) <= harmless:
         word = "differs, harmless"
     else:
@@ -113,6 +140,7 @@ def _row(
         "std": round(flown.std, 4),
         "low": round(flown.low, 4),
         "high": round(flown.high, 4),
+        "is_known": is_known,
         "verdict": word,
     }
 

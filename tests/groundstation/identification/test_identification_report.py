@@ -1,12 +1,19 @@
-"""The TOML that ``covey identify`` proposes has the measured lag."""
+"""The verdicts of ``covey identify``; the TOML that it proposes has the measured lag."""
 
 from __future__ import annotations
 
 import tomllib
+from dataclasses import replace
 
+import msgspec
 import pytest
 
-from groundstation.identification.identification_report import IdentifiedVehicle, type_toml
+from groundstation.identification.identification_report import (
+    IdentifiedVehicle,
+    rows,
+    type_toml,
+    unknown_parameters,
+)
 from groundstation.identification.identify import Estimate, Identified
 from onboard.config.fleet import FleetConfig
 from onboard.config.validation import VEHICLE_BOUNDS
@@ -65,3 +72,30 @@ def test_the_written_values_have_the_measured_lag_and_lie_within_their_bounds(
 def test_a_lag_that_the_bounds_do_not_allow_is_said(fleet: FleetConfig) -> None:
     text = type_toml("quad", [flown(fleet, lag_s=0.004, wn_rad_s=60.0, zeta=0.5)])
     assert "allow no L of 0.004 s; these values have one of 0.007 s" in text
+
+
+@pytest.mark.parametrize(
+    ("low", "high", "verdict"),
+    [(-0.01, 0.03, "agrees"), (-0.2, 0.3, "not known well enough: fly longer")],
+)
+def test_a_value_agrees_only_if_its_interval_is_narrow(
+    fleet: FleetConfig, low: float, high: float, verdict: str
+) -> None:
+    member = flown(fleet, lag_s=fleet.vehicles["mav0"].lag_s, wn_rad_s=9.0, zeta=0.7)
+    lag = member.identified.lag_s
+    wide = replace(lag, low=lag.value + low, high=lag.value + high)
+    member = replace(member, identified=replace(member.identified, lag_s=wide))
+
+    by_name = {row["name"]: row["verdict"] for row in rows(member)}
+    assert by_name["lag L [s]"] == verdict
+    assert ("lag L [s]" in unknown_parameters(member)) == (verdict != "agrees")
+
+
+def test_what_a_calm_flight_shows_of_a_fast_vehicles_drag_is_enough(fleet: FleetConfig) -> None:
+    member = flown(fleet, lag_s=0.2, wn_rad_s=9.0, zeta=0.7)
+    drag = Estimate(value=0.3, std=0.021, low=0.258, high=0.342)
+    member = IdentifiedVehicle(
+        vehicle=msgspec.structs.replace(member.vehicle, max_speed_m_s=15.0),
+        identified=replace(member.identified, drag_1_s=drag),
+    )
+    assert "drag_1_s" not in unknown_parameters(member)
