@@ -43,6 +43,7 @@ def rows(flown: IdentifiedVehicle) -> list[dict[str, Any]]:
     identified = flown.identified
     east_deg = identified.tilt_error_x_deg
     north_deg = identified.tilt_error_y_deg
+    weak_or_strong = "weak" if identified.static_gain.value < 1.0 else "strong"
 
     table = [
         _row(
@@ -87,7 +88,7 @@ def rows(flown: IdentifiedVehicle) -> list[dict[str, Any]]:
             configured=1.0,
             flown=identified.static_gain,
             harmless=_GAIN,
-            reason="the attitude loop is too weak: tune it",
+            reason=f"the attitude loop is too {weak_or_strong}: tune it",
         ),
     ]
 

@@ -99,3 +99,10 @@ def test_what_a_calm_flight_shows_of_a_fast_vehicles_drag_is_enough(fleet: Fleet
         identified=replace(member.identified, drag_1_s=drag),
     )
     assert "drag_1_s" not in unknown_parameters(member)
+
+
+@pytest.mark.parametrize(("gain", "word"), [(0.7, "weak"), (1.3, "strong")])
+def test_a_wrong_gain_is_named_by_its_direction(fleet: FleetConfig, gain: float, word: str) -> None:
+    member = flown(fleet, lag_s=0.2, wn_rad_s=9.0, zeta=0.7)
+    member = replace(member, identified=replace(member.identified, static_gain=estimate(gain)))
+    assert rows(member)[-1]["verdict"] == f"matters: the attitude loop is too {word}: tune it"
