@@ -18,7 +18,9 @@ from groundstation.flights.changes import Change, FlightOrigin
 from onboard.config.example_files import example_names, existing_file
 from onboard.config.file_reading import FLEET_FILE, read_text, toml_values
 from onboard.config.fleet import LawConfig, RadioConfig
-from onboard.config.fleet_config import FleetSection
+from onboard.config.fleet_config import FleetSection, Vehicle
+from onboard.config.sitl import SitlProfile
+from onboard.config.validation import VEHICLE_BOUNDS
 
 CandidateKind = Literal["cause", "defence"]
 
@@ -86,7 +88,7 @@ def _numbers(fleet: Mapping[str, Any]) -> Iterator[Candidate]:
     """Yield candidates that replace one unusual value of the fleet file by the usual one.
 
     Usual values are the defaults of the tables, for a vehicle type the values of the shipped type
-    of that name, and for a vehicle the values of its type.
+    of that name, and for a vehicle the values of its type and of ``[defaults]``.
     """
     for table, kind in (("law", LawConfig), ("fleet", FleetSection), ("radio", RadioConfig)):
         usual = _defaults(kind)
@@ -95,15 +97,17 @@ def _numbers(fleet: Mapping[str, Any]) -> Iterator[Candidate]:
             if has_usual and _is_scalar(usual[key]) and usual[key] != value:
                 yield _other_value(f"{table}.{key}", value, usual[key])
 
+    defaults = fleet.get("defaults", {})
+    yield from _differences("defaults", defaults, _usual_vehicle())
+
     shipped = _shipped_types()
     for name, values in fleet.get("types", {}).items():
         yield from _differences(f"types.{name}", values, shipped.get(name, {}))
 
     types = fleet.get("types", {})
-    default_type = fleet.get("defaults", {}).get("type", "")
     for name, values in fleet.get("vehicles", {}).items():
-        type_values = types.get(values.get("type", default_type), {})
-        yield from _differences(f"vehicles.{name}", values, type_values)
+        type_values = types.get(values.get("type", defaults.get("type", "")), {})
+        yield from _differences(f"vehicles.{name}", values, {**defaults, **type_values})
 
 
 def _differences(
@@ -150,20 +154,24 @@ def _bus(origin: FlightOrigin) -> Iterator[Candidate]:
 
 
 def _defences(fleet: Mapping[str, Any]) -> Iterator[Candidate]:
-    """Yield the candidates of more margin, and of less speed of all types."""
+    """Yield the candidates of more margin, and of less speed of all vehicles."""
     margin_m = fleet.get("law", {}).get("design_margin_m", LawConfig().design_margin_m)
     wider = Change("law.design_margin_m", f"{margin_m + _MORE_MARGIN_M:g}")
     what = f"{_MORE_MARGIN_M:g} m more margin (law.design_margin_m)"
     yield Candidate(kind="defence", what=what, changes=(wider,))
 
+    tables = {"defaults": fleet.get("defaults", {})}
+    for group in ("types", "vehicles"):
+        for name, values in fleet.get(group, {}).items():
+            tables[f"{group}.{name}"] = values
+
     slower = []
-    for name, values in fleet.get("types", {}).items():
+    for path, values in tables.items():
         speed_m_s = values.get("max_speed_m_s")
         if _is_scalar(speed_m_s):
-            key = f"types.{name}.max_speed_m_s"
-            slower.append(Change(key, f"{_SLOWER_FRAC * speed_m_s:g}"))
+            slower.append(Change(f"{path}.max_speed_m_s", f"{_SLOWER_FRAC * speed_m_s:g}"))
     if slower:
-        what = f"{1.0 - _SLOWER_FRAC:.0%} less speed (max_speed_m_s of all types)"
+        what = f"{1.0 - _SLOWER_FRAC:.0%} less speed (max_speed_m_s of all vehicles)"
         yield Candidate(kind="defence", what=what, changes=tuple(slower))
 
 
@@ -188,6 +196,15 @@ def _defaults(kind: type[msgspec.Struct]) -> dict[str, Any]:
     """Return the defaults of the fields of a table that have one."""
     fields = msgspec.structs.fields(kind)
     return {field.name: field.default for field in fields if not field.required}
+
+
+def _usual_vehicle() -> dict[str, Any]:
+    """Return the numbers of a vehicle whose tables set none."""
+    usual: dict[str, Any] = {"sitl": _defaults(SitlProfile)}
+    for key, value in _defaults(Vehicle).items():
+        if key in VEHICLE_BOUNDS and value is not None:
+            usual[key] = value
+    return usual
 
 
 def _is_scalar(value: object) -> bool:

@@ -66,8 +66,37 @@ def test_numbers_that_others_do_not_have_are_tried_with_the_usual_ones() -> None
     ]
 
 
+DEFAULTS = {
+    "max_speed_m_s": 9.0,
+    "attitude_delay_s": 0.4,
+    "hover_time_s": 600.0,  # has no usual value
+    "sitl": {"static_gain": 0.5},
+}
+
+
+def test_values_that_all_vehicles_share_are_tried_with_the_usual_ones() -> None:
+    fleet = edited(PAPER, {"defaults": DEFAULTS, "vehicles": {"mav1": {"drag_1_s": 0.9}}})
+    assert causes(origin(fleet)) == [
+        "with defaults.max_speed_m_s = 1.0 in place of 9.0",
+        "with defaults.attitude_delay_s = 0.04 in place of 0.4",
+        "with defaults.sitl.static_gain = 1.0 in place of 0.5",
+        "with vehicles.mav1.drag_1_s = 0.3 in place of 0.9",
+    ]
+
+
+def test_less_speed_is_less_for_every_vehicle() -> None:
+    fleet = edited(PAPER, {"defaults": DEFAULTS, "vehicles": {"mav1": {"max_speed_m_s": 2.0}}})
+    (slower,) = [one for one in candidates_of(origin(fleet)) if "less speed" in one.what]
+    assert [change.text for change in slower.changes] == [
+        "defaults.max_speed_m_s=6.3",
+        "types.ardrone.max_speed_m_s=0.7",
+        "vehicles.mav1.max_speed_m_s=1.4",
+    ]
+
+
 def test_every_candidate_can_be_made_a_change_of_the_files() -> None:
     fleet = edited(PAPER, {"law": {"range_m": 0.9}, "vehicles": {"mav1": {"max_speed_m_s": 2.0}}})
+    fleet = edited(fleet, {"defaults": DEFAULTS})
     mission = MISSION + '\n[[step]]\ndo = "fault"\nname = "mocap_lost"\nvehicles = "mav1"\n'
     of = origin(fleet, mission, faults=("mav1 motor_dead motor=2",), orders=("12 hold all",))
     for candidate in candidates_of(of):
