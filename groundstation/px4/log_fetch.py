@@ -33,6 +33,7 @@ from groundstation.px4.log_transfer import (
 )
 from groundstation.px4.parameter_sets import VehicleReport
 from groundstation.px4.vehicle_links import VehicleLink, for_each, is_device_of_another_computer
+from groundstation.px4_logs.log_age import age_key
 from onboard.config.config_error import ConfigError
 from onboard.config.file_reading import ULOG, opened
 
@@ -230,7 +231,7 @@ def _listed_in(transfer: FileTransfer, root: str, newest: int) -> list[VehicleLo
     them ``sess012/log001``; these logs count as older than all others.
     """
     folders = [entry.name for entry in transfer.folder(root) if entry.is_folder]
-    folders.sort(key=_folder_age_key, reverse=True)
+    folders.sort(key=age_key, reverse=True)
 
     logs: list[VehicleLog] = []
     for folder in folders:
@@ -247,12 +248,6 @@ def _listed_in(transfer: FileTransfer, root: str, newest: int) -> list[VehicleLo
         if len(logs) >= newest:
             break
     return logs[:newest]
-
-
-def _folder_age_key(folder: str) -> tuple[bool, str]:
-    """Return a sort key of folders, from the oldest to the newest."""
-    is_dated = folder[:1].isdecimal()
-    return is_dated, folder
 
 
 def _name_of(entry: LogEntry) -> str:

@@ -20,6 +20,7 @@ from groundstation.px4_logs.alignment import (
     flu_of_frd,
     up_in_body,
 )
+from groundstation.px4_logs.log_age import age_key
 from groundstation.px4_logs.px4_log import LoggedText, LogRows, Px4Log, read_log
 from groundstation.recording.flight_reading import read_flight
 from groundstation.recording.recorded_flight import Flight, VehicleFlight, between_times
@@ -152,6 +153,10 @@ def _files(folder: Path, vehicles: list[str]) -> dict[str, list[Path]]:
         owners = [name for name in vehicles if path.name.startswith(f"{name}-")]
         if owners:
             files.setdefault(max(owners, key=len), []).append(path)
+
+    for name, own in files.items():
+        start = len(f"{name}-")
+        own.sort(key=lambda path, start=start: age_key(path.name[start:]), reverse=True)
     return files
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import random
+import shutil
 import time
 from pathlib import Path
 
@@ -66,6 +67,17 @@ def test_the_logs_of_a_fleet_lie_on_one_clock(flight_folder: Path) -> None:
     said = "\n".join(fleet_lines(found))
     assert said.index("mav0") < said.index("mav1")
     assert "12.50 s  mav0             warning  Battery <b>low</b>" in said
+
+
+def test_a_log_without_a_date_is_older_than_those_with_one(
+    flight_folder: Path, tmp_path: Path
+) -> None:
+    folder = tmp_path / "flight"
+    shutil.copytree(flight_folder, folder)
+    undated = folder / "px4" / "mav0-sess012_log001.ulg"
+    write_log(undated, shift_s=3.0, seed=1, length_s=LENGTH_OF_LOG_S, start_s=900.0)
+    found = logs_of_flight(folder, read_flight(folder))
+    assert found.logs["mav0"].log.begin_s == START_S
 
 
 def test_a_log_of_another_vehicle_is_left_out_with_the_reason(
