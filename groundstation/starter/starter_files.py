@@ -94,6 +94,12 @@ def refuse_wrong_answer(key: str, answers: Answers) -> None:
     Raises:
         ConfigError: the answer is wrong.
     """
+    value = getattr(answers, key)
+    if isinstance(value, str) and not value.isprintable():
+        raise ConfigError(
+            f"--{key.replace('_', '-')} is {value!r}; it has characters that cannot be printed."
+            " Write it without them."
+        )
     if key == "vehicles" and not 1 <= answers.vehicles <= MOST:
         raise ConfigError(f"--vehicles is {answers.vehicles}; it must lie between 1 and {MOST}.")
 
@@ -183,8 +189,8 @@ def _fleet_text(
         "schema = 1",
         "",
         "[fleet]",
-        f"name = {dumps(answers.name)}  # a part of the names on the bus: one for each fleet of "
-        "your network",
+        f"name = {_toml_text(answers.name)}  # a part of the names on the bus: one for each fleet "
+        "of your network",
         *_origin(answers),
         f"safety_distance_m = {promise_m:.2f}  # centres are never nearer",
         "body_diameter_m = 0.50  # from propeller tip to propeller tip: measure yours",
@@ -209,6 +215,11 @@ def _fleet_text(
     for table in _vehicles(answers, names, spots):
         lines += table
     return "\n".join(lines) + "\n"
+
+
+def _toml_text(text: str) -> str:
+    """Return a printable text as a string of TOML: one of JSON, without pairs of surrogates."""
+    return dumps(text, ensure_ascii=False)
 
 
 def _radio(answers: Answers) -> list[str]:
@@ -301,7 +312,7 @@ def _mocap(answers: Answers, names: Sequence[str]) -> list[str]:
         "[mocap]  # docs/mocap.md",
         'source = "motioncapture"',
         f'type = "{answers.position}"',
-        f"hostname = {dumps(answers.mocap_host)}  # the computer on which its program runs",
+        f"hostname = {_toml_text(answers.mocap_host)}  # the computer on which its program runs",
         f'up = "{up}"  # the axis that points up, as that program streams it: look there',
         "yaw_deg = 0.0  # then turn about up until its x axis is the fleet's east",
         "latency_s = 0.010  # covey mocap --check measures it",
@@ -371,8 +382,12 @@ def _vehicles(answers: Answers, names: Sequence[str], spots: list[Plan]) -> list
         if answers.companions == HERE:
             lines += endpoint_lines(index)
         else:
-            lines.append(f"agent = {dumps(f'tcp/{host}:{_FIRST_PORT}')}  # its companion computer")
-            lines.append(f"autopilot = {dumps(answers.autopilot)}  # PX4 as that computer sees it")
+            lines.append(
+                f"agent = {_toml_text(f'tcp/{host}:{_FIRST_PORT}')}  # its companion computer"
+            )
+            lines.append(
+                f"autopilot = {_toml_text(answers.autopilot)}  # PX4 as that computer sees it"
+            )
             lines.append(
                 f'# direct = "udpout://ADDRESS:{_FIRST_DIRECT_PORT}"  # PX4 past the companion'
             )

@@ -89,6 +89,9 @@ def test_the_first_fifty_vehicles_on_one_computer_have_px4s_ports() -> None:
     ("answers", "words"),
     [
         ({"vehicles": 0}, "between 1 and"),
+        ({"name": "\U0001f681"}, "'fleet.name' is '\U0001f681'"),
+        ({"mocap_host": "a\x7fb"}, "--mocap-host is .* cannot be printed"),
+        ({"mocap_host": "a\udcffb"}, "--mocap-host is .* cannot be printed"),
         ({"spacing_m": 0.9}, f"{parking_distance_m(starter(Answers()).fleet):.2f} m or more"),
         ({"spacing_m": float("nan")}, "between 0.1 and 100"),
         ({"companions": "one,two"}, "all 3 with commas"),
@@ -103,6 +106,12 @@ def test_the_first_fifty_vehicles_on_one_computer_have_px4s_ports() -> None:
 def test_a_wrong_answer_is_refused_in_words(answers: dict[str, object], words: str) -> None:
     with pytest.raises(ConfigError, match=words):
         starter(Answers(**answers))  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("text", ["caf\u00e9.local", "\U0001f681.local", 'a "b" \\c'])
+def test_an_answer_with_any_letters_is_in_the_file(text: str) -> None:
+    made = starter(Answers(position="vicon", mocap_host=text, companions="here"))
+    assert made.fleet.mocap.hostname == text
 
 
 def test_init_writes_two_files_and_overwrites_none(
