@@ -255,8 +255,10 @@ def _provenance(evidence: Evidence) -> str:
         *((f"{name}, SHA-256", value) for name, value in made_by.files.items()),
         *((f"certificate {name}, SHA-256", value) for name, value in made_by.certificates.items()),
     ]
-    if not made_by.certificates:
-        rows.append(("certificates", "none on this computer: the bus of this fleet file is open"))
+    if not made_by.has_keys:
+        rows.append(("certificates", "none: the bus of this fleet file is open"))
+    elif not made_by.certificates:
+        rows.append(("certificates", "the bus of this fleet file is locked; none is read here"))
     return f"<table>{''.join(_name_and_value(rows))}</table>"
 
 

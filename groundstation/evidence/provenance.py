@@ -36,7 +36,8 @@ class Provenance(msgspec.Struct, frozen=True, kw_only=True):
     machine: dict[str, str]
     files: dict[str, str]  # path of a file, from the mission's folder -> its SHA-256
     config_hash: str  # hash of the fleet file's values
-    certificates: dict[str, str]  # name of a certificate -> its SHA-256; empty without keys
+    certificates: dict[str, str]  # name of a certificate on this computer -> its SHA-256
+    has_keys: bool = False  # whether the bus of the fleet is locked
 
 
 def provenance(fleet_path: Path, mission_path: Path, mission: Mission) -> Provenance:
@@ -48,6 +49,7 @@ def provenance(fleet_path: Path, mission_path: Path, mission: Mission) -> Proven
         files=_files(fleet_path, mission_path, mission),
         config_hash=mission.fleet.config_hash,
         certificates=_certificates(mission.fleet),
+        has_keys=mission.fleet.has_keys,
     )
 
 

@@ -38,6 +38,14 @@ def test_the_page_has_every_question_and_what_is_not_shown_in_one_table(tmp_path
     assert "<script" not in page
 
 
+@pytest.mark.parametrize(("has_keys", "word"), [(True, "locked"), (False, "open")])
+def test_the_page_says_whether_the_bus_is_locked(paper, has_keys: bool, word: str) -> None:
+    whole = evidence(paper, [flown()])
+    made_by = msgspec.structs.replace(whole.provenance, has_keys=has_keys)
+    whole = msgspec.structs.replace(whole, provenance=made_by)
+    assert f"the bus of this fleet file is {word}" in evidence_page.page(whole, b"", [], "")
+
+
 @pytest.mark.long
 def test_a_row_of_which_not_all_faults_were_flown_says_so(tmp_path, paper) -> None:
     _, _, page = written(tmp_path, paper, [flown("motor dead"), flown("a pilot lands")])
