@@ -37,7 +37,8 @@ def surveyed(
     """Return the spots of vehicles.
 
     Args:
-        positions_enu_m: name of a vehicle -> its reported positions.
+        positions_enu_m: name of a vehicle -> its reported positions; those that are not finite do
+            not count.
         fleet: the fleet file with the present spots.
 
     Raises:
@@ -45,12 +46,14 @@ def surveyed(
     """
     spots = []
     for name, reported in positions_enu_m.items():
-        if len(reported) < LEAST_SAMPLES:
+        positions_m = np.array(reported, np.float64).reshape(-1, 3)[:, :2]
+        positions_m = positions_m[np.isfinite(positions_m).all(axis=-1)]
+        samples = len(positions_m)
+        if samples < LEAST_SAMPLES:
             raise ConfigError(
-                f"{name} has reported {len(reported)} positions; {LEAST_SAMPLES} are the least. "
+                f"{name} has reported {samples} positions; {LEAST_SAMPLES} are the least. "
                 "Survey for longer, and see covey check vehicles."
             )
-        positions_m = np.array(reported)[:, :2]
         east_m, north_m = positions_m.mean(axis=0)
         away_m = np.hypot(positions_m[:, 0] - east_m, positions_m[:, 1] - north_m)
         spots.append(
@@ -60,7 +63,7 @@ def surveyed(
                 north_m=round(float(north_m), 2),
                 spread_m=float(np.sqrt((away_m**2).mean())),
                 farthest_m=float(away_m.max()),
-                samples=len(reported),
+                samples=samples,
                 moved_m=math.dist((east_m, north_m), fleet.vehicles[name].start_enu_m[:2]),
             )
         )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import math
 from pathlib import Path
 from typing import Any
 
@@ -52,6 +53,15 @@ def test_a_spot_is_the_mean_and_its_spread_is_told(stand: dict[str, list[Xyz]]) 
     assert second.moved_m == pytest.approx(0.1, abs=0.01)
     assert "mav1" in spot_lines([second])[1]
     refuse_poor_spots([first, second], fleet, 0.3)
+
+
+def test_positions_that_are_not_finite_do_not_count(stand: dict[str, list[Xyz]]) -> None:
+    fleet = load_fleet(PAPER)
+    unknown = (math.nan, 0.0, 0.0)
+    (mixed,) = surveyed({"mav0": [unknown, *stand["mav0"], unknown]}, fleet)
+    assert mixed == surveyed({"mav0": stand["mav0"]}, fleet)[0]
+    with pytest.raises(ConfigError, match="mav0 has reported 0 positions"):
+        surveyed({"mav0": [unknown] * 10}, fleet)
 
 
 def test_only_the_spots_of_the_file_change_and_heights_stay(
