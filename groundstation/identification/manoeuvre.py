@@ -17,6 +17,7 @@ HEIGHT_M = 1.0
 MOVE_COUNT = 14
 _FENCE_M = 0.4  # distance that the box keeps from the fence, for the overshoot of a quick move
 _CEILING_M = 0.3  # the same below the ceiling
+_LEAST_HEIGHT_M = 0.4  # lower flights are of no use: the ground may bear a part of the weight
 _LEAST_HALF_M = 0.25  # in a smaller box nothing tilts enough to be measured
 _SLOW_S = 3.5  # duration of every third move
 _MOVE_TIMEOUT_S = 8.0
@@ -44,7 +45,7 @@ def manoeuvre(
         seed: the seed of its random lengths.
 
     Raises:
-        ConfigError: there is no room for a box of 0.25 m to each side.
+        ConfigError: there is no room for a box of 0.25 m to each side, or the ceiling is too low.
     """
     x, y, _ = fleet.vehicles[name].start_enu_m
 
@@ -72,6 +73,12 @@ def manoeuvre(
         )
 
     height_m = min(height_m, ceiling - _CEILING_M)
+    if not height_m >= _LEAST_HEIGHT_M:
+        raise ConfigError(
+            f"{fleet.path}: below the fence's ceiling at {ceiling:.2f} m the manoeuvre of {name} "
+            f"would fly at {height_m:.2f} m; below {_LEAST_HEIGHT_M:g} m the ground disturbs it. "
+            f"Raise the ceiling to {_LEAST_HEIGHT_M + _CEILING_M:g} m or more."
+        )
     rng = np.random.default_rng(seed)
     steps: list[tuple[Xyz, float]] = []
     for index in range(MOVE_COUNT):

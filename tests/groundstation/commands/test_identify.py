@@ -161,6 +161,16 @@ def test_without_room_the_manoeuvre_is_refused() -> None:
         manoeuvre(fleet_from_mapping(data), "mav0")
 
 
+def test_below_a_ceiling_that_is_too_low_the_manoeuvre_is_refused() -> None:
+    data = tomllib.loads(FLEETS["sih"].read_text())
+    data["fleet"]["geofence_m"]["z"] = [0.0, 0.75]
+    goal, _ = manoeuvre(fleet_from_mapping(data), "mav0")[0]
+    assert goal[2] == pytest.approx(0.45)
+    data["fleet"]["geofence_m"]["z"] = [0.0, 0.5]
+    with pytest.raises(ConfigError, match=r"would fly at 0.20 m.*Raise the ceiling to 0.7 m"):
+        manoeuvre(fleet_from_mapping(data), "mav0")
+
+
 @pytest.mark.parametrize(
     "words",
     [
