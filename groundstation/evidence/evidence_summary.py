@@ -148,4 +148,9 @@ def read_evidence(folder: Path) -> Evidence:
             f"{path} has schema {evidence.schema}; this version of Covey reads schema {SCHEMA}."
             " Make that evidence again with this version."
         )
+    if not evidence.volumes.geography:
+        raise ConfigError(
+            f"{path} has a flight geography without corners, so its volumes cannot be compared."
+            " Make that evidence again."
+        )
     return evidence

@@ -87,6 +87,14 @@ def test_evidence_of_another_schema_is_refused(tmp_path, paper) -> None:
         read_evidence(tmp_path)
 
 
+def test_evidence_without_a_geography_is_refused(tmp_path, paper) -> None:
+    whole = evidence(paper, [flown()])
+    empty = msgspec.structs.replace(whole, volumes=whole.volumes._replace(geography=()))
+    (tmp_path / "evidence.json").write_bytes(msgspec.json.encode(empty))
+    with pytest.raises(ConfigError, match="without corners"):
+        read_evidence(tmp_path)
+
+
 def agreements(fleet, here, there):
     return compared(
         evidence(fleet, here),
