@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import functools
 import math
+import os
 from collections.abc import Mapping
 
 import numpy as np
@@ -68,7 +69,8 @@ def formation_slots(fleet: FleetConfig, name: str) -> dict[str, Xyz]:
     if not names:
         raise ConfigError(f"{key} has no vehicle that is enabled. Correct its 'vehicles'.")
     try:
-        slots = _slots(shape, len(names), fleet.path, parking_distance_m(fleet))
+        stamps = tuple(_stamp(file) for file in _files(shape, fleet.path))
+        slots = _slots(shape, len(names), fleet.path, parking_distance_m(fleet), stamps)
     except ConfigError as error:
         raise ConfigError(f"{key}: {error}") from None
     return dict(zip(names, slots, strict=True))
@@ -111,8 +113,17 @@ def stretched(
 
 
 @functools.lru_cache(maxsize=64)
-def _slots(shape: FormationShape, count: int, path: str, least_m: float) -> tuple[Xyz, ...]:
-    """Return the slots of a shape for `count` vehicles; `least_m` is the law's least distance."""
+def _slots(
+    shape: FormationShape,
+    count: int,
+    path: str,
+    least_m: float,
+    stamps: tuple[tuple[int, int], ...],  # a part of the cache's key
+) -> tuple[Xyz, ...]:
+    """Return the slots of a shape for `count` vehicles.
+
+    `least_m` is the law's least distance. With other `stamps` the files of the shape are read anew.
+    """
     outline_count = count
     if shape.stacked:
         outline_count = math.ceil(count / shape.layers)
@@ -140,6 +151,15 @@ def _slots(shape: FormationShape, count: int, path: str, least_m: float) -> tupl
 def _files(shape: FormationShape, path: str) -> list[str]:
     """Return the paths of the files that a shape reads."""
     return [slot_drawing.beside(path, file) for file in (shape.file, shape.font) if file]
+
+
+def _stamp(file: str) -> tuple[int, int]:
+    """Return time of change and size of a file; zeros if there is none."""
+    try:
+        status = os.stat(file)
+    except OSError:
+        return (0, 0)
+    return status.st_mtime_ns, status.st_size
 
 
 def _outline(shape: FormationShape, count: int, path: str) -> Array:

@@ -50,6 +50,17 @@ def nearest_m(slots: dict[str, Any]) -> float:
     return min(math.dist(p[:2], q[:2]) for p, q in itertools.combinations(slots.values(), 2))
 
 
+def test_a_file_of_slots_that_changes_is_read_again(tmp_path: Path) -> None:
+    file = tmp_path / "slots.csv"
+    fleet = fleet_with(
+        str(tmp_path / "fleet.toml"),
+        own={"shape": "csv", "file": "slots.csv", "vehicles": "mav0,mav1"},
+    )
+    for apart_m in (2, 35):
+        file.write_text(f"x,y\n0,0\n{apart_m},0\n")
+        assert formation_slots(fleet, "own")["mav1"] == (apart_m, 0.0, 0.0)
+
+
 @pytest.mark.parametrize("shape", PLAIN)
 @pytest.mark.parametrize(
     "extra",
