@@ -116,8 +116,11 @@ def toml_of(fences: list[Fence]) -> str:
 
 def _text(name: str) -> str:
     """Return a name as a TOML string, without letters that would need an escape."""
-    allowed = "".join(letter for letter in name if letter.isprintable() and letter not in '"\\')
-    return f'"{allowed}"'
+    return f'"{_without_escapes(name)}"'
+
+
+def _without_escapes(name: str) -> str:
+    return "".join(letter for letter in name if letter.isprintable() and letter not in '"\\')
 
 
 def _point(degrees: Degrees) -> str:
@@ -208,7 +211,7 @@ def _geojson_fences(data: dict[str, Any], name: str, stem: str) -> Iterator[Fenc
                 raise ConfigError(f"{where}: its properties are no table.")
 
         label = properties.get("name")
-        if not isinstance(label, str) or not label.strip():
+        if not isinstance(label, str) or not _without_escapes(label[:_LONGEST_NAME]).strip():
             label = f"{stem} {number}"
         yield from _geometry_fences(geometry, properties, label[:_LONGEST_NAME], where)
 

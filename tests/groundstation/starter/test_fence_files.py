@@ -76,6 +76,15 @@ def fleet_file(folder: Path, origin: bool = True) -> Path:
     return file
 
 
+@pytest.mark.parametrize("name", [None, " ", '"""', "\\\x07"])
+def test_a_fence_without_a_name_that_can_be_written_has_that_of_its_file(
+    tmp_path: Path, name: str | None
+) -> None:
+    square = {"type": "Polygon", "coordinates": [ring(SQUARE)]}
+    fences = read_fences(written(tmp_path, geojson(square, name=name), "field.geojson"))
+    assert 'name = "field 1"' in toml_of(fences)
+
+
 def test_a_plan_becomes_an_area_to_stay_in_and_one_to_stay_out_of(tmp_path: Path) -> None:
     fleet = fleet_file(tmp_path)
     file = written(tmp_path, plan())
