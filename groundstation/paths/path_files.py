@@ -37,6 +37,7 @@ _NAMES = {
     "time": "t",
     "timestamp": "t",
     "yaw_deg": "yaw",
+    "yaw_rad": "yaw",
     "heading": "yaw",
     "v": "speed",
     "velocity": "speed",
@@ -48,6 +49,7 @@ _UNITS = {
     "msec": 1e-3,
     "cm": 0.01,
     "mm": 1e-3,
+    "rad": math.degrees(1.0),
 }
 
 
@@ -183,14 +185,16 @@ def _column(name: str, text: str) -> tuple[str, float]:
             f"{name}: the first line must name the columns, as t,x,y,z; '{text[:40]}' is no name."
         )
 
+    column = match[1].lower()
     unit = (match[2] or "").lower()
+    if column == "yaw_rad" and not unit:
+        unit = "rad"
     if unit not in _UNITS:
         raise ConfigError(
             f"{name}: '{text.strip()[:40]}' is in a unit that is not known. Give metres and "
             "seconds."
         )
 
-    column = match[1].lower()
     return _NAMES.get(column, column), _UNITS[unit]
 
 

@@ -36,6 +36,13 @@ def test_units_in_brackets_are_converted(tmp_path: FilePath) -> None:
     assert path.duration_s == pytest.approx(4.5, abs=0.01)
 
 
+@pytest.mark.parametrize("name", ["yaw", "yaw_deg", "yaw_rad", "yaw [rad]"])
+def test_yaw_is_read_in_the_unit_of_its_column(tmp_path: FilePath, name: str) -> None:
+    yaw = 0.5 if "rad" in name else np.degrees(0.5)
+    path = load_path(csv(tmp_path, f"t,x,y,z,{name}\n0,0,0,1,{yaw}\n5,1,0,1,{yaw}"))
+    assert sampled(path, np.array([2.0]))[0][0, 3] == pytest.approx(0.5, abs=1e-3)
+
+
 def test_pieces_are_written_and_read_again(tmp_path: FilePath) -> None:
     path = load_path(csv(tmp_path, "t,x,y,z\n0,0,0,1\n2,1,0,1\n4,1,2,1"))
     write_path(tmp_path / "pieces.csv", path, ["slowed by 1.0"])
