@@ -154,10 +154,13 @@ def _files(folder: Path, vehicles: list[str]) -> dict[str, list[Path]]:
         if owners:
             files.setdefault(max(owners, key=len), []).append(path)
 
-    for name, own in files.items():
-        start = len(f"{name}-")
-        own.sort(key=lambda path, start=start: age_key(path.name[start:]), reverse=True)
-    return files
+    return {name: _newest_first(name, paths) for name, paths in files.items()}
+
+
+def _newest_first(vehicle: str, paths: list[Path]) -> list[Path]:
+    """Return log files of a vehicle, whose names begin with its own, the newest first."""
+    start = len(f"{vehicle}-")
+    return sorted(paths, key=lambda path: age_key(path.name[start:]), reverse=True)
 
 
 def _aligned(vehicle: VehicleFlight, log: Px4Log) -> FlightLog:
