@@ -18,7 +18,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from onboard.tuples import Xyz
 from sitl.emulator.emulator import Emulator
 from sitl.mavlink import commands
 from sitl.mavlink.codec import ID_BY_NAME, Decoder, Encoder, MavlinkMessage, text_of
@@ -63,6 +62,8 @@ _STICK_RANGES = (("x", -1000), ("y", -1000), ("z", 0), ("r", -1000))
 _FULL_STICK = 1000.0  # largest value of each
 
 _RTCM_BYTES = 180  # largest number of bytes in a GPS_RTCM_DATA
+
+_Xyz = tuple[float, float, float]
 
 
 class _Frame(IntEnum):
@@ -446,7 +447,7 @@ class Link:
         self._take_vision(position, fields["yaw"], fields["reset_counter"], has_velocity=False)
 
     def _take_vision(
-        self, position: Xyz, yaw_rad: float, reset_count: int, *, has_velocity: bool
+        self, position: _Xyz, yaw_rad: float, reset_count: int, *, has_velocity: bool
     ) -> None:
         """Pass an external position to the estimator; a heading beyond the limit counts as NaN."""
         if not all(abs(coordinate) < _MAX_POSITION_M for coordinate in position):
@@ -587,7 +588,7 @@ class Link:
         return frames
 
 
-def _odometry_position(fields: Mapping[str, Any]) -> Xyz | None:
+def _odometry_position(fields: Mapping[str, Any]) -> _Xyz | None:
     """Return the position of an ODOMETRY [m], x, y and z down; None in a frame that is not fused.
 
     PX4 converts the position of each of these frames, but takes the quaternion as it is.
