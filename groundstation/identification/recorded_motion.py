@@ -15,7 +15,7 @@ from groundstation.recording.timeline import Timeline
 from onboard.arrays import Array
 from onboard.config.fleet import FleetConfig
 
-_LOW_M = 0.3  # below this height the ground may bear a part of the weight
+_LOW_M = 0.3  # below this height above its spot, the ground may bear a part of the weight
 _LARGEST = 1e6  # largest believable number: metres, parts of a quaternion, thrust
 _GAP_S = 0.1  # a longer gap between ticks ends a stretch
 # age of an attitude that PX4 sends at 50-100 Hz over a link: half a period, and the transmission
@@ -50,13 +50,25 @@ def logs_of(path: Path, fleet: FleetConfig, names: Sequence[str]) -> dict[str, L
                 ticks[sample.name].append(sample)
             elif sample.topic == "mocap" and sample.name in bodies and _is_tracked(sample):
                 poses[bodies[sample.name]].append(sample)
-    logs = {name: _log(ticks[name], poses[name]) for name in names}
-    return {name: log for name, log in logs.items() if log is not None}
+
+    logs: dict[str, Log] = {}
+    for name in names:
+        _, _, start_m = fleet.vehicles[name].start_enu_m
+        log = _log(ticks[name], poses[name], start_m)
+        if log is not None:
+            logs[name] = log
+    return logs
 
 
-def _log(ticks: list[Sample], poses: list[Sample]) -> Log | None:
-    """Return the longest stretch in the air of one vehicle; None if it has hardly flown."""
-    air = _longest_stretch([tick for tick in ticks if _is_flying(tick)])
+def _log(ticks: list[Sample], poses: list[Sample], start_m: float) -> Log | None:
+    """Return the longest stretch in the air of one vehicle; None if it has hardly flown.
+
+    Args:
+        ticks: its ticks.
+        poses: its poses of the mocap.
+        start_m: height of its take-off spot.
+    """
+    air = _longest_stretch([tick for tick in ticks if _is_flying(tick, start_m + _LOW_M)])
     if len(air) < 2:
         return None
 
@@ -96,13 +108,13 @@ def _log(ticks: list[Sample], poses: list[Sample]) -> Log | None:
     )
 
 
-def _is_flying(tick: Sample) -> bool:
-    """Return whether a vehicle flies high enough at a tick, and the tick has all values."""
+def _is_flying(tick: Sample, least_m: float) -> bool:
+    """Return whether a vehicle flies above a height at a tick, and the tick has all values."""
     values = tick.values
     fields = ("position_enu_m", *_QUATERNIONS, "setpoint_thrust_frac")
     if not _are_numbers(values, *fields, count=3 + 4 + 4 + 1):
         return False
-    is_up = bool(values["position_enu_m"][2] > _LOW_M)
+    is_up = bool(values["position_enu_m"][2] > least_m)
     return is_up and values.get("state") in ("flying", "holding", "taking off")
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import msgspec
 import pytest
@@ -48,3 +49,25 @@ def test_a_sample_with_an_absurd_number_is_left_out(tmp_path: Path, has_mocap: b
     assert (log.attitude_age_s == 0.0) == has_mocap
     assert log.position_time_s.size > 300
     assert abs(log.position_enu_m).max() < 10.0
+
+
+@pytest.mark.parametrize(("start_m", "is_high"), [(0.0, True), (-3.0, True), (0.9, False)])
+def test_the_height_counts_from_the_take_off_spot(
+    tmp_path: Path, start_m: float, is_high: bool
+) -> None:
+    fleet = load_fleet(FLEET)
+    vehicle = msgspec.structs.replace(fleet.vehicles["mav0"], start_enu_m=(0.0, 0.0, start_m))
+    fleet = msgspec.structs.replace(fleet, vehicles={**fleet.vehicles, "mav0": vehicle})
+    told = [
+        (stamp_ns, topic, name, _at_height(message, 1.0 + min(start_m, 0.0)))
+        for stamp_ns, topic, name, message in rows()
+    ]
+
+    logs = logs_of(write(tmp_path / "flight", told), fleet, ["mav0"])
+
+    assert ("mav0" in logs) is is_high
+
+
+def _at_height(message: Any, height_m: float) -> Any:
+    x, y, _ = message.position_enu_m
+    return msgspec.structs.replace(message, position_enu_m=(x, y, height_m))
