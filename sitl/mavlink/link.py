@@ -278,10 +278,13 @@ class Link:
             return False
         return message.fields["target_component"] in (0, _AUTOPILOT_COMPONENT)
 
+    def _is_for_vehicle_alone(self, message: MavlinkMessage) -> bool:
+        """Return whether a message names this vehicle."""
+        return bool(message.fields["target_system"] == self.view.system_id)
+
     def _is_for_autopilot_alone(self, message: MavlinkMessage) -> bool:
         """Return whether a message names this vehicle; PX4 ignores commands of a broadcast."""
-        is_named = message.fields["target_system"] == self.view.system_id
-        return is_named and self._is_for_autopilot(message)
+        return self._is_for_vehicle_alone(message) and self._is_for_autopilot(message)
 
     def _is_command_for_us(self, message: MavlinkMessage) -> bool:
         """Return whether a command is for this autopilot; all vehicles answer some commands."""
@@ -394,7 +397,7 @@ class Link:
 
     def _sticks(self, message: MavlinkMessage) -> None:
         fields = message.fields
-        if fields["target"] != self.view.system_id:
+        if fields["target"] not in (0, self.view.system_id):
             return
 
         # PX4 takes a stick beyond its range as centred.
@@ -623,7 +626,7 @@ REACTIONS: dict[str, Reaction] = {
     "COMMAND_INT": Reaction(commands.handle, Link._is_command_for_us),
     "SET_MODE": Reaction(Link._set_mode),
     "SETUP_SIGNING": Reaction(Link._setup_signing, Link._is_for_anybody),
-    "SET_GPS_GLOBAL_ORIGIN": Reaction(Link._set_origin),
+    "SET_GPS_GLOBAL_ORIGIN": Reaction(Link._set_origin, Link._is_for_vehicle_alone),
     "SET_ATTITUDE_TARGET": Reaction(Link._attitude_target, Link._is_for_autopilot),
     "SET_POSITION_TARGET_LOCAL_NED": Reaction(Link._position_target, Link._is_for_autopilot),
     "SET_POSITION_TARGET_GLOBAL_INT": Reaction(Link._global_target, Link._is_for_autopilot),

@@ -380,6 +380,9 @@ def test_with_vision_only_hold_can_be_armed_in_once_an_origin_is_given() -> None
 
     run_for(emu, 6.0, send)
     assert client.command(400, 1) == [REJECTED]
+    client.send("SET_GPS_GLOBAL_ORIGIN", target_system=0, latitude=473977420)
+    run_for(emu, 0.1, send)
+    assert client.command(400, 1) == [REJECTED], "PX4 takes no origin that is for all"
     client.send("SET_GPS_GLOBAL_ORIGIN", target_system=1, latitude=473977420)
     run_for(emu, 0.1, send)
     assert client.command(400, 1) == [ACCEPTED]
@@ -390,6 +393,14 @@ def test_a_stick_beyond_its_range_counts_as_centred() -> None:
     client = Client(emu)
     client.send("MANUAL_CONTROL", target=1, x=1001, y=-200, z=-1000, r=-32768)
     assert emu.autopilots[0].sticks.positions == (0.0, -0.2, 0.5, 0.0)
+
+
+@pytest.mark.parametrize(("target", "is_taken"), [(0, True), (1, True), (2, False)])
+def test_sticks_are_for_one_vehicle_or_for_all(*, target: int, is_taken: bool) -> None:
+    emu = emulator()
+    Client(emu).send("MANUAL_CONTROL", target=target, x=300, y=0, z=500, r=0)
+    pitch, _, _, _ = emu.autopilots[0].sticks.positions
+    assert (pitch == 0.3) is is_taken
 
 
 def test_nonsense_is_counted_and_changes_nothing() -> None:
