@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from typing import NamedTuple
 
 import msgspec
 import numpy as np
@@ -52,6 +53,22 @@ class Begin(msgspec.Struct, frozen=True, kw_only=True):
     leader: str | None = None
 
 
+class _Keyframe(NamedTuple):
+    """The frame of a formation at one point of its way."""
+
+    name: str  # formation
+    spacing_m: float | None  # None: the formation's own
+    centre_enu_m: Xyz
+    angle_rad: float
+    slots: dict[str, Xyz]  # vehicle -> its offset [m] within the frame
+    time_s: float
+
+    @property
+    def offsets_m(self) -> Array:
+        """Offset of each vehicle within the frame, (N, 3) [m]."""
+        return np.array(list(self.slots.values()))
+
+
 def frame_paths(
     fleet: FleetConfig,
     begin: Begin,
@@ -84,79 +101,43 @@ def frame_paths(
             "Fly it in several steps."
         )
 
-    assigned_by = positions if begin.leader is None else None
+    if begin.leader is not None:
+        positions = None
     slots = _slots(fleet, begin.name, begin.spacing_m, begin.leader)
     names = list(slots)
-    if assigned_by is not None:
+    if positions is not None:
         turned = stretched(slots, None, begin.rotation_deg)
-        slot_of = nearest_slots(turned, assigned_by, begin.position_enu_m)
+        slot_of = nearest_slots(turned, positions, begin.position_enu_m)
         slots = {vehicle: slots[slot_of[vehicle]] for vehicle in names}
 
-    # The frame and the offsets (N, 3) within it, at the start and at each point.
-    name = begin.name
-    spacing_m = begin.spacing_m
-    centres = [begin.position_enu_m]
-    angles_rad = [math.radians(begin.rotation_deg)]
-    offsets = [_array(slots, names)]
-    times_s = [0.0]
+    keyframes = [
+        _Keyframe(
+            name=begin.name,
+            spacing_m=begin.spacing_m,
+            centre_enu_m=begin.position_enu_m,
+            angle_rad=math.radians(begin.rotation_deg),
+            slots=slots,
+            time_s=0.0,
+        )
+    ]
     slowest_m_s = min(fleet.vehicles[vehicle].max_speed_m_s for vehicle in names)
-
-    for point in points:
-        if point.name is not None or point.spacing_m is not None:
-            if point.spacing_m:
-                spacing_m = point.spacing_m
-            elif point.name:
-                spacing_m = None  # the new formation's own
-            if point.name:
-                name = point.name
-            slots = _slots(fleet, name, spacing_m, begin.leader)
-            if set(slots) != set(names):
-                raise ConfigError(
-                    f"Formation '{name}' has slots for other vehicles than '{begin.name}'."
-                )
-            if assigned_by is not None:
-                offset_of = {
-                    vehicle: _xyz(offset)
-                    for vehicle, offset in zip(names, offsets[-1], strict=True)
-                }
-                slot_of = nearest_slots(slots, offset_of, (0.0, 0.0, 0.0))
-                slots = {vehicle: slots[slot_of[vehicle]] for vehicle in names}
-
-        centre = centres[-1]
-        if point.position_enu_m is not None:
-            centre = point.position_enu_m
-        angle_rad = angles_rad[-1] + math.radians(point.turn_deg)
-        offsets.append(_array(slots, names))
-
-        # An upper bound of the length of each path: the vehicle moves within the frame, with the
-        # frame, and around its centre.
-        within_m = np.linalg.norm(offsets[-1] - offsets[-2], axis=-1)
-        with_frame_m = math.dist(centre, centres[-1])
-        radius_m = np.hypot(offsets[-1][:, 0], offsets[-1][:, 1])
-        around_m = abs(angle_rad - angles_rad[-1]) * radius_m
-        length_m = within_m + with_frame_m + around_m
-
+    for number, point in enumerate(points, start=1):
+        before = keyframes[-1]
+        reached = _reached(fleet, begin, before, point, is_assigned=positions is not None)
         duration_s = point.duration_s
         if not duration_s:
-            duration_s = max(_LEAST_S, float(length_m.max()) / (_SPEED_SHARE * slowest_m_s))
+            duration_s = max(_LEAST_S, _longest_m(before, reached) / (_SPEED_SHARE * slowest_m_s))
 
-        centres.append(centre)
-        angles_rad.append(angle_rad)
-        times_s.append(times_s[-1] + duration_s)
-        if not times_s[-1] <= _LONGEST_S:
+        time_s = before.time_s + duration_s
+        if not time_s <= _LONGEST_S:
             raise ConfigError(
-                f"Point {len(times_s) - 1} of a formation's way would be reached after "
-                f"{times_s[-1]:g} s; {_LONGEST_S:g} s is the most. Fly a shorter way, turn less, "
-                "or give a shorter duration_s."
+                f"Point {number} of a formation's way would be reached after {time_s:g} s; "
+                f"{_LONGEST_S:g} s is the most. Fly a shorter way, turn less, or give a shorter "
+                "duration_s."
             )
+        keyframes.append(reached._replace(time_s=time_s))
 
-    paths = _carried(
-        names,
-        times_s=np.array(times_s),
-        centres=np.array(centres),
-        angles_rad=np.array(angles_rad),
-        offsets=np.array(offsets),
-    )
+    paths = _carried(names, keyframes)
     if any(not point.duration_s for point in points):
         factor, _ = needed_slowing(sample(paths), limits_of(fleet, names))
         factor = _SLOWING_MARGIN * max(factor, 1.0)
@@ -164,13 +145,65 @@ def frame_paths(
     return paths
 
 
-def _carried(
-    names: Sequence[str], *, times_s: Array, centres: Array, angles_rad: Array, offsets: Array
-) -> dict[str, Path]:
-    """Return the path of each vehicle in a frame that flies through K points.
+def _reached(
+    fleet: FleetConfig, begin: Begin, before: _Keyframe, point: FramePoint, *, is_assigned: bool
+) -> _Keyframe:
+    """Return the frame at a point, still with the time of the keyframe before.
 
-    The frame has centres (K, 3) and angles (K,); the vehicles have offsets (K, N, 3) in it.
+    Args:
+        fleet: the fleet file.
+        begin: the formation at the start.
+        before: the frame at the point before.
+        point: the point.
+        is_assigned: whether vehicles take the nearest slots of a new shape.
     """
+    centre_enu_m = before.centre_enu_m
+    if point.position_enu_m is not None:
+        centre_enu_m = point.position_enu_m
+    moved = before._replace(
+        centre_enu_m=centre_enu_m,
+        angle_rad=before.angle_rad + math.radians(point.turn_deg),
+    )
+    if point.name is None and point.spacing_m is None:
+        return moved
+
+    name = point.name or before.name
+    spacing_m = before.spacing_m
+    if point.spacing_m:
+        spacing_m = point.spacing_m
+    elif point.name:
+        spacing_m = None  # the new formation's own
+
+    slots = _slots(fleet, name, spacing_m, begin.leader)
+    if set(slots) != set(before.slots):
+        raise ConfigError(f"Formation '{name}' has slots for other vehicles than '{begin.name}'.")
+    slot_of = {vehicle: vehicle for vehicle in before.slots}
+    if is_assigned:
+        slot_of = nearest_slots(slots, before.slots, (0.0, 0.0, 0.0))
+    slots = {vehicle: slots[slot_of[vehicle]] for vehicle in before.slots}
+    return moved._replace(name=name, spacing_m=spacing_m, slots=slots)
+
+
+def _longest_m(before: _Keyframe, after: _Keyframe) -> float:
+    """Return an upper bound of the longest path between two keyframes.
+
+    A vehicle moves within the frame, with the frame, and around its centre.
+    """
+    offsets_m = after.offsets_m
+    within_m = np.linalg.norm(offsets_m - before.offsets_m, axis=-1)
+    with_frame_m = math.dist(before.centre_enu_m, after.centre_enu_m)
+    radius_m = np.hypot(offsets_m[:, 0], offsets_m[:, 1])
+    around_m = abs(after.angle_rad - before.angle_rad) * radius_m
+    return float((within_m + with_frame_m + around_m).max())
+
+
+def _carried(names: Sequence[str], keyframes: Sequence[_Keyframe]) -> dict[str, Path]:
+    """Return the path of each vehicle in a frame that flies through K keyframes."""
+    times_s = np.array([keyframe.time_s for keyframe in keyframes])
+    centres = np.array([keyframe.centre_enu_m for keyframe in keyframes])
+    angles_rad = np.array([keyframe.angle_rad for keyframe in keyframes])
+    offsets = np.array([keyframe.offsets_m for keyframe in keyframes])  # (K, N, 3)
+
     count = max(2, math.ceil(times_s[-1] / GRID_S) + 1)
     grid_s = np.linspace(0.0, times_s[-1], count)
     centre = _smooth(times_s, centres, grid_s)
@@ -220,10 +253,6 @@ def _slots(
 
     leader_slot = np.array(slots[leader])
     return {vehicle: _xyz(np.array(slot) - leader_slot) for vehicle, slot in slots.items()}
-
-
-def _array(slots: Mapping[str, Xyz], names: Sequence[str]) -> Array:
-    return np.array([slots[name] for name in names])
 
 
 def _xyz(point: Array) -> Xyz:
