@@ -38,7 +38,14 @@ from groundstation.missions import conditions
 from groundstation.missions.api import Fleet
 from groundstation.missions.conditions import WaitCondition
 from groundstation.missions.path_following import Lights
-from groundstation.orders.intents import GoalIntent, Goto, Intent, for_fewer, means_all
+from groundstation.orders.intents import (
+    GoalIntent,
+    Goto,
+    Hold,
+    Intent,
+    for_fewer,
+    means_all,
+)
 from groundstation.verdict.expectations import check
 from onboard.control.path import Path
 from onboard.tuples import Xyz
@@ -128,7 +135,8 @@ class StepRunner:
         fleet = self._fleet
         intent = _at_places(resolved(step, fleet.config), fleet.state)
         names = tuple(name for name in intent.names if name not in fleet.ground.left_out)
-        if means_all(step.vehicles) and not intent.brings_down:
+        is_for_lost = intent.brings_down and not isinstance(intent, Hold)
+        if means_all(step.vehicles) and not is_for_lost:
             names = fleet.ground.without_lost(names)
         if not names:
             return

@@ -451,6 +451,43 @@ async def test_an_order_whose_end_was_lost_with_the_link_does_not_stay_open(
     assert "how it ended was not heard: it is holding. Neighbour silent." in result.sentence
 
 
+@pytest.mark.parametrize(("is_armed", "phase"), [(True, "failed"), (False, "done")])
+async def test_a_landing_whose_agent_restarts_ends(
+    client: Any, bus: Any, monkeypatch: pytest.MonkeyPatch, *, is_armed: bool, phase: str
+) -> None:
+    monkeypatch.setattr(open_orders, "LOST_END_S", 0.3)
+    bus.misbehave["mav1"] = "stuck"
+    handle = await client.submit("land mav1")
+    bus.tell("mav1", order_id=handle.planned.orders["mav1"].order_id, is_armed=True)
+    await asyncio.sleep(0.5)
+    assert handle.results["mav1"].phase == "accepted"
+
+    reason = "PX4 flies without this agent."
+    bus.tell("mav1", boot_id=2, order_id="", state="failed", is_armed=is_armed, reason=reason)
+    result = (await handle.wait(5.0))["mav1"]
+    assert result.phase == phase
+    assert "was not heard" in result.sentence
+
+
+async def test_orders_that_have_ended_are_forgotten_and_some_without_an_answer_are_kept(
+    client: Any, bus: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(open_orders, "REPLY_TIMEOUT_S", 0.02)
+    monkeypatch.setattr(open_orders, "_MAX_UNANSWERED", 3)
+    bus.misbehave["mav1"] = "refuse"
+    for _ in range(10):
+        assert (await client.order("hold mav1", 5.0))["mav1"].phase == "refused"
+    await asyncio.sleep(0.05)
+    assert len(client._orders._open) == 0
+
+    bus.misbehave["mav1"] = "silent"
+    orders = [await client.submit("hold mav1") for _ in range(5)]
+    for order in orders:
+        assert (await order.wait(5.0))["mav1"].phase == "no answer"
+    await asyncio.sleep(0.05)
+    assert len(client._orders._open) == 3
+
+
 async def test_a_landing_that_takes_its_time_is_left_to_its_agent(
     fleet: FleetConfig, bus: Any
 ) -> None:
