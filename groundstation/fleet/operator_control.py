@@ -187,7 +187,6 @@ class Control:
                 f"{holder.author} was asked {waited_s:.0f} s ago. "
                 f"Wait until {SILENCE_S:.0f} s have passed without an answer."
             )
-        self._drop("asks")
         self._claim(next_term(holder.term))
         self._say(
             "warning",
@@ -279,10 +278,9 @@ class Control:
         requests = [token for token in tokens if token.claim == "asks"]
         first_request = min(requests, key=_text_of, default=None)
 
-        if self.is_waiting and first_request == self._own_tokens["asks"]:
-            self._drop("asks")
-            self._claim(_FIRST_TERM)
-        elif self._takes_control and is_settled and first_request is None:
+        is_first = self.is_waiting and first_request == self._own_tokens["asks"]
+        takes_unasked = self._takes_control and is_settled and first_request is None
+        if is_first or takes_unasked:
             self._claim(_FIRST_TERM)
 
     def _announce(self) -> None:
@@ -305,7 +303,8 @@ class Control:
     # -- own tokens --------------------------------------------------------------------------------
 
     def _claim(self, term: int) -> None:
-        """Claim control; the vehicles' telemetry shows whether it is granted."""
+        """Claim control, and ask for it no more; telemetry shows whether it is granted."""
+        self._drop("asks")
         self._takes_control = True
         self._hold(self._token("operator", term, self._bus.node))
         self._wait_begin_ns = self._clock_ns()

@@ -213,6 +213,14 @@ def test_a_crash_of_the_operator_frees_control_and_nobody_takes_it_unasked(pair:
     assert pair.bob.control.is_operator
 
 
+def test_a_ground_that_takes_free_control_while_it_asks_asks_no_more(pair: Pair) -> None:
+    pair.bob.control.take()
+    assert pair.bob.control.is_waiting
+    pair.bob.control.holder = None  # alice has just gone, and bob's request is not yet granted
+    assert pair.bob.control.take() == "You take control."
+    assert not pair.bob.control.is_waiting
+
+
 def test_who_only_watches_does_not_take_control_of_a_free_fleet(pair: Pair) -> None:
     pair.flight.wait_for(pair.alice.stop())
     carol = pair.ground("ground-3", "carol", operates=False)
