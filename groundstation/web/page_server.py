@@ -189,8 +189,8 @@ class PageServer:
             return socket
 
         assert self._feed is not None
-        self._sockets.add(socket)
         page = self._feed.open()
+        self._sockets.add(socket)
         sending = asyncio.create_task(page.send_all(socket.send_str))
         sending.add_done_callback(lambda task: _close_after(task, socket))
         try:
@@ -206,14 +206,13 @@ class PageServer:
     @web.middleware
     async def _admit(self, request: web.Request, handler: Handler) -> web.StreamResponse:
         """Refuse foreign host names, scripts of other pages, and requests without the key."""
-        name = urlsplit(f"//{request.host}").hostname or ""
-        if not is_loopback(name):
+        if not is_loopback(_host_name(request.host)):
             raise web.HTTPForbidden(
                 text="This page is served to this machine only: open it at 127.0.0.1 or localhost."
             )
 
         origin = request.headers.get("Origin")
-        if origin is not None and urlsplit(origin).netloc != request.host:
+        if origin is not None and not _is_of_host(origin, request.host):
             raise web.HTTPForbidden(text="This page takes nothing from other pages.")
 
         key, _, _ = request.path.lstrip("/").partition("/")
@@ -229,6 +228,22 @@ class PageServer:
             for header, value in _HEADERS.items():
                 response.headers[header] = value.format(host=request.host)
         return response
+
+
+def _host_name(host: str) -> str:
+    """Return the name in a Host header, without its port; empty if there is none."""
+    try:
+        return urlsplit(f"//{host}").hostname or ""
+    except ValueError:
+        return ""
+
+
+def _is_of_host(origin: str, host: str) -> bool:
+    """Return whether an Origin header names a page of this host."""
+    try:
+        return urlsplit(origin).netloc == host
+    except ValueError:
+        return False
 
 
 def _close_after(task: asyncio.Task[None], socket: web.WebSocketResponse) -> None:
@@ -258,7 +273,8 @@ async def obey(text: str, cards: OrderCards) -> None:
 
     match dict(values):
         case {"do": "order", "text": str(order)} if len(order) <= MAX_ORDER_CHARACTERS:
-            await cards.take(order)
+            # half of a pair of surrogates cannot be sent back to the pages
+            await cards.take(order.encode("utf-8", "replace").decode("utf-8"))
         case {"do": "urgent", "verb": str(verb)}:
             cards.urgent(verb)
         case {"do": "stop_countdown"}:

@@ -501,12 +501,37 @@ async def test_names_and_sentences_with_markup_arrive_as_they_are_written(operat
         assert "insertAdjacentHTML" not in script
 
 
+async def test_half_a_letter_in_an_order_closes_neither_this_page_nor_later_ones(
+    operated: Served,
+) -> None:
+    async with opened(operated) as socket:
+        await heard(socket, is_operator)
+        await socket.send_str('{"do": "order", "text": "fly \\ud83d"}')
+        await heard(socket, card("fly ?", "refused"))
+        async with opened(operated) as later:
+            await heard(later, card("fly ?", "refused"))
+
+
+async def test_a_page_that_cannot_be_opened_takes_no_place(
+    watched: Served, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def fail() -> None:
+        raise RuntimeError
+
+    monkeypatch.setattr(watched.feed, "open", fail)
+    async with opened(watched) as socket:
+        assert (await socket.receive()).type is not aiohttp.WSMsgType.TEXT
+    assert not watched.server._sockets
+
+
 @pytest.mark.parametrize(
     "headers",
     [
         {"Host": "evil.example"},
         {"Origin": "http://evil.example"},
         {"Origin": "null"},
+        {"Host": "[::1"},
+        {"Origin": "http://[x"},
     ],
 )
 async def test_other_sites_in_the_same_browser_are_refused(
