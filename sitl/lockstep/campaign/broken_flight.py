@@ -51,6 +51,7 @@ class BrokenFlight(NamedTuple):
     # smallest distance [m] of pairs in which no vehicle, one, or both are silenced
     smallest_m: tuple[float, float, float]
     verdict: Verdict
+    is_injected: bool  # whether the flight has reached the time of the fault
 
 
 def wind_of(mean_enu_m_s: tuple[float, float]) -> WindSettings:
@@ -109,6 +110,9 @@ def fly_broken(
         folder: the folder of the record; None records nothing.
         action_of: returns what a vehicle has to do; by default what the failsafe table says.
         watch: called with the flight before it begins.
+
+    Raises:
+        KeyboardInterrupt: Ctrl-C has ended the mission.
     """
     injection = breaking.injection
     if breaking.second is not None:
@@ -144,6 +148,8 @@ def fly_broken(
 
         # the mission, and then the landing of all vehicles that still fly
         verdict = flight.fly(mission)
+        if verdict.is_interrupted:  # the mission has landed the vehicles and returned
+            raise KeyboardInterrupt
 
         # a second after all cuts of the bus have ended, every vehicle receives the order to land
         flight.bus.heal()
@@ -174,6 +180,7 @@ def fly_broken(
         seen=seen,
         smallest_m=(free_m, one_silenced_m, both_silenced_m),
         verdict=verdict,
+        is_injected=judge.is_injected,
     )
 
 

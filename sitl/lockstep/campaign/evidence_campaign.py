@@ -260,7 +260,11 @@ def _mission(fleet_path: str, mission_path: str) -> Mission:
 
 
 def fly_case(fleet_path: str, mission_path: str, case: FlightCase) -> FlownCase:
-    """Fly one case; an exception becomes a sentence of ``wrong``, and the campaign goes on."""
+    """Fly one case; an exception becomes a sentence of ``wrong``, and the campaign goes on.
+
+    Raises:
+        KeyboardInterrupt: Ctrl-C has ended the flight, which is not kept.
+    """
     mission = _mission(fleet_path, mission_path)
     injection = _NOTHING
     at_s = _NEVER_S
@@ -293,6 +297,8 @@ def fly_case(fleet_path: str, mission_path: str, case: FlightCase) -> FlownCase:
         smallest_m = flown.smallest_m
         if case.fault == NOTHING and not flown.verdict.passed:
             wrong.append(flown.verdict.sentences[-1])
+        if case.fault != NOTHING and not flown.is_injected:
+            wrong.append(f"the fault at {at_s:g} s was not injected: the flight ended before it")
 
     free_m, one_silenced_m, _ = smallest_m
     first_airborne_s = 0.0

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import signal
 import threading
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
@@ -30,6 +31,7 @@ from sitl.lockstep.campaign.evidence_campaign import (
     refuse_strong_wind,
     undisturbed_cases,
 )
+from sitl.lockstep.campaign.extent import Extent
 from sitl.lockstep.campaign.judge import Judge
 from sitl.lockstep.flight import Lockstep
 from tests.groundstation.evidence.campaigns import flown
@@ -174,6 +176,33 @@ def test_a_flight_that_cannot_begin_is_wrong_with_its_error(
     flight = evidence_campaign.fly_case(hop.fleet_path, hop.mission_path, case)
     assert flight.wrong == ("ends with ZeroDivisionError: in the constructor",)
     assert not flight.took_off
+
+
+@pytest.fixture
+def idle(tmp_path: Path) -> str:
+    """Path of a mission that ends as soon as its vehicles are ready."""
+    mission = tmp_path / "idle.py"
+    mission.write_text("async def mission(fleet):\n    pass\n", encoding="utf-8")
+    return str(mission)
+
+
+def test_a_flight_whose_fault_was_never_injected_is_wrong(idle: str) -> None:
+    case = FlightCase(fault=FAULT, round=0, victim="mav0", at_s=90.5)
+    flight = evidence_campaign.fly_case("paper", idle, case)
+    assert flight.wrong == ("the fault at 90.5 s was not injected: the flight ended before it",)
+
+
+def test_ctrl_c_ends_the_campaign_and_keeps_no_flight_that_is_not_whole(
+    idle: str, hop: Campaign, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def interrupt_soon(_extent: Extent, flight: Lockstep) -> None:
+        flight.at(0.5, lambda: signal.raise_signal(signal.SIGINT))
+
+    monkeypatch.setattr(Extent, "watch", interrupt_soon)
+    kept = KeptFlights(tmp_path / "flights.jsonl", {"of": "a test"})
+    with pytest.raises(KeyboardInterrupt):
+        fly_campaign(hop._replace(mission_path=idle), kept, jobs=1, say=print)
+    assert kept.flown == {}
 
 
 def test_a_flight_behind_a_slow_one_is_kept_at_once_and_reported_in_its_turn(
