@@ -5,8 +5,9 @@ Examples:
   covey incident flights/first --before 8
   covey incident flights/first --quick
 
-A flight in lockstep is flown again several times, each time with one change; each takes
-some seconds. Other flights cannot be flown again: for them only the account is given.
+A flight in lockstep is flown again unchanged, and then several times, each time with one
+change; each takes some seconds. Other flights cannot be flown again: for them only the
+account is given.
 
 Exit status: 0; 2 when there is no record to open.
 """
@@ -34,6 +35,7 @@ from onboard.exit_status import EXIT_OK
 from onboard.plain_text import plain_line
 
 _LONGEST_S = 600.0
+_UNCHANGED = Candidate(kind="cause", what="unchanged", changes=())
 
 
 def incident(
@@ -87,7 +89,11 @@ def _seconds(stamp_ns: int, begin_ns: int) -> str:
 
 
 def _print_what_would_have_helped(folder: Path, config: FleetConfig) -> None:
-    """Fly the flight again with each candidate, and print the results and the findings."""
+    """Fly the flight again with each candidate, and print the results and the findings.
+
+    A flight may have failed for a reason that no flight repeats, as a full disk or Ctrl-C. With it
+    every candidate would pass. Therefore the flight is flown again unchanged first.
+    """
     print()
     try:
         flown = open_recorded(folder)
@@ -95,18 +101,35 @@ def _print_what_would_have_helped(folder: Path, config: FleetConfig) -> None:
         print(f"It cannot be flown again with one thing changed. {error}")
         return
 
+    promise_m = config.fleet.safety_distance_m
+    print("Flying it again unchanged: ", end="", flush=True)
+    unchanged = _trial(flown, _UNCHANGED)
+    print(_shown(unchanged), flush=True)
+    if unchanged.failure:
+        return
+    if unchanged.passes(promise_m):
+        print(
+            "Unchanged it passes, so no change can show a cause. What failed was the record, or the"
+            " flight was interrupted, or another version of Covey flew it."
+        )
+        return
+
     count = len(candidates_of(flown.origin))
     print(f"Flying it again with one thing changed, {count} times:", flush=True)
     trials = []
     for number, trial in enumerate(trials_of(flown), start=1):
         trials.append(trial)
-        shown = trial.failure or f"{trial.min_separation_m:.2f} m"
-        print(f"  {number} of {count}: {trial.candidate.what}: {shown}", flush=True)
+        print(f"  {number} of {count}: {trial.candidate.what}: {_shown(trial)}", flush=True)
 
     print()
-    findings = findings_of(trials, config.fleet.safety_distance_m)
+    findings = findings_of(trials, promise_m)
     for line in sentences(findings):
         print(plain_line(line))
+
+
+def _shown(trial: Trial) -> str:
+    """Return the outcome of a flight for its line of progress."""
+    return trial.failure or f"{trial.min_separation_m:.2f} m"
 
 
 def trials_of(flown: RecordedFlight) -> Iterator[Trial]:

@@ -67,11 +67,13 @@ def sentences(findings: Findings) -> list[str]:
         lines.append(
             f"{number}. The flight would have passed {trial.candidate.what}: {_distance(trial)}."
         )
-    if not findings.causes:
+    if not findings.causes and _is_any_cause_flown(findings.others):
         lines.append(
             "No single thing of this flight is the cause: whichever was taken away, it did not"
             " pass."
         )
+    elif not findings.causes:
+        lines.append("No cause was named: nothing unusual of this flight could be taken away.")
 
     for trial in findings.defences:
         lines.append(f"It would have passed also by {trial.candidate.what}: {_distance(trial)}.")
@@ -82,6 +84,10 @@ def sentences(findings: Findings) -> list[str]:
         else:
             lines.append(f"It would not have helped {_other_way(trial)}: {_distance(trial)}.")
     return lines
+
+
+def _is_any_cause_flown(trials: Sequence[Trial]) -> bool:
+    return any(trial.candidate.kind == "cause" and not trial.failure for trial in trials)
 
 
 def _other_way(trial: Trial) -> str:

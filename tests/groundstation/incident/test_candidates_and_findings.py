@@ -127,3 +127,11 @@ def test_the_cause_whose_absence_leaves_the_most_room_comes_first() -> None:
 
 def test_where_nothing_helps_it_is_said() -> None:
     assert "No single thing" in sentences(findings_of([trial("without the fault", 0.5)], 0.8))[0]
+
+
+def test_where_there_was_nothing_to_take_away_it_is_said() -> None:
+    margin = trial("0.2 m more margin", 0.5, kind="defence")
+    not_flown = trial("without the fault", 0.0)._replace(failure="The fleet file is wrong.")
+    for trials in ([margin], [margin, not_flown]):
+        told = sentences(findings_of(trials, 0.8))
+        assert told[0].endswith("nothing unusual of this flight could be taken away.")

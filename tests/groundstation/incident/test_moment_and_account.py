@@ -85,6 +85,25 @@ def test_the_cause_is_named_with_the_distance_that_would_have_been_kept(
     assert "1. The flight would have passed with Covey's law in place of 'off'" in told
 
 
+def test_a_flight_that_passes_unchanged_has_no_cause(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Its record has failed, for instance, which no second flight repeats."""
+    mission = tmp_path / "idle.py"
+    mission.write_text('FLEET = "paper"\n\n\nasync def mission(fleet):\n    pass\n')
+    folder = tmp_path / "flight"
+    words = ["fly", str(mission), "--lockstep", "--wind-m-s", "1,0", "--record", str(folder)]
+    assert main(words) == 0
+    verdict = folder / "verdict.json"
+    verdict.write_text(verdict.read_text().replace('"passed": true', '"passed": false'))
+    capsys.readouterr()
+
+    assert main(["incident", str(folder)]) == 0
+    told = capsys.readouterr().out
+    assert "Unchanged it passes, so no change can show a cause." in told
+    assert "calm air" not in told
+
+
 @pytest.mark.long
 def test_a_flight_that_passed_is_not_flown_again(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
