@@ -9,7 +9,7 @@ A flight in lockstep is flown again unchanged, and then several times, each time
 change; each takes some seconds. Other flights cannot be flown again: for them only the
 account is given.
 
-Exit status: 0; 2 when there is no record to open.
+Exit status: 0; 2 when there is no record to open; 130 interrupted.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from groundstation.commands.parameters import Seconds
 from groundstation.flights.recorded_flight import RecordedFlight, open_recorded
 from groundstation.incident.account import account_of
 from groundstation.incident.candidates import Candidate, candidates_of
-from groundstation.incident.findings import Trial, findings_of, sentences
+from groundstation.incident.findings import Trial, distance_words, findings_of, sentences
 from groundstation.incident.moment import find_moment
 from groundstation.recording.reader import record_path
 from groundstation.recording.record_list import written_verdict
@@ -104,7 +104,7 @@ def _print_what_would_have_helped(folder: Path, config: FleetConfig) -> None:
     promise_m = config.fleet.safety_distance_m
     print("Flying it again unchanged: ", end="", flush=True)
     unchanged = _trial(flown, _UNCHANGED)
-    print(_shown(unchanged), flush=True)
+    print(unchanged.failure or distance_words(unchanged), flush=True)
     if unchanged.failure:
         return
     if unchanged.passes(promise_m):
@@ -119,17 +119,13 @@ def _print_what_would_have_helped(folder: Path, config: FleetConfig) -> None:
     trials = []
     for number, trial in enumerate(trials_of(flown), start=1):
         trials.append(trial)
-        print(f"  {number} of {count}: {trial.candidate.what}: {_shown(trial)}", flush=True)
+        shown = trial.failure or distance_words(trial)
+        print(f"  {number} of {count}: {trial.candidate.what}: {shown}", flush=True)
 
     print()
     findings = findings_of(trials, promise_m)
     for line in sentences(findings):
         print(plain_line(line))
-
-
-def _shown(trial: Trial) -> str:
-    """Return the outcome of a flight for its line of progress."""
-    return trial.failure or f"{trial.min_separation_m:.2f} m"
 
 
 def trials_of(flown: RecordedFlight) -> Iterator[Trial]:
@@ -139,7 +135,11 @@ def trials_of(flown: RecordedFlight) -> Iterator[Trial]:
 
 
 def _trial(flown: RecordedFlight, candidate: Candidate) -> Trial:
-    """Fly a recorded flight again with a candidate's changes; return the result."""
+    """Fly a recorded flight again with a candidate's changes; return the result.
+
+    Raises:
+        KeyboardInterrupt: Ctrl-C has ended the flight.
+    """
     # Imported here: an account does not need the simulation.
     from sitl.lockstep.reflight import fly_again
 
@@ -149,6 +149,8 @@ def _trial(flown: RecordedFlight, candidate: Candidate) -> Trial:
         return Trial(
             candidate=candidate, min_separation_m=0.0, has_passed=False, failure=str(error)
         )
+    if reflown.verdict.is_interrupted:  # the mission has landed the vehicles and returned
+        raise KeyboardInterrupt
     return Trial(
         candidate=candidate,
         min_separation_m=reflown.min_separation_m,

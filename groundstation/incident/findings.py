@@ -64,9 +64,8 @@ def sentences(findings: Findings) -> list[str]:
     lines = []
 
     for number, trial in enumerate(findings.causes, start=1):
-        lines.append(
-            f"{number}. The flight would have passed {trial.candidate.what}: {_distance(trial)}."
-        )
+        what = trial.candidate.what
+        lines.append(f"{number}. The flight would have passed {what}: {distance_words(trial)}.")
     if not findings.causes and _is_any_cause_flown(findings.others):
         lines.append(
             "No single thing of this flight is the cause: whichever was taken away, it did not"
@@ -76,14 +75,25 @@ def sentences(findings: Findings) -> list[str]:
         lines.append("No cause was named: nothing unusual of this flight could be taken away.")
 
     for trial in findings.defences:
-        lines.append(f"It would have passed also by {trial.candidate.what}: {_distance(trial)}.")
+        what = trial.candidate.what
+        lines.append(f"It would have passed also by {what}: {distance_words(trial)}.")
 
     for trial in findings.others:
         if trial.failure:
             lines.append(f"Not flown {trial.candidate.what}: {trial.failure}")
         else:
-            lines.append(f"It would not have helped {_other_way(trial)}: {_distance(trial)}.")
+            lines.append(f"It would not have helped {_other_way(trial)}: {distance_words(trial)}.")
     return lines
+
+
+def distance_words(trial: Trial) -> str:
+    """Return the smallest distance of a flight in words, and whether its mission came true."""
+    if math.isinf(trial.min_separation_m):
+        return "no two vehicles were in the air"
+    words = f"smallest distance {trial.min_separation_m:.2f} m"
+    if not trial.has_passed:
+        words += ", but the mission did not come true"
+    return words
 
 
 def _is_any_cause_flown(trials: Sequence[Trial]) -> bool:
@@ -96,12 +106,3 @@ def _other_way(trial: Trial) -> str:
     if trial.candidate.kind == "defence":
         return f"to have {what}"
     return f"to fly {what}"
-
-
-def _distance(trial: Trial) -> str:
-    if math.isinf(trial.min_separation_m):
-        return "no two vehicles were in the air"
-    words = f"smallest distance {trial.min_separation_m:.2f} m"
-    if not trial.has_passed:
-        words += ", but the mission did not come true"
-    return words

@@ -85,10 +85,9 @@ def test_the_cause_is_named_with_the_distance_that_would_have_been_kept(
     assert "1. The flight would have passed with Covey's law in place of 'off'" in told
 
 
-def test_a_flight_that_passes_unchanged_has_no_cause(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    """Its record has failed, for instance, which no second flight repeats."""
+@pytest.fixture
+def said_to_have_failed(tmp_path: Path) -> Path:
+    """The folder of a flight in wind, in which nobody takes off, and whose record has failed."""
     mission = tmp_path / "idle.py"
     mission.write_text('FLEET = "paper"\n\n\nasync def mission(fleet):\n    pass\n')
     folder = tmp_path / "flight"
@@ -96,12 +95,36 @@ def test_a_flight_that_passes_unchanged_has_no_cause(
     assert main(words) == 0
     verdict = folder / "verdict.json"
     verdict.write_text(verdict.read_text().replace('"passed": true', '"passed": false'))
-    capsys.readouterr()
+    return folder
 
-    assert main(["incident", str(folder)]) == 0
+
+def test_a_flight_that_passes_unchanged_has_no_cause(
+    said_to_have_failed: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    capsys.readouterr()
+    assert main(["incident", str(said_to_have_failed)]) == 0
     told = capsys.readouterr().out
+    assert "Flying it again unchanged: no two vehicles were in the air\n" in told
     assert "Unchanged it passes, so no change can show a cause." in told
     assert "calm air" not in told
+
+
+def test_ctrl_c_ends_the_flights_that_explain_an_incident(
+    said_to_have_failed: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    interrupted = """\
+import asyncio
+import signal
+
+
+async def mission(fleet):
+    signal.raise_signal(signal.SIGINT)
+    await asyncio.sleep(1.0)
+"""
+    (said_to_have_failed / "mission.py").write_text(interrupted)
+    capsys.readouterr()
+    assert main(["incident", str(said_to_have_failed)]) == 130
+    assert "with one thing changed" not in capsys.readouterr().out
 
 
 @pytest.mark.long
