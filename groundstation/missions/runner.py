@@ -81,6 +81,7 @@ class MissionRun:
         ready_timeout_s: longest wait for the vehicles before the first step [s].
         stays: whether this process keeps running after somebody has taken the fleet from the
             mission, until the fleet is down.
+        longest_stay_s: longest time for which it does; None: no limit.
         at: wall-clock time at which it begins; None: when the vehicles are ready.
     """
 
@@ -92,6 +93,7 @@ class MissionRun:
         say: Callable[[str], None] = lambda line: None,
         ready_timeout_s: float = 60.0,
         stays: bool = False,
+        longest_stay_s: float | None = None,
         at: WallTime | None = None,
     ) -> None:
         self.mission = mission
@@ -104,6 +106,7 @@ class MissionRun:
         self._steps_end = asyncio.Event()  # set when they are over, or not waited for any more
         self._reaction: asyncio.Task[None] | None = None  # does what the mission declares
         self._stays = stays
+        self._longest_stay_s = longest_stay_s
         self._at = at
         self._staying: asyncio.Task[None] | None = None  # waits until a taken fleet is down
         self._abort_reason: str | None = None  # sentence of whoever called `abort`
@@ -504,7 +507,8 @@ class MissionRun:
     async def _leave_to(self, taken: Taken) -> None:
         """Leave the fleet to whoever has taken it.
 
-        If `stays` is set, wait until the fleet is down; an interruption lands all vehicles.
+        If `stays` is set, wait until the fleet is down, or for the longest stay; an interruption
+        lands all vehicles.
         """
         self._observations.failure = taken.sentence
         self._observations.is_left_flying = True
@@ -517,11 +521,17 @@ class MissionRun:
         staying = stay(self.client, taken, self._observations.begin_ns, self.fleet.say)
         self._staying = asyncio.create_task(staying)
         try:
-            await asyncio.wait({self._staying})
+            _, waiting = await asyncio.wait({self._staying}, timeout=self._longest_stay_s)
         except asyncio.CancelledError:
             self.interrupt()
         if self._observations.is_interrupted:
             await self._land_interrupted()
+        elif waiting:
+            self._staying.cancel()
+            self.fleet.say(
+                f"{taken.by} has had the fleet for {self._longest_stay_s:g} s, and is not waited"
+                " for any longer."
+            )
 
     async def _bring_down_after_a_stop(self) -> None:
         """Land all after an interruption, or after a reason from outside."""

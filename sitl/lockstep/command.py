@@ -13,7 +13,7 @@ from groundstation.missions.lasting_output import lasting_output
 from onboard.bus.schema import Event
 from onboard.plain_text import listed
 from sitl.lockstep.reflight import record_digests
-from sitl.lockstep.simulated_flight import never_happened, open_flight
+from sitl.lockstep.simulated_flight import longest_stay_s, never_happened, open_flight
 
 
 @lasting_output()
@@ -53,7 +53,7 @@ def fly_mission(mission: Mission, folder: Path, simulation: SimulationSettings) 
             signal.SIGTERM, lambda *_: signal.raise_signal(signal.SIGINT)
         )
         try:
-            verdict = flight.fly(mission)
+            verdict = flight.fly(mission, stays=True, longest_stay_s=longest_stay_s(simulation))
         finally:
             signal.signal(signal.SIGTERM, previous_handler)
 

@@ -267,7 +267,12 @@ class Lockstep:
         return self.wait_for(self.fleet.land(vehicles))
 
     def fly(
-        self, mission: Mission | str | Path, *, stays: bool = False, **arguments: object
+        self,
+        mission: Mission | str | Path,
+        *,
+        stays: bool = False,
+        longest_stay_s: float | None = None,
+        **arguments: object,
     ) -> Verdict:
         """Fly a mission from the first step to the verdict, and finish the record if there is one.
 
@@ -275,6 +280,7 @@ class Lockstep:
             mission: the mission or its file.
             stays: whether the run continues, as in ``covey fly``, after an operator has taken the
                 fleet from the mission.
+            longest_stay_s: longest time for which it does; None: no limit.
             arguments: arguments of a Python mission.
         """
         if not isinstance(mission, Mission):
@@ -282,15 +288,16 @@ class Lockstep:
         if arguments:
             texts = {name: str(value) for name, value in arguments.items()}
             mission = replace(mission, arguments=texts)
-        return self.wait_for(self._fly(mission, stays=stays))
+        return self.wait_for(self._fly(mission, stays=stays, longest_stay_s=longest_stay_s))
 
-    async def _fly(self, mission: Mission, *, stays: bool) -> Verdict:
+    async def _fly(self, mission: Mission, *, stays: bool, longest_stay_s: float | None) -> Verdict:
         run = MissionRun(
             mission,
             self.client,
             say=self._say_as_event,
             ready_timeout_s=READY_TIMEOUT_SIM_S,
             stays=stays,
+            longest_stay_s=longest_stay_s,
         )
         self.run_under_way = run
         self.fleet = run.fleet

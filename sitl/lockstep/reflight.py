@@ -32,7 +32,7 @@ from groundstation.recording.timeline import Timeline
 from groundstation.verdict.verdict import Verdict
 from onboard.config.fleet import ConfigError
 from sitl.lockstep.flight import Lockstep
-from sitl.lockstep.simulated_flight import never_happened, open_flight
+from sitl.lockstep.simulated_flight import longest_stay_s, never_happened, open_flight
 from sitl.lockstep.state_digest import DIGEST_EVERY_S, digest
 
 Say = Callable[[str], None]
@@ -130,7 +130,7 @@ def fly_again(
         comparison = _Comparison(flight, flown.digests, folder)
         if resume_at_s is not None:
             flight.at(resume_at_s, lambda: _refuse_another_flight(comparison, resume_at_s))
-        verdict = flight.fly(mission)
+        verdict = flight.fly(mission, stays=True, longest_stay_s=longest_stay_s(origin.settings))
         if resume_at_s is not None and flight.time_s < resume_at_s:
             raise AnotherFlightError(flight.time_s)
 

@@ -31,6 +31,7 @@ OTHER_AUTHOR = "another operator"
 
 # longest time that the second ground waits for telemetry of all vehicles before it gives its order
 _HEARS_ALL_S = 2.0
+_LANDING_S = 60.0  # longer than a landing takes
 
 
 def open_flight(
@@ -107,6 +108,18 @@ def _plan(flight: Lockstep, settings: SimulationSettings) -> None:
         at_s, change = timed_change(line)
         apply = _prepared_change(flight, change)
         flight.at(at_s, apply)
+
+
+def longest_stay_s(settings: SimulationSettings) -> float:
+    """Return how long a flight goes on at most after an order has taken the fleet from its mission.
+
+    Nobody gives an order that is not planned, so that after the last one vehicles land or hold.
+
+    Args:
+        settings: settings of the flight.
+    """
+    last_order_s = max((timed_order(line).at_s for line in settings.orders), default=0.0)
+    return last_order_s + _LANDING_S
 
 
 def never_happened(settings: SimulationSettings, end_s: float) -> list[str]:

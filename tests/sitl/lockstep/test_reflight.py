@@ -124,7 +124,7 @@ def test_an_order_of_another_ground_that_is_refused_is_told(
 
 def test_an_order_of_another_ground_comes_at_its_time(flown: Path) -> None:
     reflown = fly_again(
-        open_recorded(flown), resume_at_s=6.0, changes=[parse_change("order=kill mav1")]
+        open_recorded(flown), resume_at_s=6.0, changes=[parse_change("order=land all")]
     )
     assert reflown.equal_until_s == 6.0
     assert not reflown.verdict.passed

@@ -1,9 +1,58 @@
-"""Settings of a simulated flight that its end came before."""
+"""Simulated flights: orders that take the fleet, and settings that came after the end."""
 
 from __future__ import annotations
 
+from pathlib import Path
+
+from groundstation.cli import main
+from groundstation.flights.recorded_flight import open_recorded
 from groundstation.flights.simulation_settings import SimulationSettings
-from sitl.lockstep.simulated_flight import never_happened
+from groundstation.mission_files.mission import Mission
+from groundstation.recording.record_list import written_verdict
+from sitl.lockstep.reflight import fly_again
+from sitl.lockstep.simulated_flight import longest_stay_s, never_happened, open_flight
+
+_LANDED = {"mav0": True, "mav1": True, "mav2": True}
+_HOVER = """\
+schema = 1
+fleet = "paper"
+
+[[step]]
+do = "takeoff"
+height_m = 0.5
+
+[[step]]
+do = "wait"
+duration_s = 9.0
+"""
+
+
+def test_a_flight_goes_on_after_an_order_that_takes_the_fleet_until_all_are_down(
+    tmp_path: Path,
+) -> None:
+    mission = tmp_path / "hover.toml"
+    mission.write_text(_HOVER)
+    folder = tmp_path / "flight"
+    words = ["fly", str(mission), "--lockstep", "--record", str(folder)]
+    assert main([*words, "--order", "6 hold all", "--order", "7 land all"]) == 1
+    assert written_verdict(folder)["landed"] == _LANDED
+
+    reflown = fly_again(open_recorded(folder))
+    assert reflown.verdict.landed == _LANDED
+
+
+def test_a_flight_whose_vehicles_hold_for_ever_ends(hop: Mission) -> None:
+    said: list[str] = []
+    settings = SimulationSettings(orders=("6 hold all",))
+    with open_flight(hop.fleet, settings, None, say=said.append) as flight:
+        verdict = flight.fly(hop, stays=True, longest_stay_s=1.0)
+    assert not any(verdict.landed.values())
+    assert said[-1].endswith("has had the fleet for 1 s, and is not waited for any longer.")
+
+
+def test_a_flight_stays_for_longer_than_its_last_order_takes() -> None:
+    assert longest_stay_s(SimulationSettings()) == 60.0
+    assert longest_stay_s(SimulationSettings(orders=("40.5 land all", "3 hold all"))) == 100.5
 
 
 def test_what_was_planned_for_after_the_end_is_said() -> None:
