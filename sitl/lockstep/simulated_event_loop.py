@@ -15,6 +15,9 @@ from typing import Any
 # The loop raises an error after this simulated time without a callback. No flight waits that long,
 # so a coroutine must be waiting for something that never happens.
 _LONGEST_WAIT_S = 3600.0
+# A coroutine that polls with ``asyncio.sleep(0)`` waits for no time. After this number of rounds of
+# the loop without a step of the simulation, it advances by one; nothing else takes as many.
+_MOST_ROUNDS = 1000
 
 
 class StalledError(RuntimeError):
@@ -35,6 +38,7 @@ class VirtualLoop(asyncio.BaseEventLoop):
         self._advance = advance
         self._is_woken = False
         self._stands_until_s = 0.0
+        self._rounds = 0  # since the last step of the simulation
         self._selector = self  # BaseEventLoop asks its selector to wait until something happens
 
     def time(self) -> float:
@@ -46,11 +50,21 @@ class VirtualLoop(asyncio.BaseEventLoop):
         self._stands_until_s = max(self._stands_until_s, self.time() + duration_s)
 
     def select(self, timeout_s: float | None) -> list[Any]:
-        """Advance the simulation until a timer is due or a step of it has scheduled a callback."""
+        """Advance the simulation until a timer is due or a step of it has scheduled a callback.
+
+        While callbacks are due, it advances only after many rounds of them.
+        """
+        before_ns = self._now_ns()
+        self._rounds += 1
         if timeout_s is None or timeout_s > 0.0:
             self._wait(timeout_s)
+        elif self._rounds > _MOST_ROUNDS:
+            self._advance()
+
         while self.time() < self._stands_until_s:
             self._advance()
+        if self._now_ns() > before_ns:
+            self._rounds = 0
         return []
 
     def _wait(self, timeout_s: float | None) -> None:
