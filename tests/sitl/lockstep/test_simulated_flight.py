@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
+import signal
+from collections.abc import Iterator
 from pathlib import Path
+
+import pytest
 
 from groundstation.cli import main
 from groundstation.flights.recorded_flight import open_recorded
 from groundstation.flights.simulation_settings import SimulationSettings
 from groundstation.mission_files.mission import Mission
 from groundstation.recording.record_list import written_verdict
+from sitl.lockstep import command
 from sitl.lockstep.reflight import fly_again
 from sitl.lockstep.simulated_flight import longest_stay_s, never_happened, open_flight
 
@@ -53,6 +58,47 @@ def test_a_flight_whose_vehicles_hold_for_ever_ends(hop: Mission) -> None:
 def test_a_flight_stays_for_longer_than_its_last_order_takes() -> None:
     assert longest_stay_s(SimulationSettings()) == 60.0
     assert longest_stay_s(SimulationSettings(orders=("40.5 land all", "3 hold all"))) == 100.5
+
+
+_INTERRUPTED = """\
+import asyncio
+import signal
+
+FLEET = "paper"
+
+
+async def mission(fleet):
+    signal.raise_signal(signal.SIGHUP)
+    await asyncio.sleep(1.0)
+"""
+
+
+@pytest.fixture
+def ignored() -> Iterator[None]:
+    """SIGTERM and SIGHUP do nothing, unless a flight handles them: they would end the tests."""
+    numbers = (signal.SIGTERM, signal.SIGHUP)
+    before = {number: signal.signal(number, lambda *_: None) for number in numbers}
+    yield
+    for number, handler in before.items():
+        signal.signal(number, handler)
+
+
+def test_a_closed_terminal_lands_a_flight_as_ctrl_c_does(ignored: None, tmp_path: Path) -> None:
+    mission = tmp_path / "interrupted.py"
+    mission.write_text(_INTERRUPTED)
+    folder = tmp_path / "flight"
+    assert main(["fly", str(mission), "--lockstep", "--record", str(folder)]) == 130
+    assert written_verdict(folder)["summary"].startswith("INTERRUPTED: ")
+
+
+def test_a_flight_that_is_ended_while_it_starts_ends_as_by_ctrl_c(
+    ignored: None, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def end(*_: object) -> None:
+        signal.raise_signal(signal.SIGTERM)
+
+    monkeypatch.setattr(command, "open_flight", end)
+    assert main(["fly", "paper", "--lockstep", "--record", str(tmp_path / "flight")]) == 130
 
 
 def test_what_was_planned_for_after_the_end_is_said() -> None:
