@@ -6,6 +6,9 @@ at 5 Hz; battery at 2 Hz; armed and mode once a second, with the heartbeat. Ever
 ``delay_s``, in both directions. Commands return nothing. Only later reports from PX4 show their
 effect.
 
+PX4's ground link carries only the ground's direct commands and their answers, as calls. Without
+faults they arrive at once.
+
 Packing and unpacking bytes would take longer than the rest of the flight. The tests of the emulator
 and of the real link cover it.
 """
@@ -86,8 +89,15 @@ class _Ends(NamedTuple):
     down: LossyChannel[bytes]  # to the agent
 
 
+class _GroundWires(NamedTuple):
+    """The two channels of a ground link, which carry calls."""
+
+    up: LossyChannel[bytes]  # to PX4
+    down: LossyChannel[bytes]  # to the ground
+
+
 class LinkBank:
-    """The links of all vehicles; the emulator's faults of the companion link act on them.
+    """The links of all vehicles; the emulator's faults of both links act on them.
 
     Args:
         emulator: the emulator with all PX4s.
@@ -126,6 +136,10 @@ class LinkBank:
             _Ends(link, channels["companion", "in"], channels["companion", "out"])
             for link, channels in zip(self.links, emulator.disturbances.wires, strict=True)
         ]
+        self._ground_wires = [
+            _GroundWires(channels["ground", "in"], channels["ground", "out"])
+            for channels in emulator.disturbances.wires
+        ]
 
         # messages on their way, each with the physics step at which it arrives: calls to the PX4 of
         # one vehicle (step, index, call), and fields for the agents of all vehicles (step, rows)
@@ -155,17 +169,28 @@ class LinkBank:
         rows[index] = fields
         self._rows.append((self._steps + self._delay_steps, rows))
 
+    def send_from_ground(self, index: int, call: Px4Call) -> None:
+        """Send a call of the ground to one vehicle's PX4, over its ground link."""
+        self._pass_on(self._ground_wires[index].up, call)
+
+    def answer_ground(self, index: int, call: Callable[[], object]) -> None:
+        """Send a call of one vehicle's PX4 to the ground, over its ground link."""
+        self._pass_on(self._ground_wires[index].down, call)
+
+    def _pass_on(self, channel: LossyChannel[bytes], call: Callable[[], object]) -> None:
+        """Make a call now, or send it through a channel that is disturbed."""
+        if channel.is_clear:
+            call()
+        else:
+            channel.push(self.emulator.time_s, cast(Any, call))
+
     def _deliver_calls(self, steps: int) -> None:
         while self._calls:
             due_steps, index, call = self._calls[0]
             if due_steps > steps:
                 return
             self._calls.popleft()
-            channel = self._ends[index].up
-            if channel.is_clear:
-                call()
-            else:
-                channel.push(self.emulator.time_s, cast(Any, call))
+            self._pass_on(self._ends[index].up, call)
 
     def _deliver_rows(self, steps: int) -> None:
         while self._rows:
@@ -191,6 +216,11 @@ class LinkBank:
             if not ends.down.is_clear:
                 for fields in ends.down.pop(now_s):
                     ends.link.receive(cast(Fields, fields))
+        for wires in self._ground_wires:
+            for channel in wires:
+                if not channel.is_clear:
+                    for call in channel.pop(now_s):
+                        cast(Px4Call, call)()
 
     def _sample(self, steps: int) -> None:
         """Send the due reports of all PX4s; a hung PX4 sends nothing."""

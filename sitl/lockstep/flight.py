@@ -50,6 +50,7 @@ from sitl.px4.modes import MODES, CommandResult, Mode
 
 GROUND = "ground-1"
 _DIRECT_DELAY_S = 0.01  # time that a direct command takes to reach PX4
+_DIRECT_RETRY_S = 0.2  # period of a direct command until it is answered
 _WATCH_S = 0.2  # time between two checks for silent vehicles
 _FORCE = 21196.0  # parameter 2 of MAV_CMD_COMPONENT_ARM_DISARM: disarm also in the air
 
@@ -413,15 +414,19 @@ class Lockstep:
         index = system_ids.index(command.system_id)
         is_hung = emulator.disturbances.is_hung
 
+        no_answer = DirectResult(
+            is_accepted=False,
+            is_disarmed=False,
+            sentence=(
+                f"PX4 did not answer at {command.endpoint} within {command.timeout_s:g} s either"
+            ),
+            has_answered=False,
+        )
+
         await asyncio.sleep(_DIRECT_DELAY_S)
         if is_hung[index]:
             await asyncio.sleep(command.timeout_s)
-            sentence = (
-                f"PX4 did not answer at {command.endpoint} within {command.timeout_s:g} s either"
-            )
-            return DirectResult(
-                is_accepted=False, is_disarmed=False, sentence=sentence, has_answered=False
-            )
+            return no_answer
 
         px4 = emulator.autopilots[index]
         now_s = emulator.clock_s(index)
@@ -435,10 +440,10 @@ class Lockstep:
                 is_flown_by_hand=True,
             )
 
-        if command.kind == "land":
-            answer = px4.request(now_s, Mode.LAND)
-        else:
-            answer = px4.request_arm(now_s, arm=False, magic=_FORCE)
+        answer = await self._px4_answer(index, command)
+        if answer is None:
+            return no_answer
+        px4 = emulator.autopilots[index]
         is_accepted = answer is CommandResult.ACCEPTED
 
         if is_accepted:
@@ -452,3 +457,31 @@ class Lockstep:
         if is_disarmed:
             sentence += ", and it is disarmed"
         return DirectResult(is_accepted, is_disarmed, sentence)
+
+    async def _px4_answer(self, index: int, command: DirectCommand) -> CommandResult | None:
+        """Send a command over a vehicle's ground link until PX4 answers; None if it is late."""
+        emulator = self.simulation.emulator
+        links = self.simulation.links
+        answered: asyncio.Future[CommandResult] = self._loop.create_future()
+
+        def receive(answer: CommandResult) -> None:
+            if not answered.done():
+                answered.set_result(answer)
+
+        def obey() -> None:
+            px4 = emulator.autopilots[index]
+            now_s = emulator.clock_s(index)
+            if command.kind == "land":
+                answer = px4.request(now_s, Mode.LAND)
+            else:
+                answer = px4.request_arm(now_s, arm=False, magic=_FORCE)
+            links.answer_ground(index, lambda: receive(answer))
+
+        end_s = emulator.time_s + command.timeout_s
+        while not answered.done() and emulator.time_s < end_s:
+            links.send_from_ground(index, obey)
+            if not answered.done():
+                await asyncio.wait({answered}, timeout=_DIRECT_RETRY_S)
+        if not answered.done():
+            return None
+        return answered.result()

@@ -112,3 +112,41 @@ def test_a_descent_without_a_position_is_landed_though_sticks_are_heard(
     land = DirectCommand("", system_id, "land", spares_pilot=True)
     answer = flight.wait_for(flight._send_directly(land))
     assert not answer.is_flown_by_hand
+
+
+@pytest.mark.parametrize(
+    ("name", "parameters", "has_answered", "is_obeyed"),
+    [
+        ("link_loss", {"direction": "both"}, False, False),
+        ("link_loss", {"direction": "out"}, False, True),
+        ("link_loss", {"direction": "both", "share": 0.5}, True, True),  # it is repeated
+        ("link_delay", {"direction": "in", "delay_s": 1.0}, True, True),
+    ],
+)
+def test_a_fault_of_the_ground_link_disturbs_the_direct_path(
+    lockstep,
+    paper: FleetConfig,
+    name: str,
+    parameters: dict[str, float | str],
+    has_answered: bool,
+    is_obeyed: bool,
+) -> None:
+    flight = lockstep(paper, seed=4)
+    flight.ready()
+    fault = Fault(name, "mav1", at_s=flight.time_s, parameters={"link": "ground", **parameters})
+    flight.inject(fault)
+    flight.run(0.1)
+    px4 = flight.simulation.emulator.autopilots[flight.simulation.names.index("mav1")]
+    assert px4.mode is not Mode.LAND
+
+    system_id = paper.vehicles["mav1"].system_id
+    land = DirectCommand("udpout://px4", system_id, "land", timeout_s=2.0)
+    begin_s = flight.time_s
+    answer = flight.wait_for(flight._send_directly(land))
+    assert answer.has_answered is has_answered
+    assert answer.is_accepted is has_answered
+    assert (px4.mode is Mode.LAND) is is_obeyed
+    if not has_answered:
+        assert answer.sentence == "PX4 did not answer at udpout://px4 within 2 s either"
+    if name == "link_delay":
+        assert flight.time_s - begin_s >= 1.0
