@@ -8,6 +8,7 @@ from onboard.config.fleet import ConfigError, RadioConfig
 
 Pair = tuple[str, str]
 
+LONGEST_BUS_DELAY_S = 10.0  # of a connection, and the largest mean of its jitter
 _PERIOD_NS = 20_000_000  # period of 50 Hz messages
 _FORGOTTEN_NS = 10_000_000_000  # a message older than this has no influence
 
@@ -28,7 +29,7 @@ class BusSettings:
     def __post_init__(self) -> None:
         for name in ("delay_s", "jitter_s", "reorder_s"):
             time_s = getattr(self, name)
-            if not 0.0 <= time_s <= 10.0:
+            if not 0.0 <= time_s <= LONGEST_BUS_DELAY_S:
                 raise ConfigError(f"The bus's {name} is {time_s}; it must lie between 0 and 10 s.")
 
         for name in ("loss", "reorder", "duplicate"):

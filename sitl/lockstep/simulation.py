@@ -22,7 +22,7 @@ from sitl.emulator.mocap import MocapSettings
 from sitl.faults.catalogue import Fault
 from sitl.lockstep.agents import AgentShell
 from sitl.lockstep.bus import SimBus
-from sitl.lockstep.connections import BusSettings
+from sitl.lockstep.connections import LONGEST_BUS_DELAY_S, BusSettings
 from sitl.lockstep.direct_link import LinkBank
 from sitl.lockstep.pipeline_rows import CompiledPipeline
 from sitl.physics.vehicle import STEP_S
@@ -188,10 +188,13 @@ class Simulation:
             self.bus.cut(fault.vehicle, other)
             return
         usual = self.bus.settings
+        # of what the bus does not lose anyway
+        further_loss = (1.0 - usual.loss) * fault.number("share")
+        delay_s = usual.delay_s + fault.number("delay_s")
         quality = replace(
             usual,
-            loss=fault.number("share"),
-            delay_s=usual.delay_s + fault.number("delay_s"),
+            loss=usual.loss + further_loss,
+            delay_s=min(delay_s, LONGEST_BUS_DELAY_S),
         )
         self.bus.set_link(fault.vehicle, other, quality)
 

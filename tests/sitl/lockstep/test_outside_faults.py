@@ -11,6 +11,7 @@ from groundstation.mission_files.loading import mission_from_mapping
 from groundstation.missions import conditions
 from onboard.config.fleet import load_fleet
 from sitl.faults.catalogue import Fault
+from sitl.lockstep.connections import BusSettings
 from sitl.lockstep.simulation import Simulation
 
 # kinds of faults of the bus, and a check of whether the fault acts between two nodes
@@ -99,6 +100,27 @@ def test_the_end_of_a_fault_of_the_bus_leaves_that_of_another_vehicle(
     assert not BUS_FAULTS[kind](simulation.bus, "mav0", "mav2")
     run_until(simulation, 0.4)
     assert simulation.bus.is_quiet
+
+
+@pytest.mark.parametrize(
+    ("usual", "loss", "delay_s"),
+    [
+        (BusSettings(delay_s=0.5), 0.1, 4.5),
+        (BusSettings(loss=0.5), 0.55, 4.001),
+        (BusSettings(delay_s=9.0, loss=1.0), 1.0, 10.0),  # no connection is later than 10 s
+    ],
+)
+def test_a_fault_of_the_bus_makes_a_bad_bus_worse(
+    usual: BusSettings, loss: float, delay_s: float
+) -> None:
+    simulation = Simulation(load_fleet(PAPER), bus=usual, is_compiled=False)
+    parameters: dict[str, float | str] = {"share": 0.1, "delay_s": 4.0}
+    simulation.inject(Fault("bus_loss", "mav1", at_s=0.0, parameters=parameters))
+    run_until(simulation, 0.05)
+    quality = simulation.bus.quality(("mav1", "mav0"))
+    assert quality.loss == loss
+    assert quality.delay_s == delay_s
+    assert simulation.bus.quality(("mav2", "mav0")) == usual
 
 
 @pytest.mark.long
