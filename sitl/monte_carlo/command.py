@@ -8,6 +8,7 @@ from __future__ import annotations
 import sys
 import tempfile
 from collections.abc import Iterable, Sequence
+from contextlib import redirect_stdout
 from pathlib import Path
 
 from onboard.config.fleet import ConfigError, LawConfig
@@ -51,7 +52,8 @@ def run(
     for subject in subjects:
         _check_heights(subject, setup)
         # refuses a law that cannot be imported
-        setup.fleet(flight_plans.vehicle_count(subject)).import_law()
+        with redirect_stdout(sys.stderr):  # where an own law may print
+            setup.fleet(flight_plans.vehicle_count(subject)).import_law()
     if picture is not None:
         _check_picture(picture, flights=len(subjects) * len(seeds))
 

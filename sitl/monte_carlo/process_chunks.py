@@ -6,7 +6,9 @@ The sizes of the chunks and the number of processes do not change a digit of the
 from __future__ import annotations
 
 import math
+import sys
 from collections.abc import Iterator, Sequence
+from contextlib import redirect_stdout
 from pathlib import Path
 
 from sitl.monte_carlo import flight_plans, results, worlds
@@ -69,7 +71,8 @@ def _fly_chunk(
 ) -> list[results.FlightRecord]:
     subject, seeds, setup, physics, trace_folder = chunk
     plans = [flight_plans.plan(subject, seed, scale=setup.scale) for seed in seeds]
-    flown = fly(plans, setup, physics=physics, has_trace=trace_folder is not None)
+    with redirect_stdout(sys.stderr):  # where an own law may print
+        flown = fly(plans, setup, physics=physics, has_trace=trace_folder is not None)
     if trace_folder is not None:
         for flight in flown:
             results.write_trace(trace_folder, flight, setup)

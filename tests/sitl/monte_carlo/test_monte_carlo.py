@@ -102,6 +102,27 @@ def test_lines_are_the_same_again_in_other_chunks_and_over_two_processes(capsys)
     assert all(value.keys() >= KEYS for value in values)
 
 
+def test_what_an_own_law_prints_does_not_come_between_the_lines(tmp_path, capsys, monkeypatch):
+    (tmp_path / "law_that_prints.py").write_text(
+        """\
+print("imported")
+
+
+def law(memory, inputs):
+    if memory is None:
+        print("begins")
+    return 1, inputs.baseline
+"""
+    )
+    monkeypatch.chdir(tmp_path)
+    words = ["simulate", "rand1", "--law", "law_that_prints:law", "--seeds", "0", "--json"]
+    assert main(words) == 0
+    printed = capsys.readouterr()
+    (line,) = printed.out.splitlines()
+    assert json.loads(line)["law"] == "law_that_prints:law"
+    assert {"imported", "begins"} <= set(printed.err.splitlines())
+
+
 def test_trace_shows_what_the_line_says_and_without_the_law_they_collide(tmp_path, capsys):
     assert (
         main(
