@@ -21,6 +21,7 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+from collections import deque
 from collections.abc import Callable, Collection, Mapping
 
 from groundstation.client.bus_feed import BusFeed
@@ -30,7 +31,7 @@ from groundstation.fleet.descent import descent_s
 from groundstation.fleet.own_stall import OwnStall
 from groundstation.fleet.state import DIRECT_DISARMED, VehicleView
 from groundstation.orders.plan import PlannedOrder, stamped_anew
-from groundstation.orders.result import OrderResult, Phase
+from groundstation.orders.result import OrderResult, Phase, VehicleResult
 from onboard.bus.codec import Malformed
 from onboard.bus.schema import Event, Order, OrderReply
 from onboard.bus.topics import Topic
@@ -58,6 +59,7 @@ _READ_AGAIN_S = 0.2  # time in which threads of the bus deliver waiting messages
 _SEND_S = 3.0  # longest wait for PX4's own acknowledgement
 _WATCH_KILL_S = 2.0  # longest wait for PX4's own report that it is disarmed
 _WATCH_LAND_S = 30.0  # longest wait for that report after a landing, plus the time of the descent
+_MAX_UNANSWERED = 1000  # orders without an answer whose late reply still counts
 _DIRECT: dict[str, DirectKind] = {"land": "land", "kill": "kill"}
 _WITHOUT_GROUND = (
     "Its agent goes on without the ground; one that hangs has left the landing to PX4."
@@ -98,6 +100,7 @@ class OpenOrders:
         self._stall_clock_ns = stall_clock_ns
         self._mavlink_keys = mavlink_keys
         self._open: dict[str, OrderResult] = {}  # order id -> result
+        self._unanswered: deque[str] = deque()  # ids of orders that ended with "no answer"
         # vehicle -> times from an order to its reply [s], the newest last
         self._round_trips_s: dict[str, tuple[float, ...]] = {}
         self._tasks: set[asyncio.Task[None]] = set()
@@ -303,11 +306,27 @@ class OpenOrders:
 
         A land or kill goes straight to PX4 if its reply or its effect is missing.
         """
-        direct = _DIRECT.get(result.planned.orders[vehicle].kind)
+        order = result.planned.orders[vehicle]
+        direct = _DIRECT.get(order.kind)
         if direct is None:
             await self._watch_other_order(result, vehicle, replied)
         else:
             await self._watch_land_or_kill(result, vehicle, replied, direct)
+        self._forget(order.order_id, result.results[vehicle])
+
+    def _forget(self, order_id: str, result: VehicleResult) -> None:
+        """Forget an order that has ended; of those without an answer, forget only the oldest.
+
+        A late reply may still replace "no answer".
+        """
+        if result.phase != "no answer":
+            self._open.pop(order_id, None)
+            return
+
+        self._unanswered.append(order_id)
+        if len(self._unanswered) > _MAX_UNANSWERED:
+            oldest_id = self._unanswered.popleft()
+            self._open.pop(oldest_id, None)
 
     async def _watch_other_order(
         self, result: OrderResult, vehicle: str, replied: asyncio.Event
@@ -508,41 +527,19 @@ class OpenOrders:
 
         A link that broke may have lost the event about the end.
         """
-        order_id = result.planned.orders[vehicle].order_id
-        has_followed = False
-        # time since which the telemetry does not name the order; 0: it does, or nothing is heard
-        unfollowed_ns = 0
-
+        lost_end = _LostEnd(result.planned.orders[vehicle].order_id)
         while not result.results[vehicle].is_final:
             await asyncio.sleep(0.1 * LOST_END_S)
-            now_ns = self._feed.now_ns()
-            view = self._view(vehicle)
-            telemetry = view.telemetry
-
-            if telemetry is None or not view.is_fresh(now_ns):
-                # When a vehicle is heard again, it reports missed ends a second later.
-                unfollowed_ns = 0
-                continue
-            if telemetry.order_id == order_id:
-                has_followed = True
-                unfollowed_ns = 0
-                continue
-
-            if unfollowed_ns == 0:
-                unfollowed_ns = now_ns
-            if has_followed and (now_ns - unfollowed_ns) * 1e-9 >= LOST_END_S:
-                doing = f"it is {telemetry.state}. {telemetry.reason}".strip()
-                sentence = (
-                    f"{vehicle} does not follow this order any more, "
-                    f"and how it ended was not heard: {doing}"
-                )
+            sentence = lost_end.noticed(self._view(vehicle), self._feed.now_ns())
+            if sentence:
                 result.update(vehicle, "failed", sentence)
 
     async def _missing_effect(self, result: OrderResult, vehicle: str, kind: DirectKind) -> str:
         """Watch an accepted land or kill until it has ended, or has to go straight to PX4.
 
         A kill must soon show its effect: the agent reports PX4's disarm. A landing may take long,
-        so it goes to PX4 only if the link between agent and PX4 is dead.
+        so it goes to PX4 only if the link between agent and PX4 is dead. It has failed if the
+        vehicle no longer follows it and is still armed, for instance because its agent restarted.
 
         Returns:
             The reason to go straight to PX4; empty when the order has ended, or was refused.
@@ -552,6 +549,7 @@ class OpenOrders:
         accepted = f"{vehicle}'s agent accepted {kind}"
         accepted_s = loop.time()
         accepted_ns = self._feed.now_ns()
+        lost_end = _LostEnd(result.planned.orders[vehicle].order_id)
         stall.stalled_s()  # stalls count from here
 
         while not result.results[vehicle].is_final:
@@ -574,10 +572,23 @@ class OpenOrders:
 
             if kind == "kill" and loop.time() - accepted_s > _KILL_EFFECT_S:
                 return f"{accepted}, but the vehicle did not show it within {_KILL_EFFECT_S:g} s"
+            if kind == "land":
+                self._end_if_lost(result, view, lost_end)
 
         if kind == "kill" and result.results[vehicle].phase in ("failed", "timed out"):
             return f"{accepted}, but could not do it"
         return ""
+
+    def _end_if_lost(self, result: OrderResult, view: VehicleView, lost_end: _LostEnd) -> None:
+        """End an accepted landing that its vehicle no longer follows."""
+        sentence = lost_end.noticed(view, self._feed.now_ns())
+        if not sentence:
+            return
+        phase: Phase = "failed"
+        if not view.is_armed:
+            phase = "done"
+            sentence = f"{view.name} is disarmed; how its landing ended was not heard."
+        result.update(view.name, phase, sentence)
 
     # -- the direct path ---------------------------------------------------------------------------
 
@@ -644,6 +655,48 @@ class OpenOrders:
                 return
             said.add(sentence)
         self._publish_event(severity, code, sentence, vehicle)
+
+
+class _LostEnd:
+    """Notices in telemetry that a vehicle no longer follows an order.
+
+    Args:
+        order_id: id of the order.
+    """
+
+    def __init__(self, order_id: str) -> None:
+        self._order_id = order_id
+        self._has_followed = False
+        # time since which the telemetry does not name the order; 0: it does, or nothing is heard
+        self._unfollowed_ns = 0
+
+    def noticed(self, view: VehicleView, now_ns: int) -> str:
+        """Return why an accepted order has ended without an event; empty if it has not.
+
+        Args:
+            view: the vehicle as known now.
+            now_ns: the ground's clock.
+        """
+        telemetry = view.telemetry
+        if telemetry is None or not view.is_fresh(now_ns):
+            # When a vehicle is heard again, it reports missed ends a second later.
+            self._unfollowed_ns = 0
+            return ""
+        if telemetry.order_id == self._order_id:
+            self._has_followed = True
+            self._unfollowed_ns = 0
+            return ""
+
+        if self._unfollowed_ns == 0:
+            self._unfollowed_ns = now_ns
+        unfollowed_s = (now_ns - self._unfollowed_ns) * 1e-9
+        if not self._has_followed or unfollowed_s < LOST_END_S:
+            return ""
+        doing = f"it is {telemetry.state}. {telemetry.reason}".strip()
+        return (
+            f"{view.name} does not follow this order any more, "
+            f"and how it ended was not heard: {doing}"
+        )
 
 
 async def _wait_for(event: asyncio.Event, limit_s: float) -> None:
