@@ -80,6 +80,11 @@ def _check_duration(duration_s: float, verb: str) -> None:
         )
 
 
+def _done_by(results: Results) -> list[str]:
+    """Return the vehicles that did what was ordered."""
+    return [name for name, result in results.items() if result.is_done]
+
+
 class Group:
     """Vehicles of a fleet that are ordered together.
 
@@ -185,8 +190,9 @@ class Group:
             timeout_s: longest wait [s].
         """
         results = await self.order(Disable(vehicles=self.config.select(vehicles)), timeout_s)
-        self.ground.disabled.update(results)
-        self.ground.leave_out(*results)
+        disabled = _done_by(results)
+        self.ground.disabled.update(disabled)
+        self.ground.leave_out(*disabled)
         return results
 
     async def enable(self, vehicles: Vehicles, *, timeout_s: float = 5.0) -> Results:
@@ -197,8 +203,9 @@ class Group:
             timeout_s: longest wait [s].
         """
         results = await self.order(Enable(vehicles=self.config.select(vehicles)), timeout_s)
-        self.ground.disabled.difference_update(results)
-        self.ground.left_out.difference_update(results)
+        enabled = _done_by(results)
+        self.ground.disabled.difference_update(enabled)
+        self.ground.left_out.difference_update(enabled)
         return results
 
     async def swap(self, vehicle: str, spare: str, *, timeout_s: float = 5.0) -> Results:
@@ -213,6 +220,8 @@ class Group:
         """
         intent = Swap(vehicles=self.config.select([vehicle, spare]))
         results = await self.order(intent, timeout_s)
+        if len(_done_by(results)) < len(results):
+            return results  # each keeps its place, and the mission goes on without who refused
 
         def is_reported(state: FleetState) -> bool:
             excluded = out_of_service(state)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+from pathlib import Path
 from typing import Any
 
 import msgspec
@@ -11,7 +12,7 @@ import pytest
 from groundstation.client.client import FleetClient
 from groundstation.client.preflight_page import as_text, page_of
 from groundstation.fleet import state as fleet_state
-from groundstation.mission_files.loading import mission_from_mapping
+from groundstation.mission_files.loading import load_mission, mission_from_mapping
 from groundstation.mission_files.mission import Mission
 from groundstation.mission_files.mission_findings import refused_findings
 from groundstation.missions.api import Fleet
@@ -80,6 +81,42 @@ async def test_scripts_disable_and_enable(client: Any, bus: Any) -> None:
     await flown.enable("mav1")
     assert flown.names == ("mav0", "mav1", "mav2")
     assert ordered(bus, "disable") == ordered(bus, "enable") == ["mav1"]
+
+
+async def test_a_vehicle_that_refuses_to_be_disabled_in_the_air_is_landed_at_the_end(
+    fleet: FleetConfig, client: Any, bus: Any, tmp_path: Path
+) -> None:
+    code = [
+        "async def mission(fleet):",
+        "    fleet.ground.goes_on_without = True",
+        "    await fleet.takeoff(1.0)",
+        "    await fleet.disable('mav1')",
+        "    await fleet.land()",
+    ]
+    path = tmp_path / "m.py"
+    path.write_text("\n".join(code), encoding="utf-8")
+
+    def say(line: str) -> None:
+        """Let mav1 refuse the order to be disabled, and no other one."""
+        bus.misbehave = {"mav1": "refuse"} if line == "disable mav1" else {}
+
+    run = MissionRun(load_mission(path, fleet=fleet), client, say=say)
+    await asyncio.wait_for(run.run(), 20.0)
+
+    assert ordered(bus, "disable") == ["mav1"]
+    assert "mav1" in ordered(bus, "land")
+    assert not client.state.airborne_names
+
+
+async def test_a_vehicle_that_refuses_to_be_enabled_stays_out_of_service(
+    client: Any, bus: Any
+) -> None:
+    flown = Fleet(client)
+    await flown.disable("mav1")
+    bus.misbehave = {"mav1": "refuse"}
+    assert (await flown.enable("mav1"))["mav1"].phase == "refused"
+    assert flown.names == ("mav0", "mav2")
+    assert flown.ground.disabled == {"mav1"}
 
 
 async def test_an_order_for_which_nobody_is_left_is_refused_in_words(client: Any, bus: Any) -> None:

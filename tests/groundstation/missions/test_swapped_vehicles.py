@@ -223,6 +223,15 @@ async def test_scripts_swap_and_go_on_by_the_name_of_the_place(bus: Any, standin
     assert {order.kind for _, order in bus.orders} <= set(SERVICE)
 
 
+async def test_a_refused_swap_puts_nobody_out_of_service_and_is_not_waited_for(client: Any) -> None:
+    flown = Fleet(client)
+    flown.ground.goes_on_without = True
+    results = await asyncio.wait_for(flown.swap("mav1", "mav2"), 1.0)  # mav1 stands on the spot
+    assert {result.phase for result in results.values()} == {"refused"}
+    assert flown.ground.left_out == {"mav1", "mav2"}
+    assert not flown.ground.disabled, "both are landed at the end of the mission"
+
+
 async def test_the_preflight_page_says_whose_place_a_spare_has(swapped: Any) -> None:
     page = page_of(swapped.state.vehicles["mav2"], swapped.fleet, swapped.now_ns())
     assert "mav2 stands in for mav1" in " ".join(line.sentence for line in page.lines)
