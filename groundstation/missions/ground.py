@@ -372,8 +372,8 @@ class MissionGround:
     def note_lost(self, lost: Mapping[str, str]) -> None:
         """Say which vehicles are lost, and why.
 
-        "all" excludes a lost vehicle until it flies again, except in orders that bring vehicles
-        down.
+        "all" excludes a lost vehicle until it flies again, except in orders to land, disarm, kill
+        or locate. Orders to hold exclude it, because a vehicle that lands by itself refuses them.
 
         Args:
             lost: vehicle -> reason.

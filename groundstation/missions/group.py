@@ -653,7 +653,7 @@ class Group:
             vehicles: vehicles to order; there is no default.
             timeout_s: longest wait [s].
         """
-        return await self.order(Kill(vehicles=self.select(vehicles)), timeout_s)
+        return await self.order(Kill(vehicles=self.select(vehicles, with_lost=True)), timeout_s)
 
     async def order(self, intent: Intent, timeout_s: float) -> Results:
         """Give an order, wait for its end and log the results.

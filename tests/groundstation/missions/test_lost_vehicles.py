@@ -72,6 +72,15 @@ async def test_who_orders_nobody_but_the_lost_hears_why_they_refuse(group: Group
     assert group.select("all") == group.names
 
 
+async def test_all_are_killed_whoever_is_lost_and_only_the_others_hold(
+    group: Group, bus: Any
+) -> None:
+    group.ground.note_lost({"mav1": "silent"})
+    group.ground.still_lost = lambda: group.ground.lost  # type: ignore[method-assign]
+    assert set(await group.hold()) == {"mav0", "mav2"}
+    assert set(await group.kill("all")) == {"mav0", "mav1", "mav2"}
+
+
 async def test_a_goal_is_reached_when_a_vehicle_says_so_and_not_when_it_would_be_there_by_now(
     group: Group, bus: Any
 ) -> None:
@@ -92,8 +101,8 @@ async def test_a_reaction_of_a_mission_file_orders_all_but_whoever_is_lost(
     fleet: FleetConfig, client: Any, bus: Any
 ) -> None:
     wait = {"do": "wait", "duration_s": 60.0}
-    turn = {"do": "yaw", "yaw_deg": 90.0}
-    react = {"do": "react", "when": {"fails": True}, "steps": [wait], "then": [turn]}
+    then = [{"do": "hold"}, {"do": "yaw", "yaw_deg": 90.0}]
+    react = {"do": "react", "when": {"fails": True}, "steps": [wait], "then": then}
     steps = [{"do": "takeoff", "height_m": 1.0}, react, {"do": "land"}]
     mission = mission_from_mapping({"schema": 1, "step": steps}, path="test.toml", fleet=fleet)
     run = MissionRun(mission, client)
@@ -103,5 +112,6 @@ async def test_a_reaction_of_a_mission_file_orders_all_but_whoever_is_lost(
     await asyncio.wait_for(flown, 10.0)
     turned = [name for name, order in bus.orders if order.yaw_deg == 90.0]
     assert turned == ["mav0", "mav2"]
+    assert [name for name, order in bus.orders if order.kind == "hold"] == ["mav0", "mav2"]
     landed = [name for name, order in bus.orders if order.kind == "land"]
     assert sorted(set(landed)) == ["mav0", "mav1", "mav2"]
