@@ -748,7 +748,8 @@ class Group:
         Args:
             condition: condition to watch for.
             reaction: function that is called once, when the condition holds. It runs alongside the
-                block, which waits for it at its end. An exception in either of them ends both.
+                block, which waits for it at its end. An exception in either of them ends both, and
+                is raised.
             ends: whether the block is cancelled before the reaction; the mission goes on after it.
         """
         body = asyncio.current_task()  # runs the block
@@ -775,20 +776,23 @@ class Group:
             else:
                 await reaction()
 
-        async with asyncio.TaskGroup() as tasks:
-            watching = tasks.create_task(watch())
-            try:
-                yield
-            except asyncio.CancelledError:
-                # Swallow this only if the watch alone has cancelled the block. `uncancel` returns
-                # how many other cancellations were requested.
-                was_broken_off = ends and has_begun
-                if not was_broken_off or body.uncancel() > 0:
-                    raise
-            finally:
-                # A reaction that has begun is not cut short by the end of the block.
-                if not has_begun:
-                    watching.cancel()
+        try:
+            async with asyncio.TaskGroup() as tasks:
+                watching = tasks.create_task(watch())
+                try:
+                    yield
+                except asyncio.CancelledError:
+                    # Swallow this only if the watch alone has cancelled the block. `uncancel`
+                    # returns how many other cancellations were requested.
+                    was_broken_off = ends and has_begun
+                    if not was_broken_off or body.uncancel() > 0:
+                        raise
+                finally:
+                    # A reaction that has begun is not cut short by the end of the block.
+                    if not has_begun:
+                        watching.cancel()
+        except BaseExceptionGroup as failures:
+            raise failures.exceptions[0] from None  # it has ended the others
 
         if ends and has_begun:
             await reaction()

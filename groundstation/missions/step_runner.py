@@ -194,11 +194,8 @@ class StepRunner:
             await self._do_all(step.then, f"{key}.then")
 
         when = condition(step.when, self._fleet)
-        try:
-            async with self._fleet.reacting(when, reaction, ends=True):
-                await self._do_all(step.steps, f"{key}.steps")
-        except BaseExceptionGroup as failures:
-            raise first_failure(failures) from None
+        async with self._fleet.reacting(when, reaction, ends=True):
+            await self._do_all(step.steps, f"{key}.steps")
 
     async def _fault(self, step: FaultStep, *, is_rehearsal: bool = False) -> None:
         await self._fleet.fault(

@@ -18,6 +18,7 @@ from groundstation.missions.conditions import (
 from groundstation.missions.ground import MissionGround
 from groundstation.missions.group import Group
 from groundstation.missions.runner import MissionRun
+from groundstation.orders.result import OrderFailed
 from onboard.config.fleet import FleetConfig
 
 
@@ -56,6 +57,22 @@ async def test_a_reaction_says_who_fails_and_all_means_the_others_until_it_flies
     bus.tell("mav1", state="taking off", is_airborne=True, is_armed=True)
     await asyncio.sleep(0.1)
     assert group.select("all") == ("mav0", "mav1", "mav2")
+
+
+async def test_a_failure_in_a_block_or_in_its_reaction_is_raised_as_what_it_is(
+    group: Group, bus: Any
+) -> None:
+    async def hold() -> None:
+        await group.hold()
+
+    bus.misbehave = {"mav0": "refuse"}
+    with pytest.raises(OrderFailed, match="mav0 refused"):
+        async with group.reacting(battery_below(1.0), hold):
+            await hold()
+
+    with pytest.raises(OrderFailed, match="mav0 refused"):
+        async with group.reacting(battery_below(99.0), hold):
+            await group.wait(5.0)
 
 
 async def test_several_conditions_name_those_who_fail(group: Group, bus: Any) -> None:
