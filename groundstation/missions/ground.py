@@ -249,8 +249,11 @@ class MissionGround:
     async def _take_off_in_waves(self, intent: Takeoff, timeout_s: float) -> Results:
         """Order one wave after the other, until a vehicle of a wave does not fly.
 
+        Vehicles that the mission goes on without do not count.
+
         Raises:
-            OrderFailed: a vehicle did not take off, or one of an earlier wave has come down.
+            OrderFailed: a vehicle did not take off, or one of an earlier wave has come down, and
+                the mission does not go on without it.
         """
         waves = intent.waves
         results: Results = {}
@@ -259,8 +262,13 @@ class MissionGround:
                 await asyncio.sleep(intent.every_s)
             self.say(f"Wave {index + 1} of {len(waves)}: {listed(wave)}")
 
+            self.note_other_ends()
             vehicles = self.client.state.vehicles
-            not_flying = [name for name in results if not vehicles[name].is_airborne]
+            not_flying = [
+                name
+                for name in results
+                if name not in self.left_out and not vehicles[name].is_airborne
+            ]
             wave_results: Results = {}
             if not not_flying:
                 try:
@@ -269,7 +277,11 @@ class MissionGround:
                     wave_results = error.results
             results.update(wave_results)
 
-            not_flying += [name for name, result in wave_results.items() if not result.is_done]
+            not_flying += [
+                name
+                for name, result in wave_results.items()
+                if name not in self.left_out and not result.is_done
+            ]
             if not_flying:
                 later = [name for name in intent.names if name not in results]
                 if later:

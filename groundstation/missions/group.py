@@ -245,7 +245,8 @@ class Group:
     ) -> Results:
         """Take off, all at once or in waves.
 
-        A wave starts only if all vehicles of the waves before it fly.
+        A wave starts only if all vehicles of the waves before it fly, except those that the mission
+        goes on without.
 
         Args:
             height_m: height above the fleet's origin [m].

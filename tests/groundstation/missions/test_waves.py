@@ -62,6 +62,34 @@ async def test_a_vehicle_that_fails_stops_the_later_waves(
     assert all(verdict.landed.values())
 
 
+@pytest.mark.parametrize("how", ["fail", "refuse"])
+async def test_a_mission_that_goes_on_without_a_vehicle_that_fails_starts_the_later_waves(
+    fleet: FleetConfig, client: Any, bus: Any, how: str
+) -> None:
+    bad = fleet.enabled_names[4]
+    bus.misbehave[bad] = how
+    step = {"do": "takeoff", "height_m": 1.0, "by": 3, "every_s": 0.0}
+    content = {"schema": 1, "step": [step, {"do": "land"}], "on_failure": {"do": "go_on"}}
+    mission = mission_from_mapping(content, path="test.toml", fleet=fleet)
+    verdict = await asyncio.wait_for(MissionRun(mission, client).run(), 30.0)
+    assert verdict.passed, verdict.summary
+    assert starts(bus) == list(fleet.enabled_names)
+
+
+async def test_a_mission_that_goes_on_starts_the_later_waves_without_who_came_down_meanwhile(
+    fleet: FleetConfig, client: Any, bus: Any
+) -> None:
+    first = fleet.enabled_names[0]
+    flown = Fleet(client)
+    flown.ground.goes_on_without = True
+    rising = asyncio.create_task(flown.takeoff(1.0, by=4, every_s=0.5))
+    assert await client.wait_for(lambda _: len(flown.steps) == 1, 5.0)
+    bus.tell(first, state="landed", is_airborne=False, is_armed=False)
+    await asyncio.wait_for(rising, 20.0)
+    assert starts(bus) == list(fleet.enabled_names)
+    assert flown.ground.left_out == {first}
+
+
 async def test_a_vehicle_that_comes_down_between_two_waves_stops_the_later_ones(
     fleet: FleetConfig, client: Any, bus: Any
 ) -> None:
