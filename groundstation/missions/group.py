@@ -711,6 +711,7 @@ class Group:
         Args:
             condition: condition to wait for.
             timeout_s: longest wait [s]; time in which this ground hears no vehicle does not count.
+                With 0 it only looks whether the condition holds now.
 
         Raises:
             ConditionTimeout: the condition does not hold in time.
@@ -723,6 +724,9 @@ class Group:
 
         def holds(state: FleetState) -> bool:
             return condition.holds(moment(state))
+
+        if holds(client.state):  # whatever the timeout is
+            return
 
         link = self.ground.link
         wait_s = timeout_s

@@ -3,16 +3,20 @@
 from __future__ import annotations
 
 import asyncio
+import math
 from typing import Any
 
 import pytest
 
 from groundstation.mission_files.loading import mission_from_mapping
 from groundstation.missions.conditions import (
+    ConditionTimeout,
     FleetMoment,
     any_of,
     battery_below,
     fails,
+    flying,
+    landed,
     reached,
 )
 from groundstation.missions.ground import MissionGround
@@ -73,6 +77,16 @@ async def test_a_failure_in_a_block_or_in_its_reaction_is_raised_as_what_it_is(
     with pytest.raises(OrderFailed, match="mav0 refused"):
         async with group.reacting(battery_below(99.0), hold):
             await group.wait(5.0)
+
+
+@pytest.mark.parametrize("timeout_s", [0.0, -1.0, math.nan])
+async def test_a_wait_without_time_only_looks_whether_the_condition_holds_now(
+    group: Group, timeout_s: float
+) -> None:
+    assert await group.client.wait_for(lambda state: len(state.airborne_names) == 3, 5.0)
+    await group.until(flying(), timeout_s)
+    with pytest.raises(ConditionTimeout):
+        await group.until(landed(), timeout_s)
 
 
 async def test_several_conditions_name_those_who_fail(group: Group, bus: Any) -> None:
