@@ -27,7 +27,7 @@ from groundstation.missions.own_link import OwnLink
 from groundstation.missions.taken import FleetTaken, FleetWatch
 from groundstation.orders.intents import Intent, Takeoff
 from groundstation.orders.obstruction import explained
-from groundstation.orders.plan import PlannedOrder
+from groundstation.orders.plan import PlannedOrder, with_checked_values
 from groundstation.orders.result import OrderFailed, OrderResult, Results, VehicleResult
 from groundstation.verdict.observations import Arrival, StepResult, arrival_of
 from groundstation.verdict.other_ends import LastOrder, last_order, other_ends
@@ -108,7 +108,7 @@ class MissionGround:
             One result per vehicle; none when the operator has left the order out.
 
         Raises:
-            ConfigError: the order is not valid, or no vehicle takes part any more.
+            ConfigError: a value of the order is not valid, or no vehicle takes part any more.
             OrderFailed: a vehicle did not do it, and the mission does not go on without it.
             WindTooStrong: a vehicle has taken off, and feels more wind than its limit.
             FleetTaken: somebody has taken the fleet; nothing was sent, or it was replaced.
@@ -124,6 +124,7 @@ class MissionGround:
                 "on without them. Enable one before it."
             )
 
+        intent = with_checked_values(intent)
         if isinstance(intent, Takeoff) and len(intent.waves) > 1:
             return await self._take_off_in_waves(intent, timeout_s)
 

@@ -3,9 +3,9 @@
 An order is planned once. Before it is sent, :func:`check_again` checks the planned goals against
 the fleet at that time. The goals themselves do not change after they were shown.
 
-The checks come in this order: which vehicles may be ordered and whether the numbers are valid, then
-the goals, then the conditions of the verb itself. Once a check has refused a vehicle, the later
-checks are not made.
+The checks come in this order: whether the values are valid, which vehicles may be ordered, then the
+goals, then the conditions of the verb itself. Once a check has refused a vehicle, the later checks
+are not made.
 """
 
 from __future__ import annotations
@@ -14,8 +14,10 @@ import math
 import uuid
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 import msgspec
+import numpy as np
 
 from groundstation.fleet.places import out_of_service, place_of
 from groundstation.fleet.state import FleetState
@@ -26,6 +28,7 @@ from groundstation.orders.intents import (
     LONGEST_EVERY_S,
     LONGEST_MOVE_S,
     Formation,
+    Goto,
     Intent,
     Move,
     Rotate,
@@ -46,6 +49,7 @@ from onboard.config.fleet import (
 from onboard.config.flight_space import flight_space_of
 from onboard.config.ground import floor_m, least_height_m
 from onboard.config.pair_separation import separation_m
+from onboard.config.toml_reading import convert
 from onboard.tuples import Xyz
 
 ORDER_LIFE_S = 2.0  # time from an order to its deadline
@@ -99,23 +103,25 @@ def plan_order(
     Returns:
         Orders for the vehicles that may be ordered, refusals for the others.
     """
+    try:
+        intent = with_checked_values(intent)
+    except ConfigError as error:
+        refusals = dict.fromkeys(intent.names, str(error))
+        return PlannedOrder(intent=intent, refusals=refusals, held=held)
+
     intent = _without_disabled(intent, state)
     intent = _without_bystanders(intent, state)
     intent = _without_slotless(intent, fleet, state, held)
     if isinstance(intent, Swap) and state is not None:
         intent = with_place(intent, state)
 
-    refusals: dict[str, str] = {}
+    refusals = {}
     names = []
     for name in intent.names:
         if _may_be_ordered(name, intent, fleet):
             names.append(name)
         else:
             refusals[name] = _unknown(name, fleet)
-
-    bad_number = _bad_number(intent)
-    if bad_number is not None:
-        refusals.update(dict.fromkeys(names, bad_number))
 
     goals_enu_m: Mapping[str, Xyz] = {}
     if not refusals and intent.has_goals:
@@ -165,6 +171,37 @@ def plan_order(
     return PlannedOrder(
         intent=intent, orders=with_heard_stamps(orders, state), refusals=refusals, held=held
     )
+
+
+def with_checked_values(intent: Intent) -> Intent:
+    """Return the same order with values of the right types, all of which an order may have.
+
+    Numbers and arrays of numpy become those of Python, and lists become tuples.
+
+    Args:
+        intent: the order, from the grammar or from a program.
+
+    Raises:
+        ConfigError: a value has a wrong type or length, is not finite, or is out of bounds.
+    """
+    values = msgspec.to_builtins(intent, enc_hook=_as_built_in)
+    checked: Intent = convert(values, type(intent), "order", intent.verb)
+
+    bad_number = _bad_number(checked)
+    if bad_number is not None:
+        raise ConfigError(bad_number)
+    return checked
+
+
+def _as_built_in(value: Any) -> Any:
+    """Return a value of a type that msgspec does not know as one that it knows."""
+    if isinstance(value, Mapping):
+        return dict(value)
+    if isinstance(value, np.generic | np.ndarray):
+        return value.tolist()
+    if isinstance(value, Iterable):
+        return list(value)
+    return repr(value)
 
 
 def _place_for(name: str, intent: Intent) -> str:
@@ -383,16 +420,16 @@ def _bad_number(intent: Intent) -> str | None:
 
 
 def _numbers(intent: Intent) -> Iterator[float]:
-    """Yield the numbers of an intent, except the goals of single vehicles.
-
-    `_goal_refusals` checks those.
-    """
+    """Yield the numbers of an intent, also those of its goals."""
     for name in intent.__struct_fields__:
         value = getattr(intent, name)
         if isinstance(value, int | float):
             yield value
         elif isinstance(value, tuple) and name != "vehicles":
             yield from value
+    if isinstance(intent, Goto):
+        for goal in intent.goals.values():
+            yield from goal
 
 
 def _goal_refusals(

@@ -139,7 +139,7 @@ def _plain(message: str) -> str:
 def _type_words(types: re.Match[str]) -> str:
     """Return the names of types as words."""
     words = [_TYPE_WORDS.get(name, name) for name in types["types"].split(" | ")]
-    return " or ".join(word for word in words if word)
+    return " or ".join(word for word in words if word) or "nothing"
 
 
 def unknown_key(path: str, key: str, word: str, names: Sequence[str]) -> ConfigError:

@@ -5,6 +5,8 @@ from __future__ import annotations
 import asyncio
 import errno
 import itertools
+import math
+from collections.abc import Callable, Coroutine
 from pathlib import Path
 from typing import Any, NoReturn
 
@@ -16,7 +18,9 @@ from groundstation.client.client import FleetClient
 from groundstation.fleet.touchdown import Touchdown
 from groundstation.mission_files.loading import load_mission, mission_from_mapping
 from groundstation.mission_files.steps import FormationStep
+from groundstation.missions.api import Fleet
 from groundstation.missions.runner import MissionRun
+from groundstation.orders.result import Results
 from groundstation.recording.writer import RecordWriter
 from groundstation.verdict.final_verdict import final_verdict
 from groundstation.verdict.observations import collided_vehicles
@@ -618,6 +622,24 @@ async def test_a_python_mission_that_waits_for_no_time_fails_in_words(
     verdict = await MissionRun(load_mission(path, fleet), client).run()
     assert verdict.exit_status == 1
     assert f"wait: {duration_s} s is no duration." in verdict.summary
+
+
+@pytest.mark.parametrize(
+    "order",
+    [
+        lambda flown: flown.takeoff("1.2"),
+        lambda flown: flown.takeoff(1.0, by=2.5),
+        lambda flown: flown.go_to({"mav0": (1.0, 2.0)}),
+        lambda flown: flown.formation("triangle", rotation_deg=math.inf),
+        lambda flown: flown.move((1.0, 2.0), "mav0"),
+    ],
+)
+async def test_an_order_with_a_value_that_makes_no_sense_is_refused_in_words_and_not_sent(
+    client: Any, bus: Any, order: Callable[[Fleet], Coroutine[Any, Any, Results]]
+) -> None:
+    with pytest.raises(ConfigError, match=r"it must be|is not finite"):
+        await order(Fleet(client))
+    assert not bus.orders
 
 
 async def test_a_python_mission_uses_the_same_orders(

@@ -7,6 +7,7 @@ import math
 from typing import Any
 
 import msgspec
+import numpy as np
 import pytest
 
 from groundstation.fleet.state import FleetState, fold, initial
@@ -29,6 +30,8 @@ from groundstation.orders.intents import (
     Yaw,
 )
 from groundstation.orders.plan import PlannedOrder, check_again, plan_order
+from onboard.bus.codec import decode, encode
+from onboard.bus.schema import Order
 from onboard.config.fences import Fence, FenceCircle
 from onboard.config.fleet import FleetConfig
 from onboard.config.obstacles import Obstacle
@@ -315,6 +318,36 @@ def test_numbers_that_are_not_finite_are_refused_also_without_the_parser(
         done = planned(intent, fleet)
         assert not done.orders
         assert "finite" in done.refusals["mav0"]
+
+
+@pytest.mark.parametrize(
+    ("kind", "values", "words"),
+    [
+        (Takeoff, {"height_m": "1.2"}, "height_m': it must be a number, not a text"),
+        (Takeoff, {"by": 2.5}, "by': it must be a whole number"),
+        (Goto, {"goals": {"mav0": (1, 2)}}, "it must be a list of length 3, not 2"),
+        (Goto, {"goals": {"mav0": None}}, "it must be a list, not nothing"),
+        (Goto, {"goals": {"mav0": (1.0, math.nan, 1.0)}}, "is not finite"),
+        (Move, {"position_enu_m": (1.0, 2.0)}, "it must be a list of length 3, not 2"),
+        (Formation, {"name": "triangle", "rotation_deg": math.inf}, "is not finite"),
+        (Formation, {"name": "triangle", "assign": "far"}, "It may be ids, nearest"),
+    ],
+)
+def test_a_value_that_no_order_may_have_is_refused_in_words_also_without_the_parser(
+    fleet: FleetConfig, kind: Any, values: dict[str, Any], words: str
+) -> None:
+    done = planned(kind(vehicles=ALL, is_everybody=True, **values), fleet)
+    assert not done.orders
+    assert set(done.refusals) == set(ALL)
+    assert words in done.refusals["mav0"]
+    assert done.refusals["mav0"].endswith(".")
+
+
+def test_a_goal_may_be_an_array_of_numpy(fleet: FleetConfig) -> None:
+    values: Any = {"goals": {"mav0": np.array([1.0, 2.0, 1.0])}, "yaw_deg": np.float32(90.0)}
+    message = planned(Goto(vehicles=("mav0",), **values), fleet).orders["mav0"]
+    assert message.position_enu_m == (1.0, 2.0, 1.0)
+    assert decode(encode(message), Order) == message
 
 
 def test_unknown_vehicles_are_refused_one_by_one(fleet: FleetConfig) -> None:
