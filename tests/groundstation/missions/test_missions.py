@@ -766,9 +766,10 @@ async def test_others_go_on_without_a_vehicle_whose_own_step_fails(
     task = asyncio.create_task(MissionRun(mission, client).run())
     assert await client.wait_for(lambda state: len(state.airborne_names) == 3, 5.0)
     bus.misbehave["mav1"] = "fail"
-    async with asyncio.timeout(5.0):
-        while [name for name, _ in bus.orders].count("mav1") < 2:  # take-off and turn
-            await asyncio.sleep(0.02)
+    assert await client.wait_for(
+        lambda _: [name for name, _ in bus.orders].count("mav1") == 2,  # take-off and turn
+        5.0,
+    )
     await asyncio.sleep(0.1)
     del bus.misbehave["mav1"]  # the landing at the end succeeds
     verdict = await asyncio.wait_for(task, 20.0)
