@@ -11,11 +11,17 @@ Example::
         flight = lockstep("configs/fleets/paper.toml", seed=3)
         assert flight.fly("configs/missions/paper.toml").passed
         assert flight.min_separation_m > 0.8
+
+With ``pytest --flights DIR``, the flights of tests that fail leave a folder below DIR each, as
+``covey fly`` does.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+import re
+import shutil
+from collections.abc import Callable, Generator, Iterator
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import pytest
@@ -24,17 +30,50 @@ if TYPE_CHECKING:
     from sitl.lockstep.flight import Lockstep
 
 
+_HAS_FAILED = pytest.StashKey[bool]()
+
+
+def pytest_addoption(parser: pytest.Parser) -> None:
+    """Add the option of the folder for records."""
+    parser.addoption(
+        "--flights",
+        metavar="DIR",
+        help="record the lockstep flights of each test in folders below DIR, and keep those of"
+        " tests that fail",
+    )
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_makereport(
+    item: pytest.Item, call: pytest.CallInfo[None]
+) -> Generator[None, pytest.TestReport, pytest.TestReport]:
+    """Note whether a test has failed."""
+    report = yield
+    if report.failed:
+        item.stash[_HAS_FAILED] = True
+    return report
+
+
 @pytest.fixture
-def lockstep() -> Iterator[Callable[..., Lockstep]]:
+def lockstep(request: pytest.FixtureRequest) -> Iterator[Callable[..., Lockstep]]:
     """Make a :class:`Lockstep` with its own arguments: fleet, seed, law, bus, mocap, folder."""
     # import here, so that the plugin does not slow tests that do not use the fixture
     from sitl.lockstep.flight import Lockstep
 
     flights: list[Lockstep] = []
+    records: list[Path] = []  # folders that the option has asked for
+    records_folder: str | None = request.config.getoption("--flights", default=None)
 
     def make(*args: Any, **options: Any) -> Lockstep:
-        flight = Lockstep(*args, **options)
+        folder: Path | None = options.pop("folder", None)
+        if folder is None and records_folder is not None:
+            folder = _new_folder(Path(records_folder), request.node.name)
+            records.append(folder)
+
+        flight = Lockstep(*args, folder=folder, **options)
         flights.append(flight)
+        if folder in records:
+            (folder / "fleet.toml").write_text(flight.config.text, encoding="utf-8")
         return flight
 
     yield make
@@ -44,4 +83,25 @@ def lockstep() -> Iterator[Callable[..., Lockstep]]:
         if not flight.may_land_hard:
             hard.extend(flight.hard_touchdowns)
         flight.close()
+
+    has_failed = request.node.stash.get(_HAS_FAILED, False) or bool(hard)
+    if not has_failed:
+        for folder in records:
+            shutil.rmtree(folder)
     assert not hard, f"{'. '.join(hard)}."
+
+
+def _new_folder(parent: Path, test_name: str) -> Path:
+    """Make a folder for a flight of a test, with a number from the second flight on."""
+    name = re.sub(r"[^\w.-]+", "-", test_name).strip("-")
+    number = 1
+    while True:
+        folder = parent / name
+        if number > 1:
+            folder = parent / f"{name}-{number}"
+        try:
+            folder.mkdir(parents=True)
+        except FileExistsError:
+            number += 1
+        else:
+            return folder
