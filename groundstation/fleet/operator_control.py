@@ -125,7 +125,7 @@ class Control:
             return "This ground only watches, and nobody operates. To order, write: take control."
         return (
             f"{self.holder.label} operates this fleet; here only land, hold, pause and kill are "
-            "open. Ask for control with: take control."
+            "open. Ask for control in covey tui or on a page of covey web: take control."
         )
 
     def update(self, state: FleetState) -> None:

@@ -135,6 +135,11 @@ def _verb_of(words: list[str]) -> type[Intent]:
     if verb == "identify":
         line = " ".join(["locate", *words[1:]])
         raise OrderError(f"The order 'identify' is now called 'locate': say: {line}")
+    if verb in ("take", "give", "keep") and words[1:2] == ["control"]:
+        raise OrderError(
+            f"'{verb} control' is no order to vehicles: write it in covey tui or on a page of "
+            "covey web."
+        )
     if verb not in INTENTS:
         meant = meant_words(verb[:_MOST_QUOTED].replace("_", " "), names)
         first_word = words[0]

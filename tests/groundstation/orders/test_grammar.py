@@ -460,6 +460,12 @@ def test_a_word_that_is_no_order_is_answered_with_the_orders_as_one_writes_them(
     assert "'takof' is no order. Did you mean 'takeoff'?" in str(caught.value)
 
 
+@pytest.mark.parametrize("verb", ["take", "give", "keep"])
+def test_control_is_no_order_to_vehicles(fleet: FleetConfig, verb: str) -> None:
+    with pytest.raises(OrderError, match=rf"'{verb} control' is no order .* in covey tui or on"):
+        parse(f"{verb} control", fleet)
+
+
 @pytest.mark.parametrize("text", ["formation triangle -1.6 0 0 1", "formation triangle 0.0 0 0 1"])
 def test_a_spacing_that_is_none_is_refused(fleet: FleetConfig, text: str) -> None:
     planned = plan_order(
