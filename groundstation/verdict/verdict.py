@@ -154,6 +154,7 @@ def judge(
         _nobody_left(flown),
         _still_up(flown, expect),
         _hard_landings(flown),
+        _law_sentence(flown),
         _collision_sentence(closest, collided, is_collision=is_collision),
         _unknown_sentence(unknown_times, begin_ns),
         record_failure,
@@ -506,6 +507,25 @@ def _exit_status(
     return EXIT_OK
 
 
+def _law_refusals(flown: FlightObservations) -> dict[str, str]:
+    """Return the vehicles on which Covey's law flew instead of the user's own, each with why."""
+    return {
+        logged.event.vehicle: logged.event.sentence
+        for logged in flown.state.events
+        if logged.event.code == _LAW_REFUSED
+    }
+
+
+def _law_sentence(flown: FlightObservations) -> str:
+    """Return why a user's own law did not fly on every vehicle; empty if it did."""
+    refused = _law_refusals(flown)
+    if not refused:
+        return ""
+    names = listed(sorted(refused))
+    first_sentence = refused[min(refused)]
+    return f"Covey's law flew in place of the user's own on {names}: {first_sentence}"
+
+
 def _summary(
     flown: FlightObservations,
     checks: Sequence[ExpectationResult],
@@ -517,9 +537,7 @@ def _summary(
         return f"INTERRUPTED: mission '{flown.mission}' was ended by the operator."
 
     law = f"'{flown_law(flown.state, flown.fleet)}'"
-    refused = {
-        logged.event.vehicle for logged in flown.state.events if logged.event.code == _LAW_REFUSED
-    }
+    refused = _law_refusals(flown)
     if refused:
         law += f" (Covey's in its place on {', '.join(sorted(refused))})"
 

@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 from msgspec.structs import replace
 
-from groundstation.fleet.state import Separation, initial
+from groundstation.fleet.state import LoggedEvent, Separation, initial
 from groundstation.recording.flight_report import FlightReport, LoopTiming
 from groundstation.verdict.expectations import Expect
 from groundstation.verdict.observations import FlightObservations, StepResult
@@ -18,6 +18,7 @@ from groundstation.verdict.verdict import (
     describe,
     judge,
 )
+from onboard.bus.schema import Event
 from onboard.config.fleet import FleetConfig
 
 
@@ -194,6 +195,27 @@ def test_a_mission_in_which_vehicles_touched_each_other_has_not_passed(
     assert not verdict.passed
     assert verdict.exit_status == 1
     assert verdict.summary.endswith(words)
+
+
+def test_a_flight_in_which_an_own_law_was_replaced_has_not_passed(fleet: FleetConfig) -> None:
+    events = tuple(
+        LoggedEvent(
+            received_ns=1,
+            event=Event(
+                vehicle=name,
+                stamp_ns=1,
+                severity="warning",
+                code="own-law-refused",
+                sentence="my_law:law raised NameError: oops.",
+            ),
+        )
+        for name in ("mav2", "mav1")
+    )
+    verdict = judge(_observed(fleet, state=replace(initial(fleet), events=events)), Expect())
+    assert not verdict.passed
+    assert verdict.exit_status == 1
+    words = "flew in place of the user's own on mav1, mav2: my_law:law raised NameError: oops."
+    assert words in verdict.summary
 
 
 def test_vehicles_that_came_nearer_than_the_fleet_file_says_have_passed_without_an_expectation(
