@@ -47,6 +47,10 @@ def not_ready(state: FleetState, names: Sequence[str], now_ns: int, timeout_s: f
         if not is_ready(state, name, now_ns):
             reasons.append(_reason(view, now_ns))
 
+    if not heard:
+        reasons.append(
+            "Start the agents (covey agent), or fly emulated vehicles with --sitl or --lockstep."
+        )
     return NotReady(f"Not ready within {timeout_s:g} s. {' '.join(reasons)}", heard=heard)
 
 

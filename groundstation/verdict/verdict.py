@@ -256,6 +256,8 @@ def describe(verdict: Verdict) -> list[str]:
     landed_sentence = f"Landed and disarmed: {listed(landed) or 'nobody'}"
     if not_landed:
         landed_sentence += f"; NOT: {', '.join(not_landed)}"
+    if verdict.exit_status == EXIT_NO_ANSWER:
+        landed_sentence = "No vehicle was heard, so nothing is known of any"
     lines.append(f"{landed_sentence}.")
     lines += [
         f"Fell: {fall.vehicle}, and hit the ground with {fall.speed_m_s:.1f} m/s,"
