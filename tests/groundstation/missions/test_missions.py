@@ -440,7 +440,8 @@ async def test_a_flight_in_which_nobody_was_heard_fails_for_that_and_not_for_its
     assert writer.end.written == 0
     verdict = final_verdict(run.flown(), run.mission.expect, tmp_path, writer.end)
     reason = " ".join(f"{name} does not answer." for name in fleet.enabled_names)
-    assert verdict.summary.endswith(f"Not ready within 0.1 s. {reason}")
+    assert f"Not ready within 0.1 s. {reason} Start the agents" in verdict.summary
+    assert "No vehicle was heard, so nothing is known of any." in verdict.sentences
     assert verdict.exit_status == EXIT_NO_ANSWER
 
 
