@@ -182,8 +182,11 @@ def _fleet_of(value: Any, override: FleetConfig | str | None, path: str) -> Flee
         return load_fleet(override)
 
     if not isinstance(value, str):
+        key = "fleet"
+        if path.endswith(".py"):
+            key = "FLEET"
         raise ConfigError(
-            f"{path}: 'fleet' must be the path of a fleet file, relative to this file; "
+            f"{path}: '{key}' must be the path of a fleet file, relative to this file; "
             "or give --fleet."
         )
     # A name without a folder may be an example, if no such file is beside the mission.
