@@ -25,7 +25,12 @@ from groundstation.mission_files.wall_time import (
     local_now,
     wall_time,
 )
-from groundstation.missions.conditions import ConditionTimeout, FleetMoment, WaitCondition
+from groundstation.missions.conditions import (
+    ConditionTimeout,
+    FleetMoment,
+    WaitCondition,
+    refuse_other,
+)
 from groundstation.missions.following import follow, present_offsets
 from groundstation.missions.ground import MissionGround
 from groundstation.missions.path_following import Lights, Paths, follow_paths
@@ -715,7 +720,9 @@ class Group:
 
         Raises:
             ConditionTimeout: the condition does not hold in time.
+            ConfigError: it is no condition.
         """
+        refuse_other(condition)
         client = self.client
         begin_ns = client.now_ns()
 
@@ -757,6 +764,7 @@ class Group:
                 is raised.
             ends: whether the block is cancelled before the reaction; the mission goes on after it.
         """
+        refuse_other(condition)
         body = asyncio.current_task()  # runs the block
         assert body is not None
         has_begun = False  # whether the condition has held, and the reaction has begun

@@ -6,6 +6,8 @@ A mistake in it would otherwise be found in flight, when the mission comes to it
 from __future__ import annotations
 
 import ast
+import inspect
+from typing import Any
 
 from groundstation.mission_files.mission import Mission
 from groundstation.mission_files.python_file import load_function
@@ -20,16 +22,17 @@ from onboard.plain_text import listed, meant_words
 def check_python(mission: Mission) -> None:
     """Check a Python mission: its verbs, vehicles and arguments, and whether it can be imported.
 
-    Verbs and vehicles are read from its text. Only calls on its function's first argument, on
-    ``fleet["mav0"]`` and on ``fleet.group(...)`` are checked, and none if the function assigns
-    something else to that name. Then the file is imported, so its code at the top level runs.
+    Verbs, their arguments' names and vehicles are read from its text. Only calls on its function's
+    first argument, on ``fleet["mav0"]`` and on ``fleet.group(...)`` are checked, and none if the
+    function assigns something else to that name. Then the file is imported, so its code at the top
+    level runs.
 
     Args:
         mission: Python mission, loaded and checked, with its arguments.
 
     Raises:
-        ConfigError: a verb or a vehicle does not exist (the message names its line), or see
-            :func:`load_function`.
+        ConfigError: a verb or a vehicle does not exist, or a verb does not take an argument (the
+            message names its line), or see :func:`load_function`.
     """
     tree = python_tree(read_text(mission.path, MISSION_FILE), mission.path)
     for function in tree.body:
@@ -40,8 +43,8 @@ def check_python(mission: Mission) -> None:
 
 
 def _refuse_unknown_names(function: ast.AsyncFunctionDef, mission: Mission) -> None:
-    """Refuse verbs that the fleet, a vehicle of it or a group does not have, and vehicles that the
-    fleet does not have.
+    """Refuse verbs that the fleet, a vehicle of it or a group does not have, arguments that a verb
+    does not take, and vehicles that the fleet does not have.
     """
     parameters = [*function.args.posonlyargs, *function.args.args]
     if not parameters:
@@ -55,7 +58,10 @@ def _refuse_unknown_names(function: ast.AsyncFunctionDef, mission: Mission) -> N
         if isinstance(node, ast.Subscript) and _owner(node.value, fleet_name) is Fleet:
             _refuse_unknown_vehicle(node, mission)
         if isinstance(node, ast.Call) and isinstance(node.func, ast.Attribute):
-            _refuse_unknown_verb(node.func, _owner(node.func.value, fleet_name), mission.path)
+            owner = _owner(node.func.value, fleet_name)
+            if owner is not None:
+                _refuse_unknown_verb(node.func, owner, mission.path)
+                _refuse_wrong_arguments(node, getattr(owner, node.func.attr), mission.path)
 
 
 def _refuse_unknown_vehicle(item: ast.Subscript, mission: Mission) -> None:
@@ -71,14 +77,40 @@ def _refuse_unknown_vehicle(item: ast.Subscript, mission: Mission) -> None:
         )
 
 
-def _refuse_unknown_verb(verb: ast.Attribute, owner: type[Group] | None, path: str) -> None:
+def _refuse_unknown_verb(verb: ast.Attribute, owner: type[Group], path: str) -> None:
     """Refuse a verb that its owner does not have."""
-    if owner is not None and not hasattr(owner, verb.attr):
+    if not hasattr(owner, verb.attr):
         known = [name for name in dir(owner) if not name.startswith("_")]
         raise ConfigError(
             f"{path}: line {verb.lineno}: {ast.unparse(verb)} does not exist."
             f"{meant_words(verb.attr, known)} docs/python-api.md lists all."
         )
+
+
+def _refuse_wrong_arguments(call: ast.Call, function: Any, path: str) -> None:
+    """Refuse a call whose arguments do not fit its verb; ``*`` and ``**`` are not looked into."""
+    names = [keyword.arg for keyword in call.keywords if keyword.arg is not None]
+    is_known = len(names) == len(call.keywords)
+    if any(isinstance(argument, ast.Starred) for argument in call.args):
+        is_known = False
+    if not inspect.isfunction(function) or not is_known:
+        return
+
+    signature = inspect.signature(function)
+    _, *taken = signature.parameters.values()  # without ``self``
+    taken_names = [parameter.name for parameter in taken]
+    takes_any = any(parameter.kind is inspect.Parameter.VAR_KEYWORD for parameter in taken)
+    begin = f"{path}: line {call.lineno}: {ast.unparse(call.func)}"
+    end = f"It takes: {', '.join(taken_names) or 'none'}."
+    for name in names:
+        if name not in taken_names and not takes_any:
+            raise ConfigError(
+                f"{begin} takes no argument '{name}'.{meant_words(name, taken_names)} {end}"
+            )
+    try:
+        signature.bind(None, *call.args, **dict.fromkeys(names))
+    except TypeError as error:
+        raise ConfigError(f"{begin}: {error}. {end}") from None
 
 
 def _owner(expression: ast.expr, fleet_name: str) -> type[Group] | None:

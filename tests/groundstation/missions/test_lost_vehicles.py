@@ -23,7 +23,7 @@ from groundstation.missions.ground import MissionGround
 from groundstation.missions.group import Group
 from groundstation.missions.runner import MissionRun
 from groundstation.orders.result import OrderFailed
-from onboard.config.fleet import FleetConfig
+from onboard.config.fleet import ConfigError, FleetConfig
 
 
 @pytest.fixture
@@ -87,6 +87,15 @@ async def test_a_wait_without_time_only_looks_whether_the_condition_holds_now(
     await group.until(flying(), timeout_s)
     with pytest.raises(ConditionTimeout):
         await group.until(landed(), timeout_s)
+
+
+async def test_a_function_is_no_condition(group: Group) -> None:
+    condition: Any = lambda: True  # noqa: E731
+    with pytest.raises(ConfigError, match="'function' is no condition"):
+        await group.until(condition)
+    with pytest.raises(ConfigError, match="'function' is no condition"):
+        async with group.reacting(condition, group.hold):
+            pass
 
 
 async def test_several_conditions_name_those_who_fail(group: Group, bus: Any) -> None:

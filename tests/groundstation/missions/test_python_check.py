@@ -50,8 +50,26 @@ def test_a_vehicle_that_the_fleet_does_not_have_is_told_with_its_line(tmp_path):
 
 
 @pytest.mark.parametrize(
+    ("call", "words"),
+    [
+        ("fleet.takeoff(height=1.0)", "takes no argument 'height'. Did you mean 'height_m'?"),
+        ("fleet['mav0'].go_to((0, 0, 1), yaw=90)", "takes no argument 'yaw'."),
+        ("fleet.group(['mav0']).move()", "missing a required argument: "),
+        ("fleet.land('all', 1, 2, 3, 4, 5, 6)", "too many positional arguments. It takes: "),
+    ],
+)
+def test_an_argument_that_a_verb_does_not_take_is_told_with_its_line(tmp_path, call, words):
+    with pytest.raises(ConfigError) as refusal:
+        check_python(mission_of(tmp_path, ["await fleet.arm()", f"await {call}"]))
+    verb, _, _ = call.rpartition("(")
+    assert str(refusal.value).partition("show.py: ")[2].startswith(f"line 6: {verb[:11]}")
+    assert words in str(refusal.value)
+
+
+@pytest.mark.parametrize(
     "body",
     [
+        ["await fleet.takeoff(**{'height_m': 1.0})", "await fleet.land(*['all'])"],
         ["await fleet.arm()", "await fleet['mav0'].reached(1.0)", "await fleet.land_all()"],
         ["await fleet.group(['mav0', 'mav1']).land()", "print(fleet['mav0'].yaw_deg.real)"],
         ["for name in fleet.names:", "    await fleet[name].land()"],
