@@ -18,6 +18,7 @@ from __future__ import annotations
 
 import asyncio
 import time
+from pathlib import Path
 from typing import Annotated
 
 from cyclopts import Parameter
@@ -29,7 +30,7 @@ from groundstation.commands.parameters import (
     FlightOptions,
     WorldOptions,
 )
-from groundstation.flights.flight_settings import new_folder, prepare
+from groundstation.flights.flight_settings import flight_folder, prepare
 from groundstation.flights.mission_flight import MissionFlight, clock_say
 from groundstation.flights.simulation_settings import (
     SimulationSettings,
@@ -106,9 +107,32 @@ def fly_mission(
     for line in simulation.orders:
         order_for(mission.fleet, line)  # refuses a wrong one before the flight has a folder
 
+    with flight_folder(options.record) as folder:
+        return _fly_into(
+            folder,
+            mission,
+            options,
+            simulation,
+            is_simulated=is_simulated,
+            has_free_ports=has_free_ports,
+            at=begin,
+        )
+
+
+def _fly_into(
+    folder: Path,
+    mission: Mission,
+    options: FlightOptions,
+    simulation: SimulationSettings,
+    *,
+    is_simulated: bool,
+    has_free_ports: bool,
+    at: WallTime | None,
+) -> int:
+    """Fly a mission that has been loaded into a folder; return the exit status."""
     settings = prepare(
         mission,
-        options.record or new_folder().absolute(),
+        folder,
         fleet_path=options.fleet,
         law=options.law,
         is_simulated=is_simulated,
@@ -117,7 +141,7 @@ def fly_mission(
         simulation=simulation,
         needs_ports=not options.lockstep,
         arguments=_arguments(options.arg),
-        at=begin,
+        at=at,
     )
     if not options.lockstep:
         return asyncio.run(MissionFlight(settings, say=clock_say()).fly())

@@ -31,7 +31,7 @@ from groundstation.commands.parameters import (
     WorldOptions,
     refuse_wrong_seed,
 )
-from groundstation.flights.flight_settings import new_folder
+from groundstation.flights.flight_settings import flight_folder
 from groundstation.mission_files.loading import load_mission
 from groundstation.shows.gallery import ACCIDENTS, GALLERY, gallery_mission, sentence_of
 from onboard.config.fleet import ConfigError
@@ -71,15 +71,15 @@ def gallery(
         refuse_wrong_seed(seed)
         return fly_accident(load_mission(name), seed=seed)
 
-    folder = record or new_folder()
-    return fly_mission(
-        gallery_mission(name, folder),
-        FlightOptions(record=folder, law=law, seed=seed, lockstep=True),
-        WorldOptions(),
-        BusOptions(),
-        is_simulated=True,
-        has_free_ports=False,
-    )
+    with flight_folder(record) as folder:
+        return fly_mission(
+            gallery_mission(name, folder),
+            FlightOptions(record=folder, law=law, seed=seed, lockstep=True),
+            WorldOptions(),
+            BusOptions(),
+            is_simulated=True,
+            has_free_ports=False,
+        )
 
 
 def _print_list() -> None:

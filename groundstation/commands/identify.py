@@ -23,7 +23,7 @@ from typing import Annotated
 from cyclopts import Parameter
 
 from groundstation.commands.parameters import File, Folder, refuse_wrong_seed
-from groundstation.flights.flight_settings import FlightSettings, new_folder, prepare
+from groundstation.flights.flight_settings import FlightSettings, flight_folder, prepare
 from groundstation.flights.identification_flight import write_manoeuvre
 from groundstation.flights.mission_flight import MissionFlight, clock_say
 from groundstation.flights.simulation_settings import SimulationSettings
@@ -89,29 +89,61 @@ def identify(
     if not box > 0.0:
         raise ConfigError(f"--box is {box}; half the width of the box must be more than 0 m.")
 
-    folder = (record or new_folder()).absolute()
+    with flight_folder(record) as folder:
+        return _fly_and_identify(
+            fleet,
+            vehicle,
+            folder.absolute(),
+            target,
+            half_m=box,
+            seed=seed,
+            is_simulated=sitl,
+            is_headless=headless,
+            is_json=json,
+        )
+
+
+def _fly_and_identify(
+    fleet: str,
+    vehicle: str,
+    folder: Path,
+    target: Path | None,
+    *,
+    half_m: float,
+    seed: int,
+    is_simulated: bool,
+    is_headless: bool,
+    is_json: bool,
+) -> int:
+    """Fly the manoeuvre, identify the vehicle by its record; return the exit status."""
     # This also writes mission.py into the folder.
     fleet_path = write_manoeuvre(
-        fleet, vehicle, folder, half_m=box, seed=seed, is_simulated=sitl, is_headless=headless
+        fleet,
+        vehicle,
+        folder,
+        half_m=half_m,
+        seed=seed,
+        is_simulated=is_simulated,
+        is_headless=is_headless,
     )
     settings = prepare(
         str(folder / "mission.py"),
         folder,
         fleet_path=str(fleet_path),
         law=None,
-        is_simulated=sitl,
+        is_simulated=is_simulated,
         has_free_ports=True,
-        is_headless=headless,
+        is_headless=is_headless,
         simulation=SimulationSettings(seed=seed),
     )
-    status = _fly(settings, is_json=json)
+    status = _fly(settings, is_json=is_json)
     if status != EXIT_OK:
         print(
             f"The manoeuvre was not flown to its end; what there is lies in {folder}.",
             file=sys.stderr,
         )
         return status
-    return _identify_record(folder, None, vehicle, target, is_json=json)
+    return _identify_record(folder, None, vehicle, target, is_json=is_json)
 
 
 def _fly(settings: FlightSettings, *, is_json: bool) -> int:

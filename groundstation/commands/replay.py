@@ -29,7 +29,7 @@ from groundstation.commands.notes import print_notes
 from groundstation.commands.parameters import File, Folder, Seconds
 from groundstation.commands.tui import require_terminal
 from groundstation.flights.changes import parse_change
-from groundstation.flights.flight_settings import new_folder, refuse_flown_folder
+from groundstation.flights.flight_settings import flight_folder, refuse_flown_folder
 from groundstation.flights.recorded_flight import open_recorded
 from groundstation.missions.lasting_output import lasting_output
 from groundstation.recording.audit import trail, trail_lines
@@ -75,7 +75,8 @@ def replay(
         record: folder of the new flight (default: flights/<time>)
     """
     if resume_at is not None or what_if or record is not None:
-        return _fly_again(flight, resume_at, what_if, record or new_folder().absolute())
+        with flight_folder(record) as folder:
+            return _fly_again(flight, resume_at, what_if, folder)
 
     has_console = not (headless or json or orders or csv is not None)
     if not has_console and (at or speed != 1.0):

@@ -36,7 +36,7 @@ from groundstation.commands.parameters import (
 )
 from groundstation.crazyswarm.script_check import is_of_crazyswarm
 from groundstation.flights.flight_settings import (
-    new_folder,
+    flight_folder,
     open_folder,
     refuse_law_of_real_flight,
     simulated_fleet,
@@ -89,13 +89,39 @@ def run(
     refuse_law_of_real_flight(law, is_simulated=lockstep or sitl)
     refuse_wrong_seed(seed)
 
-    folder = (record or new_folder()).absolute()
     config = load_fleet(fleet)
     is_simulated = lockstep or sitl
     needs_rehearsal = not is_simulated and not no_rehearse and is_of_crazyswarm(script)
-    if rehearse or needs_rehearsal:
+    with flight_folder(record) as folder:
+        return _run_into(
+            folder.absolute(),
+            script,
+            arguments,
+            config,
+            lockstep=lockstep,
+            sitl=sitl,
+            law=law,
+            seed=seed,
+            is_rehearsed=rehearse or needs_rehearsal,
+        )
+
+
+def _run_into(
+    folder: Path,
+    script: str,
+    arguments: tuple[str, ...],
+    config: FleetConfig,
+    *,
+    lockstep: bool,
+    sitl: bool,
+    law: str | None,
+    seed: int,
+    is_rehearsed: bool,
+) -> int:
+    """Run a script, after a rehearsal if it gets one, into a folder; return the exit status."""
+    if is_rehearsed:
         _rehearse(script, arguments, config, folder / "rehearsal", seed)
-    if is_simulated:
+    if lockstep or sitl:
         config = simulated_fleet(config, folder, law=law, has_free_ports=sitl, needs_ports=sitl)
 
     files = {"fleet.toml": config.text, "script.py": read_text(script, SCRIPT)}

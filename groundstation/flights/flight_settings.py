@@ -6,10 +6,11 @@ flight folder contains exactly the files that will be flown.
 
 from __future__ import annotations
 
+import contextlib
 import datetime
 import sys
 import tomllib
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from types import MappingProxyType
@@ -133,9 +134,56 @@ def refuse_law_of_real_flight(law: str | None, *, is_simulated: bool) -> None:
         )
 
 
-def new_folder() -> Path:
-    """Return the default folder of a new flight, named after the time."""
-    return Path("flights") / datetime.datetime.now().strftime("%Y%m%d-%H%M%S")
+@contextlib.contextmanager
+def flight_folder(record: Path | None) -> Iterator[Path]:
+    """Give the folder of a new flight: a named one, or a new one that no other flight gets.
+
+    A new one that is empty at the end is removed: the flight was refused.
+
+    Args:
+        record: the folder of --record; None creates one in ``flights``, named after the time.
+
+    Raises:
+        ConfigError: the new folder cannot be created.
+    """
+    if record is not None:
+        yield record
+        return
+
+    folder = _create_folder(datetime.datetime.now().strftime("%Y%m%d-%H%M%S")).absolute()
+    try:
+        yield folder
+    finally:
+        with contextlib.suppress(OSError):  # it is not empty
+            folder.rmdir()
+            folder.parent.rmdir()
+
+
+def _create_folder(name: str) -> Path:
+    """Create a folder of this name in ``flights``, with a number behind it if it is there already.
+
+    Raises:
+        ConfigError: it cannot be created.
+    """
+    folder = Path("flights") / name
+    number = 1
+    try:
+        folder.parent.mkdir(exist_ok=True)
+        while not _is_created(folder):
+            number += 1
+            folder = folder.with_name(f"{name}-{number}")
+    except OSError as error:
+        raise _unwritable(folder, error) from None
+    return folder
+
+
+def _is_created(folder: Path) -> bool:
+    """Create a folder; return False if there is a file or folder of this name already."""
+    try:
+        folder.mkdir()
+    except FileExistsError:
+        return False
+    return True
 
 
 def refuse_flown_folder(folder: Path) -> None:
@@ -185,9 +233,13 @@ def write_files(folder: Path, files: Mapping[str, str]) -> None:
         for name, text in files.items():
             (folder / name).write_text(text, encoding="utf-8")
     except OSError as error:
-        raise ConfigError(
-            f"{folder}: cannot be written ({error.strerror}). Choose another with --record."
-        ) from None
+        raise _unwritable(folder, error) from None
+
+
+def _unwritable(folder: Path, error: OSError) -> ConfigError:
+    return ConfigError(
+        f"{folder}: cannot be written ({error.strerror}). Choose another with --record."
+    )
 
 
 def _refuse_other_files(folder: Path, files: Mapping[str, str]) -> None:
