@@ -276,13 +276,24 @@ def simulated_fleet(
     Raises:
         ConfigError: ports are in use, or the law cannot be imported.
     """
+    fleet.with_law(law, named_by="--law").import_law()
+
     # this computer cannot listen at endpoints of other computers
     is_elsewhere = needs_ports and not is_local(fleet)
-    fleet = _fleet_of_flight(fleet, folder, law, has_free_ports=has_free_ports or is_elsewhere)
-    fleet.import_law()
-    if not needs_ports:
-        return fleet
+    flown = _fleet_of_flight(fleet, folder, law, has_free_ports=has_free_ports or is_elsewhere)
+    if needs_ports:
+        _refuse_busy_ports(flown)
 
+    # Until now refusals name the user's file: of a flight that is refused there is no copy.
+    return replace(flown, path=str(folder / "fleet.toml"))
+
+
+def _refuse_busy_ports(fleet: FleetConfig) -> None:
+    """Refuse a fleet whose ports other programs use.
+
+    Raises:
+        ConfigError: ports are in use.
+    """
     busy = busy_ports(fleet)
     if busy:
         more = ""
@@ -292,13 +303,15 @@ def simulated_fleet(
             f"{fleet.path}: {busy[0]}{more} Stop another emulator or fleet that runs here, change"
             " the endpoints, or fly with covey demo, which picks free ones."
         )
-    return fleet
 
 
 def _fleet_of_flight(
     fleet: FleetConfig, folder: Path, law: str | None, *, has_free_ports: bool
 ) -> FleetConfig:
-    """Return the fleet of the copy that is written into the flight folder."""
+    """Return the fleet of the copy that is written into the flight folder.
+
+    Its path is still that of the fleet file.
+    """
     data = tomllib.loads(fleet.text)
 
     for vehicle in data["vehicles"].values():
@@ -312,4 +325,4 @@ def _fleet_of_flight(
 
     path = f"{folder}/fleet.toml"
     comment = f"Made from {fleet.path} for this flight; attach with: covey tui --fleet {path}"
-    return fleet_from_mapping(data, path=str(folder / "fleet.toml"), text=toml_text(data, comment))
+    return fleet_from_mapping(data, path=fleet.path, text=toml_text(data, comment))

@@ -227,29 +227,36 @@ class FleetConfig(msgspec.Struct, frozen=True):
         """Key prefix on the bus."""
         return f"covey/{self.fleet.name}"
 
-    def with_law(self, name: str | None) -> FleetConfig:
+    def with_law(self, name: str | None, *, named_by: str | None = None) -> FleetConfig:
         """Return the same fleet with another law; None keeps the file's law.
 
+        Args:
+            name: name of the law.
+            named_by: the option whose value the name is, for messages; None: this fleet file.
         Raises:
             ConfigError: There is no such law.
         """
         if name is None:
             return self
         law = msgspec.structs.replace(self.law, name=name)
-        return msgspec.structs.replace(self, law=law).with_own_law()
+        return msgspec.structs.replace(self, law=law).with_own_law(named_by=named_by)
 
-    def with_own_law(self) -> FleetConfig:
+    def with_own_law(self, *, named_by: str | None = None) -> FleetConfig:
         """Return the same fleet with the law that its file names.
 
         A user's own law is found and hashed, but not imported: see :meth:`import_law`.
 
+        Args:
+            named_by: see :meth:`with_law`.
         Raises:
             ConfigError: There is no such law.
         """
+        if named_by is None:
+            named_by = f"{self.path}: 'law.name'"
         own_law: OwnLaw | None = None
         if self.law.is_own:
             folder = os.path.join(os.path.dirname(os.path.abspath(self.path)), self.law.folder)
-            own_law = find_own_law(self.law.name, (folder, os.getcwd()), f"{self.path}: 'law.name'")
+            own_law = find_own_law(self.law.name, (folder, os.getcwd()), named_by)
         return msgspec.structs.replace(self, own_law=own_law)
 
     def import_law(self) -> None:

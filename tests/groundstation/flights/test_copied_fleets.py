@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import socket
 from pathlib import Path
 
 import pytest
@@ -115,3 +116,30 @@ def test_a_fleet_beside_the_target_of_a_link_is_still_found(tmp_path: Path) -> N
     (tmp_path / "link").symlink_to(mission.parent)
     linked = load_mission(str(tmp_path / "link" / mission.name))
     assert linked.fleet.path == str(tmp_path / "link" / ".." / "fleets" / "paper.toml")
+
+
+def test_refusals_name_the_file_of_the_user_and_the_option_and_no_copy(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    words = ["init", "lab", "--vehicles", "2", "--companions", "here", "--law", "mine"]
+    assert main(words) == 0
+    capsys.readouterr()
+    flight = ["fly", "lab/mission.toml", "--headless"]
+
+    assert main([*flight, "--lockstep", "--law", "cove"]) == 2
+    assert "covey: --law is 'cove', but there are only covey," in capsys.readouterr().err
+
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        port = server.getsockname()[1]
+        text = Path("lab/fleet.toml").read_text(encoding="utf-8")
+        endpoint = f'[fleet]\nsimulator = "tcp/127.0.0.1:{port}"'
+        Path("lab/busy.toml").write_text(text.replace("[fleet]", endpoint), encoding="utf-8")
+        assert main([*flight, "--sitl", "--fleet", "lab/busy.toml"]) == 2
+    assert "covey: lab/busy.toml: 'fleet.simulator'" in capsys.readouterr().err
+
+    Path("lab/mine.py").write_text("import nothing_of_this_name\n", encoding="utf-8")
+    assert main([*flight, "--lockstep"]) == 2
+    refusal = capsys.readouterr().err
+    assert "covey: lab/fleet.toml: 'law.name' is 'mine:law'" in refusal
+    assert "flights" not in refusal
