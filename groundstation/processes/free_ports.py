@@ -107,9 +107,10 @@ def with_free_ports(data: dict[str, Any], fleet: FleetConfig) -> dict[str, Any]:
 def in_another_folder(data: dict[str, Any], fleet: FleetConfig) -> dict[str, Any]:
     """Return the data of a fleet file for a copy in another folder.
 
-    Files that the fleet file names are not copied: a user's own law, the keys, a recording of
-    corrections, the password for a caster. The copy names them by their full paths. With a built-in
-    law it names no folder, so that it can be used on another computer too.
+    Files that the fleet file names are not copied: a user's own law, the keys, the files of
+    formations, a recording of corrections, the password for a caster. The copy names them by their
+    full paths. With a built-in law it names no folder, so that it can be used on another computer
+    too.
 
     Args:
         data: content of the fleet file, which is not changed.
@@ -118,6 +119,12 @@ def in_another_folder(data: dict[str, Any], fleet: FleetConfig) -> dict[str, Any
     copied = dict(data)
     if "law" in data:
         copied["law"] = _law_elsewhere(data["law"], fleet.path)
+
+    if "formations" in data:
+        copied["formations"] = {
+            name: _formation_elsewhere(table, fleet.path)
+            for name, table in data["formations"].items()
+        }
 
     if "corrections" in data:
         copied["corrections"] = _corrections_elsewhere(data["corrections"], fleet.path)
@@ -135,6 +142,16 @@ def _law_elsewhere(table: dict[str, Any], fleet_path: str) -> dict[str, Any]:
     name = copied.get("name", LawConfig().name)
     if LawConfig(name=name).is_own:
         copied["folder"] = os.path.normpath(beside(fleet_path, folder))
+    return copied
+
+
+def _formation_elsewhere(table: dict[str, Any], fleet_path: str) -> dict[str, Any]:
+    """Return the table of a formation with full paths of the files that its shape reads."""
+    copied = dict(table)
+    if "shape" in table:
+        for key in ("file", "font"):
+            if key in table:
+                copied[key] = beside(fleet_path, table[key])
     return copied
 
 

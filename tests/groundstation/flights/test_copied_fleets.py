@@ -10,6 +10,7 @@ import pytest
 from groundstation.cli import main
 from groundstation.flights.demo_missions import locked_copy
 from groundstation.flights.identification_flight import one_alone
+from groundstation.formations.slots import formation_files
 from groundstation.mission_files.loading import load_mission
 from onboard.config.fleet import load_fleet
 
@@ -143,3 +144,16 @@ def test_refusals_name_the_file_of_the_user_and_the_option_and_no_copy(
     refusal = capsys.readouterr().err
     assert "covey: lab/fleet.toml: 'law.name' is 'mine:law'" in refusal
     assert "flights" not in refusal
+
+
+def test_a_copy_finds_the_files_of_its_formations(tmp_path: Path) -> None:
+    assert main(["init", str(tmp_path), "--vehicles", "2", "--companions", "here"]) == 0
+    path = tmp_path / "fleet.toml"
+    text = path.read_text(encoding="utf-8")
+    path.write_text(f'{text}\n[formations.pair]\nshape = "csv"\nfile = "pair.csv"\n', "utf-8")
+    (tmp_path / "pair.csv").write_text("x,y,z\n0,0,0\n2,0,0\n", encoding="utf-8")
+
+    (tmp_path / "copy").mkdir()
+    (tmp_path / "copy" / "fleet.toml").write_text(one_alone(load_fleet(path), "mav1"), "utf-8")
+    copy = load_fleet(tmp_path / "copy" / "fleet.toml")
+    assert formation_files(copy) == [str(tmp_path / "pair.csv")]
