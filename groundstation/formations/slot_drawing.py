@@ -37,18 +37,21 @@ def text_slots(text: str, font: str | None, count: int) -> Array:
         count: number of slots.
 
     Raises:
-        ConfigError: matplotlib is not installed, or the font cannot be read.
+        ConfigError: matplotlib is not installed, the font cannot be read, or it lacks a letter.
     """
     matplotlib = _matplotlib()
     if font is not None:
         opened(font, FONT).close()  # refuses what is not a regular file, or is too large for a font
     try:
-        if font is not None:
-            # Refuses a wrong font. Matplotlib would refuse it too, but after it has opened another
-            # font, which it never closes.
-            matplotlib.ft2font.FT2Font(font)
         properties = matplotlib.font_manager.FontProperties(fname=font)
+        font_file = matplotlib.font_manager.findfont(properties)
+        # Refuses a wrong font. Matplotlib would refuse it too, but after it has opened another
+        # font, which it never closes.
+        opened_font = matplotlib.ft2font.FT2Font(font_file)
+        _refuse_missing_letters(text, opened_font)
         outline = matplotlib.textpath.TextPath((0.0, 0.0), text, size=_HEIGHT_PX, prop=properties)
+    except ConfigError:
+        raise
     except (OSError, RuntimeError, ValueError) as error:
         raise ConfigError(
             f"{font}: this font cannot be read ({error}). Name a .ttf or .otf."
@@ -69,6 +72,20 @@ def text_slots(text: str, font: str | None, count: int) -> Array:
     # Exclusive or, because the hole of an O is a separate polygon.
     inside = np.logical_xor.reduce([polygon.contains_points(pixels) for polygon in polygons])
     return _spread(pixels[inside], count, f"The text {text!r}")
+
+
+def _refuse_missing_letters(text: str, font: Any) -> None:
+    """Refuse a text with letters in whose place the font has a box.
+
+    Raises:
+        ConfigError: a letter is missing.
+    """
+    missing = [letter for letter in dict.fromkeys(text) if not font.get_char_index(ord(letter))]
+    if missing:
+        raise ConfigError(
+            f"The font {font.family_name} has no {', '.join(map(repr, missing))} for the text "
+            f"{text!r}. Write it with other letters, or name a font that has them."
+        )
 
 
 def _invisible(text: str) -> ConfigError:

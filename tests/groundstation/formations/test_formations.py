@@ -117,6 +117,11 @@ def test_a_text_in_which_nothing_is_drawn_is_refused(text: str) -> None:
         slot_drawing.text_slots(text, None, 3)
 
 
+def test_a_text_with_letters_that_the_font_lacks_is_refused_with_these_letters() -> None:
+    with pytest.raises(ConfigError, match="The font DejaVu Sans has no '日', '本' for the text"):
+        slot_drawing.text_slots("日本 A日", None, 3)
+
+
 def test_two_slots_of_an_image_take_two_pixels_though_one_is_nearest_to_both(
     tmp_path: Path,
 ) -> None:
