@@ -126,8 +126,8 @@ def host_of(fleet: FleetConfig | str | Path | None) -> Host:
 
     if fleet is None:
         raise ConfigError(
-            "Which fleet? Name its file in the script, or start it: "
-            "covey fly script SCRIPT --fleet FILE"
+            'Which fleet? Name its file where the script connects, with fleet="FILE" in the '
+            "parentheses, or start it with: covey fly script SCRIPT --fleet FILE"
         )
     if not isinstance(fleet, FleetConfig):
         fleet = load_fleet(fleet)

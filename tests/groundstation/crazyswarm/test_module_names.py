@@ -10,6 +10,7 @@ import pytest
 
 from groundstation.crazyswarm import Crazyswarm, uav_trajectory
 from groundstation.crazyswarm.module_names import crazyswarm_names
+from onboard.config.fleet import ConfigError
 
 NAMES = ("pycrazyswarm", "crazyflie_py", "crazyflie_py.uav_trajectory", "uav_trajectory")
 
@@ -38,3 +39,10 @@ def test_a_package_of_the_same_name_beside_the_script_is_not_taken_and_its_traje
             assert own.Trajectory == "of the script"
     finally:
         sys.modules.pop("uav_trajectory", None)
+
+
+def test_a_script_that_is_run_without_covey_names_its_fleet() -> None:
+    with pytest.raises(ConfigError, match='with fleet="FILE" in the parentheses'):
+        Crazyswarm()
+    with pytest.raises(ConfigError, match=r"lab\.toml: there is no such fleet file"):
+        Crazyswarm(fleet="lab.toml")
