@@ -115,7 +115,7 @@ def _sentence(text: str, kind: Any, path: str, key: str) -> str:
         allowed = ""
         words = _words_of(inner)
         if message.startswith("Invalid enum value") and words:
-            allowed = f" It may be {', '.join(words)}."
+            allowed = f" It may be {', '.join(words)}{_table_words(inner)}."
         return f"{path}: '{key}{tail}': {_plain(message)}.{allowed} Correct the value."
 
     field = unknown["field"]
@@ -175,6 +175,15 @@ def _words_of(kind: Any) -> list[str]:
         if get_origin(choice) is Literal:
             return [str(word) for word in get_args(choice)]
     return []
+
+
+def _table_words(kind: Any) -> str:
+    """Return the keys of the table that a value may be; empty if its type is no table."""
+    for choice in get_args(kind):
+        keys = getattr(choice, "__struct_fields__", ())
+        if keys:
+            return f", or a table with {', '.join(keys)}"
+    return ""
 
 
 def _kind_inside(kind: Any, step: str) -> Any:

@@ -45,7 +45,11 @@ WRONG = [
     ("types.ardrone.wings", 2, "unknown key 'types.ardrone.wings'"),
     ("types.ardrone.mas_kg", 2, "Did you mean 'mass_kg'?"),
     ("laws", {}, "Did you mean 'law'?"),
-    ("fleet.origin", "moon", "It may be mocap."),
+    (
+        "fleet.origin",
+        "moon",
+        "It may be mocap, or a table with latitude_deg, longitude_deg, altitude_m.",
+    ),
     (
         "fleet.origin",
         {"latitude_deg": float("nan"), "longitude_deg": 8.5, "altitude_m": 440.0},
