@@ -306,6 +306,13 @@ def _law_problems(config: FleetConfig) -> Iterator[str]:
         )
 
 
+def _serial_device(written: str) -> str:
+    """Return the device that somebody has written without its scheme, or an example of one."""
+    if written.startswith("/dev/"):
+        return written
+    return "/dev/ttyAMA0"
+
+
 def _vehicle_problems(config: FleetConfig, vehicle: Vehicle) -> Iterator[str]:
     name = vehicle.name
     for key, (low, high) in VEHICLE_BOUNDS.items():
@@ -325,7 +332,8 @@ def _vehicle_problems(config: FleetConfig, vehicle: Vehicle) -> Iterator[str]:
     if not _AUTOPILOT_ENDPOINT.fullmatch(vehicle.autopilot):
         yield (
             f"'vehicles.{name}.autopilot' is {vehicle.autopilot!r}; write it as "
-            "udpin://127.0.0.1:14540, with a port of its own."
+            "udpin://127.0.0.1:14540, with a port of its own, or as "
+            f"serial://{_serial_device(vehicle.autopilot)}:921600."
         )
     if vehicle.direct is not None and not _DIRECT_ENDPOINT.fullmatch(vehicle.direct):
         yield (
