@@ -2,7 +2,7 @@
 
 Examples:
   covey import fence field.plan --fleet fleet.toml
-  covey import fence field.geojson --fleet fleet.toml --buffer 2 --height=-1,30 --write
+  covey import fence field.geojson --fleet fleet.toml --buffer 2 --height -1,30 --write
 
 Prints tables [[fences]] for the fleet file, checked against the file's origin, spots
 and limits; --write appends them to the file. docs/fences.md says more.
@@ -28,7 +28,7 @@ def fence(
     *,
     fleet: File,
     buffer: Annotated[float, Parameter(metavar="METRES")] = 0.0,
-    height: Annotated[str | None, Parameter(metavar="LOW,HIGH")] = None,
+    height: Annotated[str | None, Parameter(metavar="LOW,HIGH", allow_leading_hyphen=True)] = None,
     write: bool = False,
 ) -> int:
     """Print the fences of a QGroundControl .plan or a GeoJSON as a fleet file has them.
@@ -66,6 +66,6 @@ def _heights(text: str | None) -> tuple[float, float] | None:
         low_m, high_m = (float(part) for part in text.split(","))
     except ValueError:
         raise ConfigError(
-            f"--height is {text[:40]!r}; write two heights, as in --height=-1,30."
+            f"--height is {text[:40]!r}; write two heights, as in --height -1,30."
         ) from None
     return low_m, high_m

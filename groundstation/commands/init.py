@@ -66,7 +66,9 @@ def init(
     vehicles: Annotated[int | None, Parameter(metavar="N")] = None,
     position: Annotated[Position | None, Parameter(converter=_position)] = None,
     mocap_host: _Host = None,
-    origin: Annotated[str | None, Parameter(metavar="LAT,LON,ALT")] = None,
+    origin: Annotated[
+        str | None, Parameter(metavar="LAT,LON,ALT", allow_leading_hyphen=True)
+    ] = None,
     companions: Annotated[str | None, Parameter(metavar="HOSTS")] = None,
     autopilot: Annotated[str | None, Parameter(metavar="ENDPOINT")] = None,
     spacing: Annotated[float | None, Parameter(metavar="METRES")] = None,

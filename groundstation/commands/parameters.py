@@ -114,7 +114,9 @@ class WorldOptions:
             given several times
     """
 
-    wind_m_s: Annotated[str | None, Parameter(group=_WORLD, metavar="EAST,NORTH")] = None
+    wind_m_s: Annotated[
+        str | None, Parameter(group=_WORLD, metavar="EAST,NORTH", allow_leading_hyphen=True)
+    ] = None
     gust_m_s: Annotated[float, Parameter(group=_WORLD, metavar="X", show_default=False)] = 0.0
     fault: Annotated[tuple[str, ...], Parameter(group=_WORLD, metavar="LINE")] = ()
     order: Annotated[tuple[str, ...], Parameter(group=_WORLD, metavar="'S ORDER'")] = ()

@@ -319,6 +319,16 @@ print([name for name in {heavy!r} if name in sys.modules])
         assert done.stdout.splitlines()[-1] == "[]", words
 
 
+def test_a_value_that_begins_with_a_minus_is_the_value_of_its_option(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert cli.main(["fly", MISSION, "--lockstep", "--wind-m-s", "-99,0"]) == 2
+    assert "--wind-m-s is '-99,0'; write it as EAST,NORTH" in capsys.readouterr().err
+    words = ["init", str(tmp_path), "--vehicles", "2", "--position", "gps", "--companions", "here"]
+    assert cli.main([*words, "--origin", "-33.9,18.4,40"]) == 0
+    assert "latitude_deg = -33.9" in (tmp_path / "fleet.toml").read_text()
+
+
 def test_the_folder_gets_the_files_that_are_really_used_and_a_flown_one_is_not_overwritten(
     tmp_path: Path,
 ) -> None:

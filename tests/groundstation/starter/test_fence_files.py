@@ -88,7 +88,7 @@ def test_a_fence_without_a_name_that_can_be_written_has_that_of_its_file(
 def test_a_plan_becomes_an_area_to_stay_in_and_one_to_stay_out_of(tmp_path: Path) -> None:
     fleet = fleet_file(tmp_path)
     file = written(tmp_path, plan())
-    command = ["import", "fence", str(file), "--fleet", str(fleet), "--height=-1,2.5"]
+    command = ["import", "fence", str(file), "--fleet", str(fleet), "--height", "-1,2.5"]
     assert main([*command, "--buffer", "0.2"]) == 0
     assert not load_fleet(fleet).fences  # nothing is written without --write
 
