@@ -46,7 +46,7 @@ from onboard.config.fleet import (
     read_toml,
 )
 from onboard.config.formation_shape import FormationShape, problems, split
-from onboard.config.toml_reading import table
+from onboard.config.toml_reading import table, unknown_key
 from onboard.plain_text import meant_words
 
 _KEYS = ("schema", "fleet", "formations", "step", "expect", "on_failure")
@@ -252,7 +252,7 @@ def _step(data: Any, key: str, path: str) -> MissionStep:
             values[name] = ()  # `_inner_steps` has converted these already
     if issubclass(kind, Intent):
         del values["do"]  # an intent has no such field; its class stands for it
-        _check_planned_fields(values, kind, key, path)
+        _check_order_keys(values, kind, key, path)
 
     step = cast(MissionStep, convert(values, kind, path, key))
     if blocks:
@@ -261,14 +261,12 @@ def _step(data: Any, key: str, path: str) -> MissionStep:
     return step
 
 
-def _check_planned_fields(values: dict[str, Any], kind: type[Intent], key: str, path: str) -> None:
-    """Refuse keys for fields of an intent that only the planning may fill in."""
-    for name in kind.planned_fields:
-        if name in values:
-            raise ConfigError(
-                f"{path}: unknown key '{key}.{name}'. Known keys here: "
-                f"{', '.join(file_keys(kind))}. Remove or correct it."
-            )
+def _check_order_keys(values: dict[str, Any], kind: type[Intent], key: str, path: str) -> None:
+    """Refuse unknown keys of an order, and those for fields that only the planning may fill in."""
+    known = file_keys(kind)
+    for name in values:
+        if name not in known:
+            raise unknown_key(path, f"{key}.{name}", name, known)
 
 
 def _check_step(step: MissionStep, key: str, path: str) -> None:

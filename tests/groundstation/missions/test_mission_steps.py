@@ -77,6 +77,11 @@ def reacting(when: dict[str, Any]) -> dict[str, Any]:
             "step[1].when.separation_below_m",
         ),
         ({"do": "take_off"}, "Did you mean 'takeoff'?"),
+        (
+            {"do": "takeoff", "heigth_m": 1.0},
+            "unknown key 'step[1].heigth_m'. Did you mean 'height_m'? Known keys here: vehicles,"
+            " timeout_s, height_m, by, every_s.",
+        ),
         ({"do": "wait", "duration_s": "3"}, "it must be a number, not a text."),
         ({"do": "wait", "until": {"landed": "mav9"}}, "mav9"),
         ({"do": "wait", "until": {"reached": {"0-1": [0, 0, 1]}}}, "'0-1' names 2 vehicles"),
