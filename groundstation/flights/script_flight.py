@@ -31,7 +31,7 @@ from groundstation.processes.supervisor import ProcessError, Processes
 from groundstation.recording.writer import RecordEnd
 from groundstation.verdict.expectations import Expect
 from groundstation.verdict.final_verdict import final_verdict
-from onboard.config.file_reading import SCRIPT, python_tree, read_text
+from onboard.config.file_reading import SCRIPT, python_tree, read_text, toml_values
 from onboard.config.fleet import ConfigError, FleetConfig
 from onboard.exit_status import EXIT_FAILED, EXIT_INTERRUPTED, EXIT_OK
 from onboard.plain_text import plain_lines
@@ -53,9 +53,18 @@ def refuse_what_is_no_script(path: str) -> None:
     """Refuse a file that cannot be run, before anything starts.
 
     Raises:
-        ConfigError: the file cannot be read, is not Python, or is a mission.
+        ConfigError: the file cannot be read, is not Python, or is a mission or a fleet file.
     """
-    tree = python_tree(read_text(path, SCRIPT), path)
+    text = read_text(path, SCRIPT)
+    if path.endswith(".toml"):
+        if "vehicles" in toml_values(text, path):
+            raise ConfigError(
+                f"{path} is a fleet file, not a script. Name the script, and the fleet behind "
+                f"--fleet: covey fly script SCRIPT --fleet {path}"
+            )
+        raise ConfigError(f"{path} is a mission, not a script. Fly it with: covey fly {path}")
+
+    tree = python_tree(text, path)
     for node in tree.body:
         if isinstance(node, ast.AsyncFunctionDef) and node.name == "mission":
             raise ConfigError(

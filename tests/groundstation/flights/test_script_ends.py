@@ -7,7 +7,11 @@ from typing import Any
 
 import pytest
 
-from groundstation.flights.script_flight import fly_script, fly_script_emulated
+from groundstation.flights.script_flight import (
+    fly_script,
+    fly_script_emulated,
+    refuse_what_is_no_script,
+)
 from groundstation.missions.connection import RealTime
 from onboard.config.fleet import ConfigError, FleetConfig
 from onboard.exit_status import EXIT_FAILED
@@ -45,3 +49,18 @@ def test_an_emulator_that_cannot_start_is_refused_in_a_sentence(
     (tmp_path / "sitl.log").mkdir()  # so that the log cannot be opened
     with pytest.raises(ConfigError, match="sitl cannot be started"):
         fly_script_emulated("show.py", (), fleet, tmp_path, seed=0)
+
+
+def test_a_mission_and_a_fleet_file_are_no_scripts(tmp_path: Path) -> None:
+    mission = "configs/missions/paper.toml"
+    with pytest.raises(ConfigError, match=f"is a mission, .* covey fly {mission}$"):
+        refuse_what_is_no_script(mission)
+
+    fleet_path = "configs/fleets/paper.toml"
+    with pytest.raises(ConfigError, match=f"is a fleet file, .* SCRIPT --fleet {fleet_path}$"):
+        refuse_what_is_no_script(fleet_path)
+
+    python_mission = tmp_path / "mission.py"
+    python_mission.write_text("async def mission(fleet):\n    await fleet.land()\n")
+    with pytest.raises(ConfigError, match="is a mission, 'async def"):
+        refuse_what_is_no_script(str(python_mission))
