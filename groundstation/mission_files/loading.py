@@ -169,9 +169,7 @@ def _check_keys(data: dict[str, Any], path: str) -> None:
 
     for key in data:
         if key not in _KEYS:
-            raise ConfigError(
-                f"{path}: unknown key '{key}'. Known keys here: {', '.join(sorted(_KEYS))}."
-            )
+            raise unknown_key(path, key, key, sorted(_KEYS))
 
 
 def _fleet_of(value: Any, override: FleetConfig | str | None, path: str) -> FleetConfig:

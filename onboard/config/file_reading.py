@@ -95,6 +95,8 @@ _KEY_PART = r"""(?:[\w-]++|"[^"\n]*+"|'[^'\n]*+')"""
 _LONG_KEY = re.compile(
     rf"(?<![\w-]){_KEY_PART}(?:[ \t]*+\.[ \t]*+{_KEY_PART}){{{MOST_KEY_PARTS},}}"
 )
+# tomllib's message about a second table of one name, for the names of lists of tables
+_REPEATED_TABLE = re.compile(r"Cannot declare \('(?P<name>step|obstacles|fences)',\) twice")
 
 
 def opened(path: str | os.PathLike[str], kind: FileKind) -> BinaryIO:
@@ -192,9 +194,19 @@ def toml_values(text: str, name: str) -> dict[str, Any]:
     except RecursionError:
         raise _too_deep(name) from None
     except ValueError as error:
-        raise ConfigError(f"{name}: not valid TOML: {error}. Correct that line.") from None
+        raise ConfigError(
+            f"{name}: not valid TOML: {error}.{_bracket_words(str(error))} Correct that line."
+        ) from None
     check_values(data, name)
     return data
+
+
+def _bracket_words(message: str) -> str:
+    """Return how a table is written that comes several times, if a message of tomllib needs it."""
+    repeated = _REPEATED_TABLE.match(message)
+    if repeated is None:
+        return ""
+    return f" Where there are several, each begins with two brackets: [[{repeated['name']}]]."
 
 
 def json_values(data: bytes | str, name: str) -> Any:

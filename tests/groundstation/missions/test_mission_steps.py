@@ -133,6 +133,14 @@ def test_a_wrong_step_is_refused_with_its_key(
     assert words in str(caught.value)
 
 
+@pytest.mark.parametrize(("key", "meant"), [("steps", "step"), ("expects", "expect")])
+def test_a_wrong_table_of_a_mission_is_refused_with_the_one_that_is_meant(
+    fleet: FleetConfig, key: str, meant: str
+) -> None:
+    with pytest.raises(ConfigError, match=f"unknown key '{key}'. Did you mean '{meant}'"):
+        make(fleet, **{key: [UP]})
+
+
 def test_formations_of_a_mission_need_a_shape_and_stay_with_it_in_another_fleet(
     fleet: FleetConfig,
 ) -> None:

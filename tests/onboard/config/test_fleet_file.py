@@ -187,6 +187,9 @@ def test_a_missing_file_and_broken_toml_are_sentences(tmp_path: Path) -> None:
     (tmp_path / "broken.toml").write_text("schema = = 1")
     with pytest.raises(ConfigError, match="not valid TOML"):
         load_fleet(tmp_path / "broken.toml")
+    (tmp_path / "broken.toml").write_text("[fences]\nname = 'a'\n[fences]\nname = 'b'\n")
+    with pytest.raises(ConfigError, match=r"each begins with two brackets: \[\[fences\]\]\."):
+        load_fleet(tmp_path / "broken.toml")
     with pytest.raises(ConfigError, match="cannot be read"):
         load_fleet(tmp_path)
 
