@@ -10,6 +10,7 @@ from collections.abc import Iterator
 
 from groundstation.mission_files.expected_course import CourseStep
 from groundstation.mission_files.mission import Mission
+from groundstation.mission_files.steps import FollowPathStep
 from groundstation.orders.intents import GoalIntent, Home, Intent, Land
 from groundstation.orders.reachable_goals import unreachable
 from groundstation.paths.checks import path_findings
@@ -115,6 +116,8 @@ def _step_findings(mission: Mission, errors: ErrorClass | None) -> Iterator[Find
         step_name = f"{course_step.key} ({step.do})"  # such as "step[2] (goto)"
         if course_step.paths:
             yield from path_findings(fleet, course_step.paths, step_name)
+        if isinstance(step, FollowPathStep):
+            yield from _pathless_finding(fleet, course_step, step_name)
         if not course_step.alone_s or not isinstance(step, Intent):
             continue
 
@@ -146,6 +149,33 @@ def _step_findings(mission: Mission, errors: ErrorClass | None) -> Iterator[Find
             remedy='Add a last [[step]] with do = "land", or say expect.all_landed = false.',
             refuse_above=math.inf,
         )
+
+
+def _pathless_finding(
+    fleet: FleetConfig, course_step: CourseStep, step_name: str
+) -> Iterator[Finding]:
+    """Yield the finding about vehicles that fly while others follow paths, without one."""
+    has_other_branches = ".branches[" in course_step.key  # they may fly in one of these
+    if has_other_branches or not course_step.is_known:
+        return
+
+    pathless = [
+        name
+        for name in fleet.enabled_names
+        if name in course_step.flying and name not in course_step.paths
+    ]
+    if not pathless:
+        return
+    yield at_most(
+        name=f"no path, {step_name}",
+        value=float(len(pathless)),
+        bound=0.0,
+        unit="",
+        sentence=f"{_capitalised(step_name)}: {', '.join(pathless)} will hover on the spot, in the "
+        "air and without a path",
+        remedy="Name a file for each of them in paths, or let them land before.",
+        refuse_above=math.inf,
+    )
 
 
 def _speed_finding(

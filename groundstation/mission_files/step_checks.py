@@ -73,6 +73,7 @@ def _check_course_step(course_step: CourseStep, mission: Mission) -> None:
         _check_until(step.until, fleet, f"{path}: '{key}.until'")
     elif isinstance(step, FollowPathStep):
         mission.lights_of(step)  # raises ConfigError for a file that cannot be read
+        _check_lights(step, f"{path}: '{key}.lights'")
         _check_paths((*step.paths, *step.lights), fleet, may_fly, f"{path}: '{key}.paths'")
     elif isinstance(step, FlyFormationStep):
         _check_paths(tuple(course_step.paths), fleet, may_fly, f"{path}: '{key}.name'")
@@ -115,6 +116,16 @@ def _check_paths(
         raise ConfigError(
             f"{written_key} must name vehicles that fly at this step, each with a file; "
             f"it has {', '.join(wrong) or 'none'}."
+        )
+
+
+def _check_lights(step: FollowPathStep, written_key: str) -> None:
+    """Refuse lights of vehicles without a path, whose time the lights follow."""
+    wrong = [name for name in step.lights if name not in step.paths]
+    if wrong:
+        raise ConfigError(
+            f"{written_key} has {', '.join(wrong)}, without a path in 'paths'. Lights go by the "
+            "time on the path: name a path as well, or leave the lights out."
         )
 
 

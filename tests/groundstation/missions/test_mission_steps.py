@@ -259,3 +259,31 @@ def test_a_formation_that_is_farther_away_than_numbers_reach_is_refused(
 ) -> None:
     with pytest.raises(ConfigError, match="outside the fence"):
         make(fleet, UP, {**TO_RING, "position_enu_m": [1e200, 0, 1]})
+
+
+def test_vehicles_in_the_air_without_a_path_are_found_and_their_lights_are_refused(
+    fleet: FleetConfig, tmp_path: Path
+) -> None:
+    (tmp_path / "path.csv").write_text("t,x,y,z\n0,0,1,1\n5,0,2,1\n", encoding="utf-8")
+    (tmp_path / "lights.csv").write_text("t,red,green,blue\n0,255,0,0\n", encoding="utf-8")
+    follow = {"do": "follow_path", "paths": {"mav1": "path.csv"}}
+
+    def mission_of(*steps: dict[str, Any]) -> Mission:
+        return mission_from_mapping(
+            {"schema": 1, "step": [UP, *steps, {"do": "land"}]},
+            path=str(tmp_path / "test.toml"),
+            fleet=fleet,
+        )
+
+    def pathless(mission: Mission) -> list[str]:
+        findings = mission_findings(mission)
+        return [found.sentence for found in findings if found.name.startswith("no path")]
+
+    (sentence,) = pathless(mission_of(follow))
+    assert sentence.startswith("Step[1] (follow_path): mav0, mav2 will hover on the spot")
+    assert not pathless(mission_of({"do": "land", "vehicles": ["mav0", "mav2"]}, follow))
+    # what the others do is in another branch
+    assert not pathless(mission_of({"do": "parallel", "branches": [[follow], [LONG]]}))
+
+    with pytest.raises(ConfigError, match=r"'step\[1\]\.lights' has mav2, without a path"):
+        mission_of({**follow, "lights": {"mav1": "lights.csv", "mav2": "lights.csv"}})
