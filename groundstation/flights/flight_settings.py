@@ -298,7 +298,7 @@ def _refuse_busy_ports(fleet: FleetConfig) -> None:
     if busy:
         more = ""
         if len(busy) > 1:
-            more = f" ({len(busy)} ports are taken)"
+            more = f" {len(busy)} ports are taken."
         raise ConfigError(
             f"{fleet.path}: {busy[0]}{more} Stop another emulator or fleet that runs here, change"
             " the endpoints, or fly with covey demo, which picks free ones."

@@ -49,7 +49,9 @@ def text_slots(text: str, font: str | None, count: int) -> Array:
         # font, which it never closes.
         opened_font = matplotlib.ft2font.FT2Font(font_file)
         _refuse_missing_letters(text, opened_font)
-        outline = matplotlib.textpath.TextPath((0.0, 0.0), text, size=_HEIGHT_PX, prop=properties)
+        # between two dollar signs, matplotlib reads mathematics
+        plain = text.replace("$", r"\$")
+        outline = matplotlib.textpath.TextPath((0.0, 0.0), plain, size=_HEIGHT_PX, prop=properties)
     except ConfigError:
         raise
     except (OSError, RuntimeError, ValueError) as error:

@@ -117,6 +117,13 @@ def test_a_text_in_which_nothing_is_drawn_is_refused(text: str) -> None:
         slot_drawing.text_slots(text, None, 3)
 
 
+def test_a_text_between_dollar_signs_is_no_mathematics() -> None:
+    dollars = slot_drawing.text_slots("$2$", None, 12)
+    assert not np.array_equal(dollars, slot_drawing.text_slots("2", None, 12))
+    slot_drawing.text_slots("$\\frac$", None, 12)
+    slot_drawing.text_slots("5 $", None, 12)
+
+
 def test_a_text_with_letters_that_the_font_lacks_is_refused_with_these_letters() -> None:
     with pytest.raises(ConfigError, match="The font DejaVu Sans has no '日', '本' for the text"):
         slot_drawing.text_slots("日本 A日", None, 3)
