@@ -18,7 +18,8 @@ def refuse_other_file(
 ) -> None:
     """Refuse to write over a file that is not of the kind to be written.
 
-    A new file and an empty one are never refused.
+    A new file and an empty one are never refused. A pipe or a device is always refused, because it
+    would be replaced by a file.
 
     Args:
         out: file to write.
@@ -27,9 +28,16 @@ def refuse_other_file(
         option: the option that names another place.
 
     Raises:
-        ConfigError: the file is not of that kind, or cannot be read.
+        ConfigError: the file is not of that kind, is not a regular one, or cannot be read.
     """
-    if not out.is_file() or out.stat().st_size == 0:
+    if not out.exists() or out.is_dir():  # what writes the file says what is wrong with a folder
+        return
+    if not out.is_file():
+        raise ConfigError(
+            f"{out}: this is a pipe, a socket or a device, which would be replaced by a file. "
+            f"Name a file with {option}."
+        )
+    if out.stat().st_size == 0:
         return
     with opened(out, OUTPUT_FILE) as stream:
         begin = stream.read(_BEGIN_BYTES)
@@ -47,22 +55,27 @@ def written_beside(path: Path) -> Iterator[Path]:
     So a reader never gets half a file, and after an error the former file is still there.
 
     Args:
-        path: the file to replace, which need not exist.
+        path: the file to replace, which need not exist. A symbolic link stays, and the file to
+            which it leads is replaced.
 
     Raises:
         OSError: the file cannot be replaced. It names the folder, or the file, and never the new
             file beside it, of which the user knows nothing.
     """
-    part = path.with_name(f".{path.name}.{os.getpid()}.part")
+    target = path
+    if path.is_symlink():
+        target = Path(os.path.realpath(path))
+
+    part = target.with_name(f".{target.name}.{os.getpid()}.part")
     try:
         yield part
-        part.replace(path)
+        part.replace(target)
     except OSError as error:
         if str(error.filename) != str(part):
             raise
-        named = path.parent
+        named = target.parent
         if error.filename2 is not None:  # the new file is whole, but cannot replace the file
-            named = path
+            named = target
         raise OSError(error.errno, error.strerror, str(named)) from None
     finally:
         with contextlib.suppress(OSError):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 
 import pytest
@@ -29,6 +30,13 @@ def test_a_file_of_somebody_else_is_refused_in_words(tmp_path: Path) -> None:
     out.write_bytes(b"mine")
     with pytest.raises(ConfigError, match="there already and is none of ours, so it is not over"):
         refuse_other_file(out, _is_own, other="is none of ours")
+
+
+def test_a_pipe_is_refused_because_it_would_be_replaced_by_a_file(tmp_path: Path) -> None:
+    out = tmp_path / "pipe"
+    os.mkfifo(out)
+    with pytest.raises(ConfigError, match=r"a pipe.*Name a file with --csv\.$"):
+        refuse_other_file(out, _is_own, other="is none of ours", option="--csv")
 
 
 def _fail_in_the_middle(out: Path) -> None:
@@ -64,3 +72,16 @@ def test_a_file_that_cannot_be_replaced_is_named_and_not_the_part(tmp_path: Path
         part.write_text("new")
     assert caught.value.filename == str(out)
     assert list(tmp_path.iterdir()) == [out]
+
+
+def test_a_symbolic_link_stays_and_its_file_is_replaced(tmp_path: Path) -> None:
+    folder = tmp_path / "elsewhere"
+    folder.mkdir()
+    link = tmp_path / "out"
+    link.symlink_to("elsewhere/file")
+    for text in ("first", "second"):  # the file is new at first
+        with written_beside(link) as part:
+            part.write_text(text)
+        assert link.is_symlink()
+        assert (folder / "file").read_text() == text
+    assert [path.name for path in folder.iterdir()] == ["file"]
