@@ -134,6 +134,7 @@ def init(fleet: FleetArgument, /, *, force: bool = False) -> int:
         "With all vehicles on the ground copy each"
     )
     print("node's files to its computer and start it anew: a node with older files finds nobody.")
+    _print_if_open(config)
     return EXIT_OK
 
 
@@ -174,10 +175,7 @@ def list_(fleet: FleetArgument, /, *, running: bool = False) -> int:
     """
     config = load_fleet(fleet)
     if not config.has_keys:
-        raise ConfigError(
-            f"{config.path}: the bus of this fleet has no keys. "
-            f"Lock it: covey keys secure {config.path}"
-        )
+        raise _without_keys(config)
     is_right = True
     for node in nodes_of(config):
         try:
@@ -227,6 +225,7 @@ def _validity(config: FleetConfig, node: str) -> str:
 def _issue(config: FleetConfig, nodes: Sequence[str]) -> int:
     issue_all(config, load_authority(folder_of(config)), nodes, _now())
     print(f"Issued in {folder_of(config)}: {', '.join(nodes)}.")
+    _print_if_open(config)
     return EXIT_OK
 
 
@@ -235,10 +234,29 @@ def _listed(files: Sequence[str]) -> str:
 
 
 def _loaded(fleet: str) -> FleetConfig:
-    """Return a fleet, unless it is an example, which gets no keys."""
+    """Return a fleet whose bus has keys, or whose folder has keys for it.
+
+    Raises:
+        ConfigError: there are no keys, or the fleet is an example, which gets none.
+    """
     config = load_fleet(fleet)
     refuse_example(config)
+    if not config.has_keys and not has_issued(config):
+        raise _without_keys(config)
     return config
+
+
+def _without_keys(config: FleetConfig) -> ConfigError:
+    return ConfigError(
+        f"{config.path}: the bus of this fleet has no keys. "
+        f"Lock it: covey keys secure {config.path}"
+    )
+
+
+def _print_if_open(config: FleetConfig) -> None:
+    """Print that the bus does not use the keys, if the fleet file has endpoints without keys."""
+    if not config.has_keys:
+        print(f"The bus is still open to everybody. Lock it: covey keys secure {config.path}")
 
 
 def _now() -> datetime.datetime:

@@ -300,6 +300,31 @@ def test_examples_and_unknown_nodes_are_refused(
     assert "'mav9' is no node" in capsys.readouterr().err
 
 
+@pytest.mark.parametrize("command", [["init"], ["init", "--force"], ["issue", "mav1"], ["renew"]])
+def test_no_keys_are_made_for_a_bus_that_would_not_use_them(
+    tmp_path: Path, command: list[str], capsys: pytest.CaptureFixture[str]
+) -> None:
+    file = tmp_path / "fleet.toml"
+    shutil.copy(PAPER, file)
+    name, *words = command
+    assert main(["keys", name, str(file), *words]) == 2
+    assert f"has no keys. Lock it: covey keys secure {file}" in capsys.readouterr().err
+    assert list(tmp_path.iterdir()) == [file]
+
+
+@pytest.mark.parametrize("command", [["init", "--force"], ["issue", "mav1"], ["renew"]])
+def test_a_bus_that_does_not_use_its_keys_is_called_open(
+    folder: Path, command: list[str], capsys: pytest.CaptureFixture[str]
+) -> None:
+    file = folder / "fleet.toml"
+    shutil.copy(PAPER, file)
+    name, *words = command
+    assert main(["keys", name, str(file), *words]) == 0
+    assert f"The bus is still open to everybody. Lock it: covey keys secure {file}" in (
+        capsys.readouterr().out
+    )
+
+
 def _fleet(**changes: str) -> FleetConfig:
     data, path, _ = read_toml(PAPER, "fleet file")
     for name, endpoint in changes.items():
