@@ -186,7 +186,7 @@ def list_(fleet: FleetArgument, /, *, running: bool = False) -> int:
 
     try:
         key_place = "is on this computer: it makes new nodes"
-        if not has_authority_key(folder_of(config)):
+        if not has_authority_key(config):
             key_place = "is not on this computer"
         print(f"{AUTHORITY_KEY:12s} {key_place}")
     except ConfigError as error:
@@ -223,7 +223,7 @@ def _validity(config: FleetConfig, node: str) -> str:
 
 
 def _issue(config: FleetConfig, nodes: Sequence[str]) -> int:
-    issue_all(config, load_authority(folder_of(config)), nodes, _now())
+    issue_all(config, load_authority(config), nodes, _now())
     print(f"Issued in {folder_of(config)}: {', '.join(nodes)}.")
     _print_if_open(config)
     return EXIT_OK

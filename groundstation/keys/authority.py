@@ -80,46 +80,49 @@ def make_authority(folder: Path, fleet_name: str, now: datetime.datetime) -> Cer
     return CertificateAuthority(certificate, key)
 
 
-def load_authority(folder: Path) -> CertificateAuthority:
+def load_authority(fleet: FleetConfig) -> CertificateAuthority:
     """Read the authority.
 
     Args:
-        folder: folder of the keys.
+        fleet: the fleet, with the folder of the keys.
 
     Raises:
         ConfigError: the authority's key is not on this computer, is damaged, belongs to another
             certificate, or can be read by other users.
     """
+    folder = folder_of(fleet)
     path = folder / AUTHORITY_KEY
+    command = f"covey keys init {fleet.path} --force"  # makes a new authority
     if not path.exists():
         raise ConfigError(
             f"{path} is not on this computer. Certificates are issued where the fleet was"
-            " prepared; or begin anew: covey keys init FLEET --force"
+            f" prepared; or begin anew: {command}"
         )
 
     refuse_open_to_others(path)
-    key = read_key(str(path), "Begin anew: covey keys init FLEET --force")
+    key = read_key(str(path), f"Begin anew: {command}")
     certificate = read_certificate(str(folder / "ca.pem"))
     is_of_certificate = key.public_key() == certificate.public_key()
     if isinstance(key, ec.EllipticCurvePrivateKey) and is_of_certificate:
         return CertificateAuthority(certificate, key)
     raise ConfigError(
-        f"{path} does not belong to {folder / 'ca.pem'}. Copy both together, or begin anew."
+        f"{path} does not belong to {folder / 'ca.pem'}. Copy both together, "
+        f"or begin anew: {command}"
     )
 
 
-def has_authority_key(folder: Path) -> bool:
+def has_authority_key(fleet: FleetConfig) -> bool:
     """Return whether the authority's key is on this computer.
 
     Args:
-        folder: folder of the keys.
+        fleet: the fleet, with the folder of the keys.
 
     Raises:
         ConfigError: the key is damaged, belongs to another certificate, or other users can read it.
     """
-    if not (folder / AUTHORITY_KEY).exists():
+    if not (folder_of(fleet) / AUTHORITY_KEY).exists():
         return False
-    load_authority(folder)
+    load_authority(fleet)
     return True
 
 

@@ -84,7 +84,7 @@ def _issue_missing(fleet: FleetConfig, now: datetime.datetime) -> None:
         return
 
     if has_authority:
-        issue_all(fleet, load_authority(folder), missing, now)
+        issue_all(fleet, load_authority(fleet), missing, now)
     else:
         authority = make_authority(folder, fleet.fleet.name, now)
         issue_all(fleet, authority, nodes_of(fleet), now)

@@ -159,7 +159,7 @@ class Intruders:
         folder.mkdir(exist_ok=True)
 
         victim = self._victim
-        authority = load_authority(Path(self.fleet.keys_folder))
+        authority = load_authority(self.fleet)
         hosts = [self.fleet.vehicles[victim].host]
         long_ago = datetime.datetime.now(datetime.UTC) - _LONG_AGO
         issue(folder, authority, victim, hosts, long_ago)

@@ -40,7 +40,7 @@ def key_checks(fleet: FleetConfig) -> list[Diagnosis]:
             diagnoses.append(Diagnosis(f"keys of {node}", Grade.FAIL, str(error)))
 
     try:
-        has_authority_key(folder)
+        has_authority_key(fleet)
     except ConfigError as error:
         diagnoses.append(Diagnosis("key of the authority", Grade.FAIL, str(error)))
 

@@ -185,7 +185,7 @@ def _foreign(folder: Path) -> None:
 
 def _issued(days: int) -> Callable[[Path], None]:
     def issue_then(folder: Path) -> None:
-        authority = load_authority(folder / "keys")
+        authority = load_authority(load_fleet(folder / "fleet.toml"))
         issue(
             folder / "keys", authority, "mav1", ["127.0.0.1"], NOW + datetime.timedelta(days=days)
         )
@@ -225,8 +225,28 @@ def test_what_does_not_fit_is_refused_at_the_start_with_the_remedy(
 
 def test_the_key_of_the_authority_is_refused_if_it_is_none(folder: Path) -> None:
     _of_an_unknown_curve(folder, "ca.key")
-    with pytest.raises(ConfigError, match="or was cut off\\. Begin anew: covey keys init"):
-        load_authority(folder / "keys")
+    file = folder / "fleet.toml"
+    refusal = rf"or was cut off\. Begin anew: covey keys init {file} --force"
+    with pytest.raises(ConfigError, match=refusal):
+        load_authority(load_fleet(file))
+
+
+@pytest.mark.parametrize(
+    ("spoil", "words"),
+    [
+        (lambda key: key.unlink(), "is not on this computer"),
+        (lambda key: shutil.copy(key.with_name("mav1.key"), key), "does not belong to"),
+    ],
+)
+def test_what_replaces_a_lost_authority_is_a_command_with_the_fleet_file(
+    folder: Path, spoil: Callable[[Path], object], words: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    file = folder / "fleet.toml"
+    spoil(folder / "keys" / "ca.key")
+    assert main(["keys", "issue", str(file), "mav1"]) == 2
+    refusal = capsys.readouterr().err
+    assert words in refusal
+    assert f"begin anew: covey keys init {file} --force" in refusal
 
 
 def test_the_key_of_the_authority_is_refused_where_others_can_read_it(
@@ -239,7 +259,7 @@ def test_the_key_of_the_authority_is_refused_where_others_can_read_it(
     key = folder / "keys" / "ca.key"
     key.chmod(0o640)
     with pytest.raises(ConfigError, match=f"chmod 600 {key}"):
-        load_authority(folder / "keys")
+        load_authority(load_fleet(file))
     assert main(["keys", "list", file]) == 1
     assert "chmod 600" in capsys.readouterr().out
     assert main(["keys", "issue", file, "mav1"]) == 2

@@ -268,7 +268,7 @@ SABOTAGED_TESTS = {
         patch="""
             from groundstation.keys import secured_fleet
             def renew_with_the_former(fleet, now):
-                former = secured_fleet.load_authority(secured_fleet.folder_of(fleet))
+                former = secured_fleet.load_authority(fleet)
                 secured_fleet.issue_all(fleet, former, secured_fleet.nodes_of(fleet), now)
                 return secured_fleet.nodes_of(fleet)
             secured_fleet.renew_authority = renew_with_the_former

@@ -60,7 +60,7 @@ def _on_free_port(fleet: FleetConfig) -> FleetConfig:
 def _issue_that_ends(fleet: FleetConfig, node: str, end: datetime.datetime) -> None:
     folder = Path(fleet.keys_folder)
     begin = end - datetime.timedelta(days=NODE_DAYS)
-    issue(folder, load_authority(folder), node, ["127.0.0.1"], begin)
+    issue(folder, load_authority(fleet), node, ["127.0.0.1"], begin)
 
 
 def _session(fleet: FleetConfig, holder: str, *, listens: bool = False) -> BusSession:
