@@ -101,7 +101,10 @@ def load_authority(fleet: FleetConfig) -> CertificateAuthority:
 
     refuse_open_to_others(path)
     key = read_key(str(path), f"Begin anew: {command}")
-    certificate = read_certificate(str(folder / "ca.pem"))
+    certificate = read_certificate(
+        str(folder / "ca.pem"),
+        f"Copy it from another computer of the fleet, or begin anew: {command}",
+    )
     is_of_certificate = key.public_key() == certificate.public_key()
     if isinstance(key, ec.EllipticCurvePrivateKey) and is_of_certificate:
         return CertificateAuthority(certificate, key)

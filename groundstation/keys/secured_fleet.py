@@ -16,6 +16,7 @@ from groundstation.keys.authority import (
     AUTHORITY_KEY,
     CertificateAuthority,
     folder_of,
+    has_authority_key,
     issue,
     load_authority,
     make_authority,
@@ -26,7 +27,7 @@ from groundstation.keys.running import keep_former
 from groundstation.starter.fleet_edit import edited, write_changes
 from onboard.config.example_files import EXAMPLES
 from onboard.config.fleet import ConfigError, FleetConfig, fleet_from_mapping, load_fleet
-from onboard.security.credentials import files_of, hosts_of
+from onboard.security.credentials import credentials_of, files_of, hosts_of
 
 _PLAIN = ("tcp/", "udp/")  # protocols without keys
 
@@ -43,7 +44,7 @@ def secure_fleet(path: str, now: datetime.datetime) -> FleetConfig:
 
     Raises:
         ConfigError: the fleet file is wrong, is an example, or cannot be written; or the
-            certificate of the authority is lost.
+            certificate of the authority is lost, or a key or certificate is not valid.
     """
     plain = load_fleet(path)
     refuse_example(plain)
@@ -62,7 +63,8 @@ def _issue_missing(fleet: FleetConfig, now: datetime.datetime) -> None:
     """Issue the missing certificates; if there are no keys at all, make an authority and issue all.
 
     Raises:
-        ConfigError: there are keys, but the certificate of their authority was lost.
+        ConfigError: there are keys, but the certificate of their authority was lost, or one of
+            them is not valid.
     """
     folder = folder_of(fleet)
     authority_file = folder / "ca.pem"
@@ -74,20 +76,23 @@ def _issue_missing(fleet: FleetConfig, now: datetime.datetime) -> None:
             f" keys of any vehicle, or begin anew: covey keys init {fleet.path} --force"
         )
 
+    if not has_authority:
+        authority = make_authority(folder, fleet.fleet.name, now)
+        issue_all(fleet, authority, nodes_of(fleet), now)
+        return
+
     missing = []
     for node in nodes_of(fleet):
         has_certificate = (folder / f"{node}.pem").exists()
         has_key = (folder / f"{node}.key").exists()
-        if not (has_certificate and has_key):
+        if has_certificate and has_key:
+            credentials_of(fleet, node, now)  # refuses files that do not fit
+        else:
             missing.append(node)
-    if not missing:
-        return
 
-    if has_authority:
+    has_authority_key(fleet)  # refuses a key that does not fit
+    if missing:
         issue_all(fleet, load_authority(fleet), missing, now)
-    else:
-        authority = make_authority(folder, fleet.fleet.name, now)
-        issue_all(fleet, authority, nodes_of(fleet), now)
 
 
 def has_issued(fleet: FleetConfig) -> bool:

@@ -36,7 +36,10 @@ def check(authority: str, certificate: str, key: str, node: str, now: datetime.d
     Raises:
         ConfigError: they do not match, or are not valid now.
     """
-    issuer = read_certificate(authority)
+    issuer = read_certificate(
+        authority,
+        "Copy it from another computer of the fleet, or begin anew: covey keys init FLEET --force",
+    )
     own = read_certificate(certificate)
 
     if common_name(own) != node:
@@ -125,11 +128,14 @@ def _names_in(certificate: x509.Certificate) -> list[str]:
     return addresses + names.get_values_for_type(x509.DNSName)
 
 
-def read_certificate(path: str) -> x509.Certificate:
+def read_certificate(
+    path: str, remedy: str = "Copy it again, or issue it anew."
+) -> x509.Certificate:
     """Read one certificate.
 
     Args:
         path: path of a PEM file.
+        remedy: sentence of the error that says what to do.
     Raises:
         ConfigError: it cannot be read.
     """
@@ -137,9 +143,7 @@ def read_certificate(path: str) -> x509.Certificate:
     try:
         return x509.load_pem_x509_certificate(data)
     except NO_CERTIFICATE:
-        raise ConfigError(
-            f"{path} is no certificate, or was cut off. Copy it again, or issue it anew."
-        ) from None
+        raise ConfigError(f"{path} is no certificate, or was cut off. {remedy}") from None
 
 
 def read_key(path: str, remedy: str = "Issue it anew: covey keys renew FLEET") -> PrivateKeyTypes:

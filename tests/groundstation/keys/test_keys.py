@@ -223,6 +223,30 @@ def test_what_does_not_fit_is_refused_at_the_start_with_the_remedy(
         assert words in capsys.readouterr().out
 
 
+@pytest.mark.parametrize(
+    ("name", "words"),
+    [
+        ("mav0.pem", "is no certificate, or was cut off. Copy it again, or issue it anew."),
+        ("mav1.key", "is no private key, or was cut off. Issue it anew: covey keys renew"),
+        ("ca.pem", "is no certificate, or was cut off. Copy it from another computer"),
+        ("ca.key", "is no private key, or was cut off. Begin anew: covey keys init"),
+    ],
+)
+@pytest.mark.parametrize("is_locked", [True, False])
+def test_a_bus_is_not_locked_with_a_file_that_is_no_key(
+    folder: Path, name: str, words: str, is_locked: bool, capsys: pytest.CaptureFixture[str]
+) -> None:
+    if not is_locked:
+        shutil.copy(PAPER, folder / "fleet.toml")
+    text = (folder / "fleet.toml").read_bytes()
+    (folder / "keys" / name).write_bytes(b"")
+
+    assert main(["keys", "secure", str(folder / "fleet.toml")]) == 2
+    refusal = capsys.readouterr().err
+    assert f"{name} {words}" in refusal
+    assert (folder / "fleet.toml").read_bytes() == text
+
+
 def test_the_key_of_the_authority_is_refused_if_it_is_none(folder: Path) -> None:
     _of_an_unknown_curve(folder, "ca.key")
     file = folder / "fleet.toml"
