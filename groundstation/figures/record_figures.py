@@ -8,7 +8,7 @@ from typing import Any
 
 from groundstation.figures import attitude, avoidance, plan_figure, tracking
 from groundstation.figures.data import POSES, TOPICS, from_samples
-from groundstation.figures.style import save, styled
+from groundstation.figures.style import refuse_other_picture, save, saved_paths, styled
 from groundstation.recording.reader import record_path
 from groundstation.recording.timeline import Timeline
 from onboard.config.fleet import ConfigError, load_fleet, read_toml
@@ -37,9 +37,14 @@ def draw_record(folder: Path, out: Path | None = None) -> tuple[list[Path], list
         Paths of the figures, and sentences about what is damaged or missing in the folder.
 
     Raises:
-        ConfigError: there is no record, or it contains no flight.
+        ConfigError: there is no record, or it contains no flight; or in ``out`` is a file with the
+            name of a figure that is none.
         OSError: the figures cannot be written.
     """
+    if out is not None:
+        for name in _FIGURES:
+            for figure_path in saved_paths(out, name):
+                refuse_other_picture(figure_path, option="--out")
     path = record_path(folder)
     flight_folder = folder
     if not folder.is_dir():

@@ -14,6 +14,8 @@ from typing import Any
 import matplotlib
 from matplotlib.figure import Figure
 
+from groundstation.recording.output_file import refuse_other_file, written_beside
+
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#7A5230", "#000000")
 SOFT = "#8a939c"
 LIMIT = "#B00020"
@@ -21,6 +23,12 @@ _PANELS_IN_A_ROW = 4  # vehicles beside each other; more of them stand in rows b
 _LINE_STYLES: tuple[Any, ...] = ("-", (0, (6, 1.2)), (0, (2, 1)), (0, (1, 1)))
 _TITLE_LETTERS_PER_INCH = 10.0  # of its bold font
 _SETTINGS = Path(__file__).with_name("covey.mplstyle")
+# how a PNG, an SVG and a PDF begin, and what Matplotlib writes near the beginning of each
+_MARKS = (
+    (b"\x89PNG", b"Software\0Matplotlib"),
+    (b"<?xml", b"<dc:title>Matplotlib"),
+    (b"%PDF", b"%\xac\xdc \xab\xba"),
+)
 
 
 def colour(index: int) -> str:
@@ -54,11 +62,46 @@ def new_figure(width_in: float, height_in: float, title: str) -> Any:
 
 def save(figure: Any, folder: Path, name: str) -> list[Path]:
     """Write PNG and SVG, and return their paths."""
-    png = folder / f"{name}.png"
-    figure.savefig(png)
+    png, svg = saved_paths(folder, name)
+    write_figure(figure, png)
 
     # The first savefig has computed the layout. Computing it again would take as long as drawing.
     figure.set_layout_engine("none")
-    svg = folder / f"{name}.svg"
-    figure.savefig(svg, metadata={"Date": None})
+    write_figure(figure, svg)
     return [png, svg]
+
+
+def saved_paths(folder: Path, name: str) -> list[Path]:
+    """Return the paths that :func:`save` writes: PNG and SVG."""
+    return [folder / f"{name}.png", folder / f"{name}.svg"]
+
+
+def write_figure(figure: Any, path: Path) -> None:
+    """Write a figure whole or not at all; the suffix of the path decides its format.
+
+    Raises:
+        OSError: the file cannot be written.
+    """
+    metadata = None
+    if path.suffix == ".svg":
+        metadata = {"Date": None}  # without a date, so that the same flight gives the same file
+    with written_beside(path) as part:
+        figure.savefig(part, format=path.suffix.removeprefix("."), metadata=metadata)
+
+
+def refuse_other_picture(path: Path, *, option: str) -> None:
+    """Refuse to write over a picture that was not drawn with Matplotlib, or over another file.
+
+    Args:
+        path: file of the figure to be written.
+        option: the option that names another place.
+
+    Raises:
+        ConfigError: there is such a file.
+    """
+    refuse_other_file(path, _is_figure, other="is no figure of Matplotlib", option=option)
+
+
+def _is_figure(begin: bytes) -> bool:
+    """Return whether a file that begins with these bytes was drawn with Matplotlib."""
+    return any(begin.startswith(kind) and mark in begin for kind, mark in _MARKS)

@@ -11,6 +11,7 @@ from collections.abc import Iterable, Sequence
 from contextlib import redirect_stdout
 from pathlib import Path
 
+from groundstation.recording.output_file import refuse_other_file
 from onboard.config.fleet import ConfigError, LawConfig
 from onboard.plain_text import drawing
 from onboard.rollout.first_compilation import compile_law
@@ -56,6 +57,7 @@ def run(
             setup.fleet(flight_plans.vehicle_count(subject)).import_law()
     if picture is not None:
         _check_picture(picture, flights=len(subjects) * len(seeds))
+    _refuse_other_files(subjects, seeds, trace_folder, picture)
 
     with tempfile.TemporaryDirectory() as scratch:
         folder = trace_folder
@@ -102,6 +104,34 @@ def _check_picture(picture: Path, *, flights: int) -> None:
             f"--plot {picture}: this kind of picture is not drawn. Use {', '.join(_PICTURES)} "
             "or a folder."
         )
+
+
+def _refuse_other_files(
+    subjects: Sequence[flight_plans.Subject],
+    seeds: range,
+    trace_folder: Path | None,
+    picture: Path | None,
+) -> None:
+    """Refuse to write traces and pictures over files that are none."""
+    flights = [(flight_plans.name(subject), seed) for subject in subjects for seed in seeds]
+    if trace_folder is not None:
+        for scenario, seed in flights:
+            path = results.trace_path(trace_folder, scenario, seed)
+            refuse_other_file(path, results.is_trace, other="is no trace", option="--trace")
+
+    if picture is not None:
+        # Imported here, because without a picture no matplotlib is needed.
+        from groundstation.figures.style import refuse_other_picture
+
+        for scenario, seed in flights:
+            refuse_other_picture(_picture_path(picture, scenario, seed), option="--plot")
+
+
+def _picture_path(picture: Path, scenario: str, seed: int) -> Path:
+    """Return the path of a flight's picture: the file ``picture``, or one in that folder."""
+    if picture.suffix:
+        return picture
+    return picture / f"{scenario}-{seed}.png"
 
 
 def _make(folder: Path) -> None:
@@ -226,8 +256,6 @@ def _draw(folder: Path, picture: Path, records: Sequence[results.FlightRecord]) 
     from sitl.monte_carlo import plot
 
     for values in records:
-        name = f"{values['scenario']}-{values['seed']}"
-        path = picture
-        if not picture.suffix:
-            path = picture / f"{name}.png"
-        plot.draw(folder / f"{name}.npz", path)
+        scenario, seed = values["scenario"], values["seed"]
+        trace = results.trace_path(folder, scenario, seed)
+        plot.draw(trace, _picture_path(picture, scenario, seed))

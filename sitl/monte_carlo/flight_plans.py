@@ -22,6 +22,13 @@ def plan(subject: Subject, seed: int, *, scale: float = 1.0) -> scenarios.Flight
     return scenarios.plan(subject, seed, scale=scale)
 
 
+def name(subject: Subject) -> str:
+    """Return the name of a scenario or a scene, which its flights bear."""
+    if isinstance(subject, Scene):
+        return subject.name
+    return subject
+
+
 def vehicle_count(subject: Subject) -> int:
     """Return the number of vehicles of a scenario or a scene."""
     if isinstance(subject, Scene):

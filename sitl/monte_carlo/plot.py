@@ -18,7 +18,7 @@ from matplotlib.colors import BoundaryNorm, ListedColormap, Normalize
 from matplotlib.patches import Circle, Patch, Polygon
 from numpy.typing import NDArray
 
-from groundstation.figures.style import LIMIT, SOFT, colour, styled
+from groundstation.figures.style import LIMIT, SOFT, colour, styled, write_figure
 from onboard.arrays import Array
 from onboard.config.fleet import ConfigError
 from onboard.types import LawStatus
@@ -92,11 +92,8 @@ def draw(trace: Path, picture: Path) -> None:
         activity = figure.add_subplot(grid[1, 1], sharex=distances)
         _activity(activity, data)
 
-        metadata = None
-        if picture.suffix == ".svg":
-            metadata = {"Date": None}  # without a date, so that the same flight gives the same file
         try:
-            figure.savefig(picture, metadata=metadata)
+            write_figure(figure, picture)
         except OSError as error:
             raise ConfigError(
                 f"--plot {picture}: cannot be written ({error.strerror}). Name another file."

@@ -10,11 +10,13 @@ from typing import Any
 
 import numpy as np
 
+from groundstation.recording.output_file import written_beside
 from onboard.confidence_intervals import upper_bound
 from sitl.monte_carlo.batch_flight import Flown
 from sitl.monte_carlo.campaign_settings import Setup
 
 FlightRecord = dict[str, Any]  # one flight, as it is printed
+_ZIP_HEADER_BYTES = 30  # of a member of an .npz, before its name
 
 
 def record(flown: Flown, setup: Setup) -> FlightRecord:
@@ -96,25 +98,36 @@ def write_trace(folder: Path, flown: Flown, setup: Setup) -> Path:
     for obstacle in plan.obstacles:
         obstacles.append([*obstacle.begin_enu_m, *obstacle.end_enu_m, obstacle.radius_m])
 
-    path = folder / f"{plan.scenario}-{plan.seed}.npz"
-    np.savez_compressed(
-        path,
-        t_s=trace.t_s,
-        position_enu_m=trace.position_enu_m,
-        status=trace.status,
-        active_neighbour=trace.active_neighbour,
-        start_enu_m=plan.start_enu_m,
-        goal_enu_m=plan.goal_enu_m,
-        obstacles_m=np.array(obstacles),
-        names=np.array(names),
-        safety_distance_m=np.array(fleet.fleet.safety_distance_m),
-        body_diameter_m=np.array(fleet.fleet.body_diameter_m),
-        scenario=np.array(plan.scenario),
-        seed=np.array(plan.seed),
-        law=np.array(setup.law),
-        success=np.array(flown.outcome.is_success),
-    )
+    path = trace_path(folder, plan.scenario, plan.seed)
+    with written_beside(path) as part, part.open("wb") as stream:
+        np.savez_compressed(
+            stream,
+            t_s=trace.t_s,  # the first one: is_trace looks for it
+            position_enu_m=trace.position_enu_m,
+            status=trace.status,
+            active_neighbour=trace.active_neighbour,
+            start_enu_m=plan.start_enu_m,
+            goal_enu_m=plan.goal_enu_m,
+            obstacles_m=np.array(obstacles),
+            names=np.array(names),
+            safety_distance_m=np.array(fleet.fleet.safety_distance_m),
+            body_diameter_m=np.array(fleet.fleet.body_diameter_m),
+            scenario=np.array(plan.scenario),
+            seed=np.array(plan.seed),
+            law=np.array(setup.law),
+            success=np.array(flown.outcome.is_success),
+        )
     return path
+
+
+def trace_path(folder: Path, scenario: str, seed: int) -> Path:
+    """Return the path of a flight's trace."""
+    return folder / f"{scenario}-{seed}.npz"
+
+
+def is_trace(begin: bytes) -> bool:
+    """Return whether a file that begins with these bytes is a trace."""
+    return begin.startswith(b"PK") and begin[_ZIP_HEADER_BYTES:].startswith(b"t_s.npy")
 
 
 COLUMNS = (

@@ -18,7 +18,7 @@ from groundstation.cli import main
 from groundstation.figures import attitude, avoidance, plan_figure, record_figures, tracking
 from groundstation.figures.avoidance import _name_lines
 from groundstation.figures.data import TOPICS, FlightData, PairSeparation, from_samples
-from groundstation.figures.style import new_figure, styled
+from groundstation.figures.style import new_figure, refuse_other_picture, styled, write_figure
 from groundstation.recording.reader import Sample
 from onboard.config.fleet import ConfigError
 from tests.groundstation.recorded import SECOND, read
@@ -252,6 +252,31 @@ def test_without_truth_the_estimates_are_drawn_and_figures_go_where_out_says(
     assert main(["plot", str(tmp_path / "flight.mcap"), "--out", str(tmp_path / "a" / "b")]) == 0
     assert len(list((tmp_path / "a" / "b").iterdir())) == 8
     assert not (tmp_path / "figures").exists()
+
+
+def test_a_picture_of_somebody_else_is_not_overwritten(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "out"
+    out.mkdir()
+    photo = out / "fig4_plan.png"
+    photo.write_bytes(b"\x89PNG, a photo")
+    assert main(["plot", str(tmp_path), "--out", str(out)]) == 2
+    refusal = f"{photo}: this file is there already and is no figure of Matplotlib"
+    assert refusal in capsys.readouterr().err
+    assert photo.read_bytes() == b"\x89PNG, a photo"
+    assert list(out.iterdir()) == [photo]
+
+
+@pytest.mark.parametrize("suffix", [".png", ".svg", ".pdf"])
+def test_a_figure_may_be_replaced_by_a_newer_one(tmp_path: Path, suffix: str) -> None:
+    path = tmp_path / f"figure{suffix}"
+    for _ in range(2):
+        refuse_other_picture(path, option="--out")
+        with styled():
+            write_figure(new_figure(2.0, 2.0, "test"), path)
+    refuse_other_picture(path, option="--out")
+    assert list(tmp_path.iterdir()) == [path]
 
 
 def test_a_missing_record_is_a_sentence_and_status_2(

@@ -388,6 +388,34 @@ def test_bad_input_is_a_sentence_and_status_2(words, said, capsys):
     assert captured.err.rstrip().endswith(".")
 
 
+@pytest.mark.parametrize(
+    ("option", "place", "name"),
+    [
+        ("--trace", "out", "form3-1.npz"),
+        ("--plot", "out", "form3-1.png"),
+        ("--plot", "out/mine.svg", "mine.svg"),
+    ],
+)
+def test_files_of_others_are_not_overwritten(option, place, name, tmp_path, capsys):
+    other = tmp_path / "out" / name
+    other.parent.mkdir()
+    other.write_bytes(b"PK, Matplotlib and t_s.npy")
+
+    assert covey(["simulate", "form3", "--seeds", "1", option, str(tmp_path / place)]) == 2
+    refusal = capsys.readouterr().err
+    assert f"{other}: this file is there already and is no" in refusal
+    assert f"Name another with {option}." in refusal
+    assert other.read_bytes() == b"PK, Matplotlib and t_s.npy"
+
+
+def test_a_trace_may_be_replaced_by_a_newer_one(tmp_path):
+    (flown,) = fly("form3", [1])
+    for _ in range(2):
+        path = results.write_trace(tmp_path, flown, campaign_settings.setup_for())
+        assert results.is_trace(path.read_bytes())
+    assert list(tmp_path.iterdir()) == [path]
+
+
 def test_each_key_of_set_is_one_of_a_fleet_file():
     names = campaign_settings.keys()
     unknown = []
