@@ -37,6 +37,7 @@ from sitl.conformance.facts import (
 from sitl.conformance.suite import FACTS, NobodyAnsweredError, Terms, check
 
 _ENDPOINT = re.compile(r"(?P<kind>udpin|udpout)://(?P<host>[^:/]*):(?P<port>\d{1,5})")
+_LONGEST_S = 600.0
 _MARKS = {
     FactVerdict.AGREES: "  agrees ",
     FactVerdict.DIFFERS: "X DIFFERS",
@@ -91,6 +92,8 @@ def sitl_check(
         raise ConfigError(
             "which endpoint? For instance udpin://127.0.0.1:14540, PX4's first onboard link."
         )
+    if not 0.0 <= wait <= _LONGEST_S:
+        raise ConfigError(f"--wait is {wait:g}; give 0 to 600 s.")
     with contextlib.ExitStack() as stack:
         port = stack.enter_context(contextlib.closing(_open(endpoint)))
         ground = None

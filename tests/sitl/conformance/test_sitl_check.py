@@ -31,6 +31,14 @@ def test_an_address_to_which_nothing_can_be_sent_is_exit_status_ten(
     assert "nobody answered" in capsys.readouterr().out
 
 
+@pytest.mark.parametrize("wait", ["nan", "inf", "-1", "601"])
+def test_a_wait_out_of_bounds_is_refused_before_a_port_is_opened(
+    wait: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["sitl-check", "no-endpoint", "--wait", wait]) == 2
+    assert f"--wait is {wait}; give 0 to 600 s." in capsys.readouterr().err
+
+
 @pytest.mark.long
 def test_the_command_checks_a_running_emulator_over_udp_and_prints_json(emulator_port: int) -> None:
     facts = [
