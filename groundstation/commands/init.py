@@ -86,7 +86,7 @@ def init(
         position: source of positions: the motion capture indoors; "bus" for poses from your own
             program or from the emulator; "gps" outdoors
         mocap_host: computer on which the motion capture's program runs
-        origin: latitude, longitude and altitude of the fleet's 0, 0, 0 outdoors
+        origin: latitude, longitude and altitude of the fleet's 0, 0, 0 outdoors (--position gps)
         companions: address of the first companion computer, from which the others count up, or all
             addresses with commas; "here" to simulate
         autopilot: endpoint of PX4 on each companion computer
@@ -124,6 +124,11 @@ def init(
             _ask_for_rest(answers)
         except EOFError:  # Ctrl-D ends the command as Ctrl-C does
             raise KeyboardInterrupt from None
+    if origin is not None and answers.get("position") != "gps":
+        raise ConfigError(
+            "--origin is where on Earth a fleet outdoors has its 0, 0, 0, and this fleet does not "
+            "fly by satellites. Add --position gps, or leave --origin out."
+        )
     starter_files = starter(Answers(**answers))
 
     fleet_text = starter_files.fleet_text

@@ -114,6 +114,16 @@ def test_an_answer_with_any_letters_is_in_the_file(text: str) -> None:
     assert made.fleet.mocap.hostname == text
 
 
+@pytest.mark.parametrize("words", [[], ["--position", "optitrack"]])
+def test_an_origin_that_would_not_be_written_is_refused(
+    tmp_path: Path, words: list[str], capsys: pytest.CaptureFixture[str]
+) -> None:
+    folder = tmp_path / "lab"
+    assert cli.main(["init", str(folder), *words, "--origin", "nan,0,0"]) == 2
+    assert "Add --position gps, or leave --origin out." in capsys.readouterr().err
+    assert not folder.exists()
+
+
 def test_init_writes_two_files_and_overwrites_none(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
