@@ -21,7 +21,7 @@ from groundstation.fleet.places import vehicles_at
 from groundstation.fleet.state import FleetState, Separation
 from groundstation.missions.connection import host_of, script_name
 from groundstation.missions.ground import MissionGround
-from groundstation.missions.group import Group, Vehicles
+from groundstation.missions.group import Group, Vehicles, check_timeout
 from groundstation.missions.landing import land_all
 from groundstation.missions.readiness import NotReady as NotReady  # missions import it from here
 from groundstation.missions.readiness import is_ready, not_ready
@@ -225,8 +225,10 @@ class Fleet(Group):
             timeout_s: longest wait [s].
 
         Raises:
+            ConfigError: the timeout is no number.
             NotReady: a vehicle is not ready in time, or another ground operates the fleet.
         """
+        check_timeout(timeout_s, "ready")
 
         def are_ready(state: FleetState) -> bool:
             self.ground.leave_out_disabled()

@@ -11,6 +11,7 @@ import asyncio
 import contextlib
 import math
 from collections.abc import AsyncIterator, Awaitable, Callable, Mapping, Sequence
+from numbers import Real
 
 import numpy as np
 
@@ -77,12 +78,26 @@ GoalOrGoals = Xyz | Mapping[str, Xyz]
 _EVER_S = 1e9  # timeout of a wait that ends only with its condition
 
 
-def _check_duration(duration_s: float, verb: str) -> None:
+def _check_duration(duration_s: object, verb: str) -> None:
     """Refuse a duration that is infinite or no number."""
-    if not math.isfinite(duration_s):
+    if not isinstance(duration_s, Real) or not math.isfinite(duration_s):
         raise ConfigError(
-            f"{verb}: {duration_s} s is no duration. Give a finite number of seconds."
+            f"{verb}: {duration_s!r} is no duration. Give a finite number of seconds."
         )
+
+
+def check_timeout(timeout_s: object, verb: str) -> None:
+    """Refuse a timeout that is no number; one that is infinite waits for ever.
+
+    Args:
+        timeout_s: longest wait [s], as a mission gives it.
+        verb: name of the method, for the refusal.
+
+    Raises:
+        ConfigError: it is no number.
+    """
+    if not isinstance(timeout_s, Real) or math.isnan(timeout_s):
+        raise ConfigError(f"{verb}: {timeout_s!r} is no timeout. Give a number of seconds.")
 
 
 def _done_by(results: Results) -> list[str]:
@@ -564,6 +579,8 @@ class Group:
             at: wall-clock time at which they start; empty: at once.
             timeout_s: longest flight along the paths [s]; None: their own duration plus a minute.
         """
+        if timeout_s is not None:
+            check_timeout(timeout_s, "follow_path")
         self.select(list(paths))  # raises ConfigError for a vehicle outside this group
         paths = by_vehicle(paths, self.state)
         start = self._time_of(at)
@@ -668,6 +685,7 @@ class Group:
             intent: the order.
             timeout_s: longest wait for its end [s].
         """
+        check_timeout(timeout_s, intent.verb)
         return await self.ground.order(intent, timeout_s)
 
     async def wait(self, duration_s: float) -> None:

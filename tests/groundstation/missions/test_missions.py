@@ -622,7 +622,7 @@ async def test_a_python_mission_that_waits_for_no_time_fails_in_words(
 
     verdict = await MissionRun(load_mission(path, fleet), client).run()
     assert verdict.exit_status == 1
-    assert f"wait: {duration_s} s is no duration." in verdict.summary
+    assert f"wait: {duration_s} is no duration." in verdict.summary
 
 
 @pytest.mark.parametrize(
@@ -640,6 +640,25 @@ async def test_an_order_with_a_value_that_makes_no_sense_is_refused_in_words_and
 ) -> None:
     with pytest.raises(ConfigError, match=r"it must be|is not finite"):
         await order(Fleet(client))
+    assert not bus.orders
+
+
+@pytest.mark.parametrize(
+    "call",
+    [
+        lambda flown: flown.takeoff(1.0, timeout_s=math.nan),
+        lambda flown: flown.takeoff(1.0, timeout_s="40"),
+        lambda flown: flown.follow_path({}, timeout_s=math.nan),
+        lambda flown: flown.ready(math.nan),
+        lambda flown: flown.wait("3"),
+        lambda flown: flown.follow("mav0", "3"),
+    ],
+)
+async def test_a_time_that_is_no_number_is_refused_in_words_and_nothing_is_sent(
+    client: Any, bus: Any, call: Callable[[Fleet], Coroutine[Any, Any, object]]
+) -> None:
+    with pytest.raises(ConfigError, match=r": ('40'|nan|'3') is no (timeout|duration)\. Give"):
+        await asyncio.wait_for(call(Fleet(client)), 2.0)
     assert not bus.orders
 
 
