@@ -66,7 +66,7 @@ from groundstation.orders.intents import (
     means_all,
 )
 from groundstation.orders.path_orders import OnLag
-from groundstation.orders.result import Results
+from groundstation.orders.result import OrderFailed, Results
 from groundstation.paths.checks import path_findings, refusals
 from groundstation.paths.pieces import through
 from onboard.config.fleet import ConfigError, FleetConfig
@@ -209,11 +209,20 @@ class Group:
             vehicles: vehicles to order; they stand on the ground, disarmed.
             timeout_s: longest wait [s].
         """
-        results = await self.order(Disable(vehicles=self.config.select(vehicles)), timeout_s)
+        intent = Disable(vehicles=self.config.select(vehicles))
+        try:
+            results = await self.order(intent, timeout_s)
+        except OrderFailed as error:  # others may have done it
+            self._note_disabled(error.results)
+            raise
+        self._note_disabled(results)
+        return results
+
+    def _note_disabled(self, results: Results) -> None:
+        """Go on without the vehicles that are out of service after an order."""
         disabled = _done_by(results)
         self.ground.disabled.update(disabled)
         self.ground.leave_out(*disabled)
-        return results
 
     async def enable(self, vehicles: Vehicles, *, timeout_s: float = 5.0) -> Results:
         """Let vehicles that were disabled take part in flights again.
@@ -222,11 +231,20 @@ class Group:
             vehicles: vehicles to order.
             timeout_s: longest wait [s].
         """
-        results = await self.order(Enable(vehicles=self.config.select(vehicles)), timeout_s)
+        intent = Enable(vehicles=self.config.select(vehicles))
+        try:
+            results = await self.order(intent, timeout_s)
+        except OrderFailed as error:  # others may have done it
+            self._note_enabled(error.results)
+            raise
+        self._note_enabled(results)
+        return results
+
+    def _note_enabled(self, results: Results) -> None:
+        """Let the vehicles take part again that are in service after an order."""
         enabled = _done_by(results)
         self.ground.disabled.difference_update(enabled)
         self.ground.left_out.difference_update(enabled)
-        return results
 
     async def swap(self, vehicle: str, spare: str, *, timeout_s: float = 5.0) -> Results:
         """Replace a vehicle by a spare that stands on its take-off spot; both are disarmed.

@@ -20,6 +20,7 @@ from groundstation.missions.beginning import without_empty_places
 from groundstation.missions.conditions import flying
 from groundstation.missions.runner import MissionRun
 from groundstation.missions.taken import FleetWatch
+from groundstation.orders.result import OrderFailed
 from onboard.config.fleet import ConfigError, FleetConfig
 from tests.groundstation.console.fake import telemetry as telemetry_of
 
@@ -117,6 +118,23 @@ async def test_a_vehicle_that_refuses_to_be_enabled_stays_out_of_service(
     assert (await flown.enable("mav1"))["mav1"].phase == "refused"
     assert flown.names == ("mav0", "mav2")
     assert flown.ground.disabled == {"mav1"}
+
+
+async def test_who_did_it_counts_when_another_one_refuses(client: Any, bus: Any) -> None:
+    flown = Fleet(client)
+    bus.misbehave = {"mav1": "refuse"}
+    with pytest.raises(OrderFailed):
+        await flown.disable(["mav0", "mav1"])
+    assert flown.ground.disabled == {"mav0"}
+    assert flown.names == ("mav1", "mav2")
+
+    bus.misbehave = {}
+    await flown.disable("mav2")
+    bus.misbehave = {"mav1": "refuse"}
+    with pytest.raises(OrderFailed):
+        await flown.enable(["mav0", "mav1"])
+    assert flown.ground.disabled == {"mav2"}
+    assert flown.names == ("mav0", "mav1")
 
 
 async def test_an_order_for_which_nobody_is_left_is_refused_in_words(client: Any, bus: Any) -> None:
