@@ -323,9 +323,10 @@ class FleetClient:
         Raises:
             OrderError: a take-off in waves, which is more than one order.
         """
-        refusal = waves_refusal(planned.intent)
-        if refusal is not None:
-            raise OrderError(refusal)
+        if planned.orders:  # otherwise it is refused, and its values may be of wrong types
+            refusal = waves_refusal(planned.intent)
+            if refusal is not None:
+                raise OrderError(refusal)
 
         # Any other order keeps what has been ordered since it was planned.
         if planned.orders and isinstance(planned.intent, Formation | Rotate):

@@ -18,6 +18,7 @@ from groundstation.client.client import FleetClient
 from groundstation.client.direct_mavlink import DirectCommand, DirectResult, send_direct
 from groundstation.client.mavlink_port import mavutil_address
 from groundstation.orders.grammar import OrderError
+from groundstation.orders.intents import Takeoff
 from groundstation.processes.free_ports import with_free_ports
 from onboard.bus.codec import Malformed
 from onboard.bus.protocol import BusError, UntrustedOrder
@@ -219,6 +220,14 @@ async def test_who_hears_an_event_over_a_real_bus_finds_the_state_that_was_told_
 async def test_a_line_that_is_no_order_sends_nothing(client: Any, bus: Any) -> None:
     with pytest.raises(OrderError):
         await client.submit("land evrybody")
+    assert not bus.orders
+
+
+async def test_waves_of_half_a_vehicle_are_refused_in_the_results(client: Any, bus: Any) -> None:
+    order = Takeoff(vehicles=("mav0", "mav1"), by=2.5)  # type: ignore[arg-type]
+    results = (await client.submit(order)).results
+    assert {result.phase for result in results.values()} == {"refused"}
+    assert "'takeoff.by': it must be a whole number" in results["mav0"].sentence
     assert not bus.orders
 
 
