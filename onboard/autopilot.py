@@ -151,9 +151,12 @@ class Snapshot(Struct, frozen=True):
         """Return whether PX4 receives a pilot's sticks, from a radio control or from a joystick.
 
         Two messages in a row are needed: when the stream begins, PX4 sends one message even without
-        sticks.
+        sticks. While PX4 is silent, its last word counts.
         """
-        is_recent = now_ns - self.sticks_ns < STICKS_KNOWN_NS
+        heard_ns = now_ns
+        if self.last_packet_ns >= self.sticks_ns:
+            heard_ns = min(now_ns, self.last_packet_ns)
+        is_recent = heard_ns - self.sticks_ns < STICKS_KNOWN_NS
         is_repeated = self.sticks_ns - self.sticks_before_ns < STICKS_KNOWN_NS
         return self.sticks_before_ns > 0 and is_recent and is_repeated
 

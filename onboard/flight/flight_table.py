@@ -123,6 +123,10 @@ ORDERS = (
     # Only the move `home` gets here, and only for a vehicle on its take-off spot.
     Row(_START, E.MOVE, ends=("done", sentences.STANDS_AT_HOME)),
     Row((S.DISARMING,), E.LAND, when=p.px4_reports_the_ground),  # it stands, and is disarmed
+    # While PX4 is silent, nobody knows whether a pilot flies. So the ground sends a landing that
+    # spares pilots straight to PX4, and asks it first.
+    Row((*_SILENT, S.TAKEOVER, S.DISARMING), E.LAND, when=p.px4_cannot_tell_of_a_pilot,
+        ends=("failed", sentences.NOBODY_KNOWS_OF_A_PILOT)),
     # These rows also apply after a kill, because the kill may have been lost. The rows of LANDING
     # distinguish a fall from a landing. If PX4 receives sticks, a heartbeat is requested first,
     # which shows whether a pilot flies.

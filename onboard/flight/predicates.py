@@ -14,6 +14,7 @@ from onboard.flight.arrival import has_turned, is_at, is_at_rest, is_near_and_sl
 from onboard.flight.context import FlightContext
 from onboard.flight.effects import LIFT_M, takeoff_height_m
 from onboard.flight.types import FlightStep, FlightView
+from onboard.safety.limits import AUTOPILOT_SILENT_S
 
 # what PX4 confirms
 CONFIRM_TIMEOUT_S = 5.0
@@ -416,6 +417,12 @@ def kill_had_no_effect(flight: FlightContext, view: FlightView) -> bool:
 def px4_hears_sticks(flight: FlightContext, view: FlightView) -> bool:
     """Return whether PX4 receives a pilot's sticks, so that the pilot may be flying it."""
     return view.hears_sticks
+
+
+def px4_cannot_tell_of_a_pilot(flight: FlightContext, view: FlightView) -> bool:
+    """Return whether PX4 is silent during an order to land that must not land a pilot."""
+    silent_s = 1e-9 * (view.now_ns - view.snapshot.last_packet_ns)
+    return not flight.lands_for_a_person and silent_s > AUTOPILOT_SILENT_S
 
 
 def px4_does_not_land(flight: FlightContext, view: FlightView) -> bool:

@@ -26,6 +26,9 @@ LANDS_TO_DISARM = "It has left the ground: it lands at once, and is disarmed the
 REBOOTED = "PX4 has started anew. Its preflight takes some seconds."
 ARMED_MEANWHILE = "PX4 was armed meanwhile, and does not start anew."
 MOTORS_STOPPED = "PX4 has disarmed in the air: the motors have stopped, and it falls."
+NOBODY_KNOWS_OF_A_PILOT = (
+    "PX4 is silent, so it is not known whether a pilot flies: PX4 was not told to land."
+)
 NO_LIFTOFF = (
     "The vehicle did not leave the ground: check propellers, battery and hover_thrust_frac."
 )

@@ -55,7 +55,7 @@ def accepts(step: FlightStep, order_kind: str) -> bool:
 
 def begin_order(flight: FlightContext, view: FlightView, order: Order) -> None:
     """Start an order that order_checks.py has accepted, and end the order in progress."""
-    row = _match(flight, view, _EVENT_OF_ORDER[order.kind])
+    row = _row_of_order(flight, view, order)
     if row is None:
         return
 
@@ -64,6 +64,15 @@ def begin_order(flight: FlightContext, view: FlightView, order: Order) -> None:
     flight.follow.begin(order)
     flight.is_slow = False
     _apply(flight, view, row)
+
+
+def _row_of_order(flight: FlightContext, view: FlightView, order: Order) -> Row | None:
+    """Return the row for an order that is not yet in progress; its predicates see this order."""
+    order_before = flight.order
+    flight.order = order
+    row = _match(flight, view, _EVENT_OF_ORDER[order.kind])
+    flight.order = order_before
+    return row
 
 
 def locate(flight: FlightContext, view: FlightView, order: Order) -> None:

@@ -574,6 +574,24 @@ def test_px4_does_not_land_in_another_mode_in_the_air(
 
 
 @pytest.mark.parametrize(
+    ("packet_s", "now_s", "is_heard"),
+    [
+        (0.99, 0.99, True),
+        (1.01, 1.01, False),  # PX4 is heard, and sends no sticks any more
+        (0.99, 60.0, True),  # PX4 is silent: its last word counts
+        (1.01, 60.0, False),
+    ],
+)
+def test_sticks_are_as_old_as_what_px4_has_sent_since(
+    packet_s: float, now_s: float, *, is_heard: bool
+) -> None:
+    view = _view(
+        now_s, sticks_ns=_ns(0.0), sticks_before_ns=_ns(-0.2), last_packet_ns=_ns(packet_s)
+    )
+    assert predicates.px4_hears_sticks(_flight(), view) is is_heard
+
+
+@pytest.mark.parametrize(
     ("mode", "now_s", "refuses"),
     [("HOLD", 5.001, True), ("HOLD", 5.0, False), ("LAND", 9.0, False)],
 )

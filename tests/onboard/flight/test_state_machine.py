@@ -368,6 +368,29 @@ def test_a_heartbeat_that_is_asked_for_delays_no_request_that_its_answer_leads_t
     assert _requests(flight, answered) == [Px4Land()]
 
 
+@pytest.mark.parametrize(
+    ("reason", "silent_s", "requests"),
+    [
+        ("the mission ends", 0.4, []),
+        ("the mission ends", 0.2, [Px4Land()]),
+        ("", 0.4, [Px4Land()]),  # a person who names the vehicle
+    ],
+)
+def test_a_landing_that_spares_pilots_is_not_sent_to_a_px4_that_is_silent(
+    reason: str, silent_s: float, requests: list[Any]
+) -> None:
+    flight = _flight(FlightStep.FAILED)
+    silent = _view(silent_s, last_packet_ns=_NOW_NS, is_armed=True, mode="HOLD")
+    state_machine.begin_order(flight, silent, _order("land", reason=reason))
+    events, sent = _taken(flight)
+    assert sent == requests
+    if not requests:
+        (ended,) = events
+        assert ended.order_outcome == "failed"
+        assert ended.sentence == sentences.NOBODY_KNOWS_OF_A_PILOT
+        assert (flight.step, flight.order) == (FlightStep.FAILED, None)
+
+
 def test_who_kills_in_the_air_is_named_to_everybody() -> None:
     flight = _flight(FlightStep.LEG, order=_MOVES)
     kill = _order("kill", node="ground-1")

@@ -7,6 +7,7 @@ from typing import Any
 import pytest
 
 from onboard.config.fleet import FleetConfig
+from sitl.faults.catalogue import Fault
 from tests.sitl.lockstep.taking import (
     MOMENTS,
     at_moment,
@@ -21,6 +22,12 @@ SENTENCE = "mav1 is flown by hand: `land mav1` takes it."
 
 def _height_m(flight: Any, name: str) -> float:
     return float(flight.state.vehicles[name].truth.position_enu_m[2])
+
+
+def _deafen_agent(flight: Any, at_s: float) -> None:
+    """Lose whatever the PX4 of mav1 sends to its agent, from a time on."""
+    parameters: dict[str, float | str] = {"direction": "out", "link": "companion"}
+    flight.inject(Fault("link_loss", "mav1", at_s=at_s, parameters=parameters))
 
 
 # mode and moment; the other pairs of each are flown by make test-long
@@ -109,6 +116,42 @@ def test_land_all_of_a_person_spares_the_pilot_and_his_name_does_not(
     # The pilot lets go of his sticks' switch: the landing by name is PX4's.
     results = flight.wait_for(flight.client.order("land mav1", 40.0))
     assert results["mav1"].is_done
+    assert _height_m(flight, "mav1") < 0.1
+
+
+@pytest.mark.parametrize("known_s", [1.0, pytest.param(-0.3, marks=pytest.mark.long)])
+def test_no_agent_lands_a_pilot_of_whom_it_cannot_hear(
+    lockstep: Any, paper: FleetConfig, known_s: float
+) -> None:
+    """PX4 still hears its agent. The agent hears PX4 no more from 1 s after the pilot takes the
+    vehicle, or from 0.3 s before.
+    """
+    flight = lockstep(paper, seed=3)
+    flight.takeoff(1.0)
+    landings_s = landings_by_command(flight)
+    _deafen_agent(flight, flight.time_s + 0.5 + known_s)
+    flight.at(flight.time_s + 0.5, lambda: pilot_takes(flight))
+    flight.run(3.0)
+
+    results = flight.wait_for(flight.client.order("land all", 40.0))
+    assert SENTENCE in results["mav1"].sentence
+    assert results["mav0"].is_done
+    assert landings_s == []
+    assert _height_m(flight, "mav1") > 0.5
+
+
+@pytest.mark.long
+def test_the_name_of_a_vehicle_lands_it_though_its_agent_does_not_hear_px4(
+    lockstep: Any, paper: FleetConfig
+) -> None:
+    flight = lockstep(paper, seed=3)
+    flight.takeoff(1.0)
+    pilot_takes(flight)
+    flight.run(2.0)
+    _deafen_agent(flight, flight.time_s)
+    flight.run(2.0)
+
+    flight.wait_for(flight.client.order("land mav1", 40.0))
     assert _height_m(flight, "mav1") < 0.1
 
 
