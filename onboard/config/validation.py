@@ -44,6 +44,11 @@ FLEET_BOUNDS: dict[str, tuple[float | str, float | str]] = {
     "ground_lost_land_s": (1.0, 3600.0),
     "max_wind_m_s": (0.1, 30.0),
 }
+GEOFENCE_BOUNDS: dict[str, tuple[float, float]] = {
+    "x": (-fences.FARTHEST_M, fences.FARTHEST_M),
+    "y": (-fences.FARTHEST_M, fences.FARTHEST_M),
+    "z": (-fences.FARTHEST_M, fences.FARTHEST_M),
+}
 VEHICLE_BOUNDS: dict[str, tuple[float, float]] = {
     "hover_time_s": (10.0, 86400.0),
     "mass_kg": (0.02, 50.0),
@@ -148,9 +153,11 @@ def _fleet_section_problems(config: FleetConfig) -> Iterator[str]:
     yield from _vertical_problems(fleet, config.law)
     yield from _origin_problems(fleet.global_origin)
 
-    for axis in ("x", "y", "z"):
+    for axis, bounds in GEOFENCE_BOUNDS.items():
         low, high = getattr(fleet.geofence_m, axis)
-        if not (math.isfinite(low) and math.isfinite(high) and low < high):
+        for value in (low, high):
+            yield from bound_problems(f"fleet.geofence_m.{axis}", value, *bounds)
+        if low >= high:
             yield f"'fleet.geofence_m.{axis}' is [{low}, {high}]; give [low, high] with low < high."
 
 

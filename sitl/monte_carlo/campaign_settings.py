@@ -13,10 +13,13 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from typing import Any
 
+import msgspec
+
 from onboard.config.example_files import EXAMPLES
 from onboard.config.fleet import (
     ConfigError,
     FleetConfig,
+    Geofence,
     LawConfig,
     SitlProfile,
     Vehicle,
@@ -25,6 +28,7 @@ from onboard.config.fleet import (
     read_toml,
 )
 from onboard.config.law_import import find_own_law
+from onboard.config.validation import GEOFENCE_BOUNDS
 from onboard.plain_text import meant_words
 
 _EXAMPLES = ("sih", "paper")  # example fleets whose types can be named without --fleet
@@ -55,6 +59,7 @@ _NOT_A_VEHICLE_VALUE = (
     "mocap_required",
 )
 _UNCHECKED_SPACING_M = 10.0  # between starts, where the safety distance is no number
+_IN_A_ROW = 16  # number of starts in a row
 _UNBOUNDED_M = 1e6  # half width of a geofence too large for any flight to reach
 
 
@@ -191,7 +196,8 @@ class Setup:
         Raises:
             ConfigError: the values are inconsistent.
         """
-        # The scenarios replace these starts. They only have to be valid, so they are far apart.
+        # The scenarios replace these starts. They only have to be valid, so they are far apart, in
+        # rows that fit into the box of a fleet file.
         spacing_m = _UNCHECKED_SPACING_M
         safety_distance_m = self.fleet_table.get("safety_distance_m", 0.8)
         if isinstance(safety_distance_m, int | float):  # anything else is refused below
@@ -201,17 +207,16 @@ class Setup:
             vehicles[f"v{i}"] = {
                 "type": self.types[i % len(self.types)],
                 "system_id": i + 1,
-                "start_enu_m": [spacing_m * i, 0.0, 0.0],
+                "start_enu_m": [spacing_m * (i % _IN_A_ROW), spacing_m * (i // _IN_A_ROW), 0.0],
                 "agent": f"tcp/127.0.0.1:{20000 + i}",
                 "autopilot": f"udpin://127.0.0.1:{30000 + i}",
             }
 
-        everywhere = [-_UNBOUNDED_M, _UNBOUNDED_M]
         chosen = {key: self.fleet_table[key] for key in _FLEET_KEYS if key in self.fleet_table}
         fleet = {
             **chosen,
             "name": "campaign",
-            "geofence_m": {"x": everywhere, "y": everywhere, "z": everywhere},
+            "geofence_m": GEOFENCE_BOUNDS,
         }
 
         radio = {
@@ -221,7 +226,7 @@ class Setup:
         }
         types = {name: dict(table) for name, table in self.type_tables.items()}
 
-        return fleet_from_mapping(
+        config = fleet_from_mapping(
             {
                 "schema": 1,
                 "fleet": fleet,
@@ -232,6 +237,10 @@ class Setup:
             },
             path="the simulated fleet",
         )
+        everywhere = (-_UNBOUNDED_M, _UNBOUNDED_M)
+        geofence_m = Geofence(x=everywhere, y=everywhere, z=everywhere)
+        section = msgspec.structs.replace(config.fleet, geofence_m=geofence_m)
+        return msgspec.structs.replace(config, fleet=section)
 
 
 def setup_for(

@@ -25,7 +25,7 @@ from onboard.config.mocap import MocapConfig
 from onboard.config.obstacles import Circle, Obstacle
 from onboard.config.people import Person
 from onboard.config.radio import RadioConfig
-from onboard.config.validation import FLEET_BOUNDS, VEHICLE_BOUNDS, law_bounds
+from onboard.config.validation import FLEET_BOUNDS, GEOFENCE_BOUNDS, VEHICLE_BOUNDS, law_bounds
 from sitl.monte_carlo.open_benchmark import scene_file as scene_structs
 
 Ends = tuple[float | str, float | str]
@@ -157,7 +157,7 @@ def fleet_file() -> str:
     only = tuple(name for name in fields(Vehicle) if name not in _ONE_OF_ITS_OWN)
     parts = [
         ("`[fleet]`", _table(FleetSection, FLEET_BOUNDS)),
-        ("`fleet.geofence_m`", _table(Geofence, {})),
+        ("`fleet.geofence_m`", _table(Geofence, GEOFENCE_BOUNDS)),
         ("`fleet.origin`, outdoors", _table(Origin, {})),
         (
             "`[vehicles.NAME]`: what only one vehicle has",

@@ -86,6 +86,11 @@ WRONG = [
     ("formations.triangle.mav1", [-0.1, 0.7, 0.0], "can park"),
     ("formations.triangle.mav9", [5.0, 0.0, 0.0], "names no vehicle"),
     ("fleet.geofence_m", {"x": [1, -1], "y": [-1, 1], "z": [0, 1]}, "low < high"),
+    (
+        "fleet.geofence_m",
+        {"x": [-1e308, 1e308], "y": [-9, 9], "z": [-1, 9]},
+        "'fleet.geofence_m.x' is -1e+308; it must lie between -10000 and 10000",
+    ),
     ("fleet.name", "a/b", "fleet.name"),
     ("fleet.body_diameter_m", 2.0, "fleet.body_diameter_m"),
     ("fleet.safety_distance_m", 0.4, "One bound is 'fleet.safety_distance_m'"),

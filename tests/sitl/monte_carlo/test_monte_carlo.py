@@ -102,6 +102,11 @@ def test_lines_are_the_same_again_in_other_chunks_and_over_two_processes(capsys)
     assert all(value.keys() >= KEYS for value in values)
 
 
+def test_the_simulated_fleet_is_valid_for_many_vehicles_at_the_largest_distance():
+    setup = campaign_settings.setup_for(changes=["fleet.safety_distance_m=50"])
+    assert len(setup.fleet(255).vehicles) == 255
+
+
 def test_what_an_own_law_prints_does_not_come_between_the_lines(tmp_path, capsys, monkeypatch):
     (tmp_path / "law_that_prints.py").write_text(
         """\
