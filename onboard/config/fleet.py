@@ -33,7 +33,11 @@ from onboard.config.toml_reading import convert as convert
 from onboard.config.toml_reading import read_toml as read_toml
 from onboard.config.toml_reading import table, tables, unknown_key
 from onboard.config.validation import check_fleet
-from onboard.config.vehicle_tables import vehicle_from_tables, with_written_keys
+from onboard.config.vehicle_tables import (
+    check_shared_tables,
+    vehicle_from_tables,
+    with_written_keys,
+)
 from onboard.tuples import Xyz
 
 _KNOWN_KEYS = (
@@ -130,6 +134,7 @@ def _resolved(data: Mapping[str, Any], *, path: str, text: str, needs_folders: b
 
     types = tables(data.get("types", {}), path, "types")
     defaults = table(data.get("defaults", {}), path, "defaults")
+    check_shared_tables(types, defaults, path)
     vehicles: dict[str, Vehicle] = {}
     own_tables = tables(data["vehicles"], path, "vehicles")
     for index, (name, own_table) in enumerate(own_tables.items()):

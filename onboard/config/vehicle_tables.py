@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import Any, get_type_hints
 
 from onboard.config.fleet_config import PX4_VERSIONS, Vehicle
 from onboard.config.sitl import SitlProfile
@@ -26,6 +26,24 @@ _MERGED = ("px4_params", "sitl")  # tables that are merged key by key
 _VEHICLE_KEY = re.compile(r"'vehicles\.(?P<vehicle>[A-Za-z0-9_-]+)\.(?P<key>\w+(\.\w+)?)")
 
 
+def check_shared_tables(
+    types: dict[str, dict[str, Any]], defaults: dict[str, Any], path: str
+) -> None:
+    """Check keys and values of the types and the defaults, also of those that no vehicle uses.
+
+    Args:
+        types: all vehicle types of the file.
+        defaults: the file's ``[defaults]``.
+        path: path of the file, for messages.
+    Raises:
+        ConfigError: A key is unknown, or a value has a wrong type.
+    """
+    shared = set(Vehicle.__struct_fields__) - _DERIVED - _VEHICLE_ONLY
+    _check_shared_table(defaults, "defaults", shared, path)
+    for type_name, type_table in types.items():
+        _check_shared_table(type_table, f"types.{type_name}", shared - {"type"}, path)
+
+
 def vehicle_from_tables(
     name: str,
     index: int,
@@ -40,8 +58,8 @@ def vehicle_from_tables(
         name: name of the vehicle.
         index: its position in the fleet file.
         own: its own table.
-        types: all vehicle types of the file.
-        defaults: the file's ``[defaults]``.
+        types: all vehicle types of the file, checked.
+        defaults: the file's ``[defaults]``, checked.
         path: path of the file, for messages.
     Raises:
         ConfigError: A key is unknown or missing, the type is unknown, or a value has a wrong type.
@@ -66,11 +84,7 @@ def vehicle_from_tables(
         )
     type_table = types.get(type_name, {})
 
-    known = set(Vehicle.__struct_fields__) - _DERIVED
-    shared = known - _VEHICLE_ONLY
-    _check_keys(defaults, "defaults", shared, path)
-    _check_keys(type_table, f"types.{type_name}", shared - {"type"}, path)
-    _check_keys(own, key, known, path)
+    _check_keys(own, key, set(Vehicle.__struct_fields__) - _DERIVED, path)
 
     for entry in _REQUIRED:
         if entry not in own:
@@ -123,6 +137,19 @@ def _at(table: Any, keys: Sequence[str]) -> Any:
             return None
         table = table.get(key)
     return table
+
+
+def _check_shared_table(
+    shared_table: dict[str, Any], prefix: str, allowed: set[str], path: str
+) -> None:
+    """Refuse a table with a key that is not allowed in it, or with a value of a wrong type."""
+    _check_keys(shared_table, prefix, allowed, path)
+    kinds = get_type_hints(Vehicle)
+    for entry, value in shared_table.items():
+        key = f"{prefix}.{entry}"
+        if entry == "px4_version":
+            _check_px4_version(value, f"{path}: '{key}'")
+        convert(value, kinds[entry], path, key)
 
 
 def _check_keys(table: dict[str, Any], prefix: str, allowed: set[str], path: str) -> None:
