@@ -6,7 +6,7 @@ import os
 import termios
 import tty
 
-_PREFIX = "serial://"
+from onboard.config.endpoints import split_serial
 
 
 def open_serial(endpoint: str) -> int:
@@ -20,13 +20,7 @@ def open_serial(endpoint: str) -> int:
         ValueError: The endpoint is malformed.
         OSError: The device does not exist, is not a serial device, or must not be used.
     """
-    device, _, baud = endpoint.removeprefix(_PREFIX).rpartition(":")
-    speed = getattr(termios, f"B{baud}", None)  # termios has a constant for each possible speed
-    if not endpoint.startswith(_PREFIX) or not device or speed is None:
-        raise ValueError(
-            f"'{endpoint}' is no serial endpoint; write it as serial:///dev/ttyAMA0:921600"
-        )
-
+    device, speed = split_serial(endpoint)
     descriptor = os.open(device, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK | os.O_CLOEXEC)
     try:
         tty.setraw(descriptor)

@@ -1,10 +1,16 @@
-"""Parses endpoints of the fleet file: host, port, and whether other computers reach it. Pure."""
+"""Parses endpoints of the fleet file: host, port or serial device, and whether other computers
+reach it. Pure.
+"""
 
 from __future__ import annotations
 
 import ipaddress
+import re
+import termios
 
 LAST_PORT = 65_535
+_SERIAL = "serial://"
+_LABEL = re.compile(r"[A-Za-z0-9_-]{1,63}")  # part of a host name between two dots
 
 
 def host_of(endpoint: str) -> str:
@@ -28,6 +34,46 @@ def split_host_and_port(address: str) -> tuple[str, int]:
     return host.strip("[]"), int(port)
 
 
+def is_host(host: str) -> bool:
+    """Whether a text is a host name, an IPv4 address, or an IPv6 address in brackets.
+
+    Args:
+        host: the part of an endpoint before the port.
+    """
+    labels = host.split(".")
+    is_number = labels[-1].isdecimal()  # the name of a host does not end in a number
+    if not is_number and not host.startswith("["):
+        return all(_LABEL.fullmatch(label) for label in labels)
+
+    address = host
+    if host.startswith("[") and host.endswith("]"):
+        address = host[1:-1]
+    try:
+        version = ipaddress.ip_address(address).version
+    except ValueError:
+        return False
+    return (version == 6) == host.startswith("[")
+
+
+def split_serial(endpoint: str) -> tuple[str, int]:
+    """Return the device of ``serial://DEVICE:BAUD``, and its speed as termios has it.
+
+    Args:
+        endpoint: endpoint of the fleet file.
+    Raises:
+        ValueError: The endpoint has another form, or the computer has no such speed.
+    """
+    device, _, baud = endpoint.removeprefix(_SERIAL).rpartition(":")
+    speed: int | None = None
+    if baud.isdecimal():  # termios has a constant for each possible speed; B0 hangs up instead
+        speed = getattr(termios, f"B{baud}", None)
+    if not endpoint.startswith(_SERIAL) or not device or not speed:
+        raise ValueError(
+            f"'{endpoint}' is no serial endpoint; write it as serial:///dev/ttyAMA0:921600"
+        )
+    return device, speed
+
+
 def is_loopback(host: str) -> bool:
     """Whether a host name or address means this computer only.
 
@@ -49,4 +95,4 @@ def is_on_network(endpoint: str) -> bool:
     Args:
         endpoint: an endpoint of the fleet file.
     """
-    return not endpoint.startswith("serial://") and not is_loopback(host_of(endpoint))
+    return not endpoint.startswith(_SERIAL) and not is_loopback(host_of(endpoint))

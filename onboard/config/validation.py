@@ -18,7 +18,7 @@ from onboard.config import radio as radio_config
 from onboard.config import sitl as sitl_profile
 from onboard.config.areas import START_BELOW_FLOOR_M
 from onboard.config.earth import ALTITUDES_M, Origin, is_on_earth
-from onboard.config.endpoints import LAST_PORT
+from onboard.config.endpoints import LAST_PORT, host_of, is_host, split_serial
 from onboard.config.fleet_config import (
     FleetConfig,
     FleetSection,
@@ -236,7 +236,7 @@ def _bus_problems(config: FleetConfig) -> Iterator[str]:
     for key, endpoint in endpoints.items():
         if not _AGENT_ENDPOINT.fullmatch(endpoint):
             yield f"'{key}' is {endpoint!r}; write it as quic/10.0.0.5:7447."
-        yield from _port_problems(key, endpoint)
+        yield from _address_problems(key, endpoint)
 
         _, _, address = endpoint.partition("/")
         owner = owners.setdefault(address, key)
@@ -269,11 +269,24 @@ def _bus_problems(config: FleetConfig) -> Iterator[str]:
         )
 
 
-def _port_problems(key: str, endpoint: str) -> Iterator[str]:
-    """Yield a sentence if an endpoint has a port that no computer has."""
-    _, _, port = endpoint.rpartition(":")
-    if endpoint.startswith("serial://") or not port.isdecimal():
+def _address_problems(key: str, endpoint: str) -> Iterator[str]:
+    """Yield a sentence if an endpoint has a device, a host or a port that cannot be opened."""
+    if endpoint.startswith("serial://"):
+        try:
+            split_serial(endpoint)
+        except ValueError:
+            yield (
+                f"'{key}' is {endpoint!r}, which has no device and baud rate. Write it as "
+                "serial:///dev/ttyAMA0:921600, with a baud rate that serial devices have."
+            )
         return
+
+    _, _, port = endpoint.rpartition(":")
+    if not is_host(host_of(endpoint)) or not port.isdecimal():
+        yield (
+            f"'{key}' is {endpoint!r}, which does not end in a host and a port. Write HOST:PORT, "
+            "where HOST is a name, an IPv4 address or an IPv6 address in brackets."
+        )
     is_port = len(port) <= len(str(LAST_PORT)) and 1 <= int(port) <= LAST_PORT
     if not is_port:
         yield f"'{key}' is {endpoint!r}; a port is a number from 1 to {LAST_PORT}."
@@ -350,7 +363,7 @@ def _vehicle_problems(config: FleetConfig, vehicle: Vehicle) -> Iterator[str]:
     for key in ("agent", "autopilot", "direct"):
         endpoint = getattr(vehicle, key)
         if endpoint is not None:
-            yield from _port_problems(f"vehicles.{name}.{key}", endpoint)
+            yield from _address_problems(f"vehicles.{name}.{key}", endpoint)
     yield from _px4_param_problems(vehicle)
     if vehicle.mavlink_signing and vehicle.px4_version in _WITHOUT_SIGNING:
         yield (

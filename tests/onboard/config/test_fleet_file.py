@@ -121,6 +121,21 @@ WRONG = [
     ("vehicles.mav1.agent", "tcp/127.0.0.1:0", "'vehicles.mav1.agent' is 'tcp/127.0.0.1:0'"),
     ("vehicles.mav1.autopilot", "udpin://127.0.0.1:65536", "a port is a number from 1 to 65535"),
     ("vehicles.mav1.direct", "udpout://127.0.0.1:99999", "a port is a number from 1 to 65535"),
+    ("vehicles.mav1.agent", "tcp/...:7461", "'tcp/...:7461', which does not end in a host"),
+    ("vehicles.mav1.agent", "tcp/::::7461", "does not end in a host"),
+    ("vehicles.mav1.agent", "tcp/10.0.0.256:7461", "does not end in a host"),
+    ("vehicles.mav1.agent", "tcp/[10.0.0.5]:7461", "does not end in a host"),
+    ("vehicles.mav1.autopilot", "udpin://127.0.0.1", "'vehicles.mav1.autopilot' is 'udpin://127"),
+    ("vehicles.mav1.autopilot", "udpin://foo", "does not end in a host"),
+    ("vehicles.mav1.autopilot", "udpin://a b:14541", "does not end in a host"),
+    ("vehicles.mav1.autopilot", "udpin://foo:port", "does not end in a host"),
+    ("vehicles.mav1.autopilot", "serial:///dev/ttyAMA0", "has no device and baud rate. Write it"),
+    ("vehicles.mav1.autopilot", "serial:///dev/ttyAMA0:0", "has no device and baud rate"),
+    ("vehicles.mav1.autopilot", "serial:///dev/ttyAMA0:RKINT", "has no device and baud rate"),
+    ("vehicles.mav1.autopilot", "serial://:921600", "has no device and baud rate"),
+    ("vehicles.mav1.direct", "udpout://..:18570", "'vehicles.mav1.direct' is 'udpout://..:18570'"),
+    ("fleet.simulator", "tcp/-.:7459", "'fleet.simulator' is 'tcp/-.:7459', which does not end"),
+    ("fleet.routers", ["tcp/[::g]:7447"], "'fleet.routers[0]' is 'tcp/[::g]:7447', which"),
     ("vehicles.mav1.direct", "127.0.0.1:18570", "write it as udpout://127.0.0.1:18570"),
     ("vehicles.mav1.px4_params", {"com_of_loss_t": 5.0}, "'com_of_loss_t'; a parameter of PX4"),
     ("vehicles.mav1.px4_params", {"A_NAME_OF_17_CHARS": 1}, "up to 16 of the characters"),
@@ -174,6 +189,19 @@ def test_an_autopilot_s_endpoint_is_of_its_companion() -> None:
         ConfigError, match=r"vehicles\.mav1\.autopilot.*on the same computer, 192\.168\.1\.11"
     ):
         fleet_from_mapping(data)
+
+
+@pytest.mark.parametrize(
+    "host", ["mav1", "mav1.local", "drone_2-b.lab.example", "4u.local", "192.168.1.12", "[fd00::2]"]
+)
+def test_names_and_addresses_of_both_kinds_are_hosts(host: str) -> None:
+    data = paper_data()
+    data["vehicles"]["mav1"] |= {
+        "agent": f"tcp/{host}:7461",
+        "autopilot": f"udpout://{host}:14541",
+        "direct": f"tcp://{host}:5760",
+    }
+    assert fleet_from_mapping(data).vehicles["mav1"].host == host
 
 
 @pytest.mark.parametrize("name", ["ground", "ground-east", "watcher-2", "recorder-a", "sitl-1"])
