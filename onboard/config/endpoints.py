@@ -9,6 +9,8 @@ import re
 import termios
 
 LAST_PORT = 65_535
+THIS_COMPUTER = "127.0.0.1"
+_EVERY_NETWORK = ("0.0.0.0", "::")  # a listener there has the port at all addresses of its computer
 _SERIAL = "serial://"
 _LABEL = re.compile(r"[A-Za-z0-9_-]{1,63}")  # part of a host name between two dots
 
@@ -53,6 +55,30 @@ def is_host(host: str) -> bool:
     except ValueError:
         return False
     return (version == 6) == host.startswith("[")
+
+
+def canonical_host(host: str) -> str:
+    """Return the one spelling of a host that has several: small letters, and an address as such.
+
+    Args:
+        host: name or address, an IPv6 address with or without its brackets.
+    """
+    if host.lower() == "localhost":
+        return THIS_COMPUTER
+    try:
+        return str(ipaddress.ip_address(host.strip("[]")))
+    except ValueError:
+        return host.lower()
+
+
+def do_overlap(one: str, two: str) -> bool:
+    """Whether one port at two hosts of a computer is the same port.
+
+    Args:
+        one: a host, from :func:`canonical_host`.
+        two: another host.
+    """
+    return one == two or one in _EVERY_NETWORK or two in _EVERY_NETWORK
 
 
 def split_serial(endpoint: str) -> tuple[str, int]:

@@ -10,7 +10,7 @@ import itertools
 import math
 import re
 from collections.abc import Iterator
-from typing import Any
+from typing import Any, NamedTuple
 
 from onboard.config import corrections, fences, folders, formation_shape, obstacles, people
 from onboard.config import mocap as mocap_config
@@ -18,7 +18,15 @@ from onboard.config import radio as radio_config
 from onboard.config import sitl as sitl_profile
 from onboard.config.areas import START_BELOW_FLOOR_M
 from onboard.config.earth import ALTITUDES_M, Origin, is_on_earth
-from onboard.config.endpoints import LAST_PORT, host_of, is_host, split_serial
+from onboard.config.endpoints import (
+    LAST_PORT,
+    THIS_COMPUTER,
+    canonical_host,
+    do_overlap,
+    host_of,
+    is_host,
+    split_serial,
+)
 from onboard.config.fleet_config import (
     FleetConfig,
     FleetSection,
@@ -232,14 +240,14 @@ def _bus_problems(config: FleetConfig) -> Iterator[str]:
     for number, endpoint in enumerate(config.fleet.routers):
         endpoints[f"fleet.routers[{number}]"] = endpoint
 
-    owners: dict[str, str] = {}  # address and port -> key
+    owners: dict[tuple[str, int], str] = {}  # host and port -> key
     for key, endpoint in endpoints.items():
         if not _AGENT_ENDPOINT.fullmatch(endpoint):
             yield f"'{key}' is {endpoint!r}; write it as quic/10.0.0.5:7447."
         yield from _address_problems(key, endpoint)
 
         _, _, address = endpoint.partition("/")
-        owner = owners.setdefault(address, key)
+        owner = owners.setdefault((canonical_host(host_of(endpoint)), _port_of(endpoint)), key)
         if owner != key:
             yield (
                 f"'{key}' and '{owner}' are both at {address}. Only one can listen there: change "
@@ -267,6 +275,12 @@ def _bus_problems(config: FleetConfig) -> Iterator[str]:
             f"A vehicle is named '{clashes[0]}', which is the name of another node's key. Give it "
             "another name."
         )
+
+
+def _port_of(endpoint: str) -> int:
+    """Return the port of a checked endpoint."""
+    _, _, port = endpoint.rpartition(":")
+    return int(port)
 
 
 def _address_problems(key: str, endpoint: str) -> Iterator[str]:
@@ -414,25 +428,80 @@ def _name_problems(config: FleetConfig) -> Iterator[str]:
 
 def _double_problems(config: FleetConfig) -> Iterator[str]:
     """Yield a sentence for each value that two vehicles share although it must be unique."""
-    owners: dict[tuple[str, Any, str], str] = {}  # key, value and computer -> vehicle
+    owners: dict[tuple[str, Any], str] = {}  # key and value -> vehicle
     for name, vehicle in config.vehicles.items():
-        for key in ("system_id", "agent", "autopilot", "direct", "mocap_body"):
+        for key in ("system_id", "mocap_body"):
             value = getattr(vehicle, key)
             if value is None:
                 continue
-
-            # ports and serial devices must be unique only within one companion computer
-            host = ""
-            where = ""
-            if key == "autopilot" and not value.startswith("udpout://"):
-                host = vehicle.host
-                where = f", on the same computer, {host}"
-            owner = owners.setdefault((key, value, host), name)
+            owner = owners.setdefault((key, value), name)
             if owner != name:
                 yield (
-                    f"'vehicles.{name}.{key}' is {value!r}, which 'vehicles.{owner}.{key}' has too"
-                    f"{where}. Give each vehicle its own."
+                    f"'vehicles.{name}.{key}' is {value!r}, which 'vehicles.{owner}.{key}' has "
+                    "too. Give each vehicle its own."
                 )
+    yield from _link_problems(config)
+
+
+class _Link(NamedTuple):
+    """A vehicle's link to its PX4."""
+
+    vehicle: str
+    key: str
+    endpoint: str
+    computer: str  # whose port or serial device it is; empty for a port of PX4
+    place: str  # scheme and port, or the serial device
+    host: str  # in one spelling; empty for a serial device
+
+
+def _link_problems(config: FleetConfig) -> Iterator[str]:
+    """Yield a sentence for each port and each serial device that two links to PX4 have."""
+    links: dict[tuple[str, str], list[_Link]] = {}  # computer and place -> links
+    for link in _links(config):
+        others = links.setdefault((link.computer, link.place), [])
+        for other in others:
+            # the ground may send to the same port of PX4 as the vehicle's own agent
+            is_own_px4 = not link.computer and link.vehicle == other.vehicle
+            if not is_own_px4 and do_overlap(link.host, other.host):
+                where = ""
+                if link.computer:
+                    where = f", on the same computer, {link.computer}"
+                yield (
+                    f"'{link.key}' is {link.endpoint!r}, and '{other.key}' is {other.endpoint!r}: "
+                    f"the same port or device{where}. Give each its own."
+                )
+        others.append(link)
+
+
+def _links(config: FleetConfig) -> Iterator[_Link]:
+    """Yield the links of all vehicles to their PX4."""
+    for name, vehicle in config.vehicles.items():
+        # each companion has ports and serial devices of its own; the ground opens `direct`
+        for key, opener in (("autopilot", vehicle.host), ("direct", THIS_COMPUTER)):
+            endpoint = getattr(vehicle, key)
+            if endpoint is None:
+                continue
+
+            scheme, _, _ = endpoint.partition(":")
+            computer = ""
+            if scheme in ("serial", "udpin"):
+                computer = canonical_host(opener)
+
+            if scheme == "serial":
+                place, _ = split_serial(endpoint)
+                host = ""
+            else:
+                place = f"{scheme} {_port_of(endpoint)}"
+                host = canonical_host(host_of(endpoint))
+
+            yield _Link(
+                vehicle=name,
+                key=f"vehicles.{name}.{key}",
+                endpoint=endpoint,
+                computer=computer,
+                place=place,
+                host=host,
+            )
 
 
 def _start_problems(config: FleetConfig) -> Iterator[str]:

@@ -192,6 +192,62 @@ def test_an_autopilot_s_endpoint_is_of_its_companion() -> None:
 
 
 @pytest.mark.parametrize(
+    ("key", "endpoint", "other"),
+    [
+        ("autopilot", "udpin://0.0.0.0:14540", "vehicles.mav0.autopilot"),
+        ("autopilot", "udpin://localhost:14540", "vehicles.mav0.autopilot"),
+        ("autopilot", "udpin://[::]:14540", "vehicles.mav0.autopilot"),
+        ("direct", "udpin://127.0.0.1:14540", "vehicles.mav0.autopilot"),
+        ("direct", "udpin://127.0.0.1:14541", "vehicles.mav1.autopilot"),
+        ("direct", "udpout://LOCALHOST:18570", "vehicles.mav0.direct"),
+        ("autopilot", "udpout://127.0.0.1:18570", "vehicles.mav0.direct"),
+        ("agent", "tcp/localhost:7460", "vehicles.mav0.agent"),
+        ("agent", "tcp/localhost:07459", "fleet.simulator"),
+    ],
+)
+def test_one_port_has_one_key_however_it_is_written(key: str, endpoint: str, other: str) -> None:
+    data = paper_data()
+    data["fleet"]["simulator"] = "tcp/127.0.0.1:7459"
+    data["vehicles"]["mav1"][key] = endpoint
+    with pytest.raises(ConfigError) as error:
+        fleet_from_mapping(data)
+    assert f"'vehicles.mav1.{key}'" in str(error.value)
+    assert f"'{other}'" in str(error.value)
+
+
+def test_one_serial_device_has_one_agent_at_any_baud_rate() -> None:
+    data = paper_data()
+    data["vehicles"]["mav0"]["autopilot"] = "serial:///dev/ttyAMA0:921600"
+    data["vehicles"]["mav1"]["autopilot"] = "serial:///dev/ttyAMA0:57600"
+    with pytest.raises(ConfigError, match="the same port or device, on the same computer"):
+        fleet_from_mapping(data)
+
+
+@pytest.mark.parametrize("host", ["0.0.0.0", "127.0.0.1", "192.168.7.1"])
+def test_each_companion_may_listen_for_its_px4_at_the_same_port(host: str) -> None:
+    data = paper_data()
+    for index, vehicle in enumerate(data["vehicles"].values()):
+        vehicle["agent"] = f"tcp/192.168.1.{11 + index}:7460"
+        vehicle["autopilot"] = f"udpin://{host}:14540"
+        vehicle["direct"] = f"udpout://192.168.1.{11 + index}:14550"
+    assert len(fleet_from_mapping(data).vehicles) == 3
+
+
+def test_agents_of_one_computer_may_listen_at_one_port_of_different_networks() -> None:
+    data = paper_data()
+    for index, vehicle in enumerate(data["vehicles"].values()):
+        vehicle["autopilot"] = f"udpin://192.168.{index}.1:14540"
+    assert len(fleet_from_mapping(data).vehicles) == 3
+
+
+def test_the_ground_may_send_to_the_same_port_of_px4_as_its_agent() -> None:
+    data = paper_data()
+    data["vehicles"]["mav0"]["autopilot"] = "udpout://192.168.1.21:14540"
+    data["vehicles"]["mav0"]["direct"] = "udpout://192.168.1.21:14540"
+    assert len(fleet_from_mapping(data).vehicles) == 3
+
+
+@pytest.mark.parametrize(
     "host", ["mav1", "mav1.local", "drone_2-b.lab.example", "4u.local", "192.168.1.12", "[fd00::2]"]
 )
 def test_names_and_addresses_of_both_kinds_are_hosts(host: str) -> None:
