@@ -78,6 +78,9 @@ _LEAST_HEIGHT_BODIES = 2.0
 _LARGEST_UNCOOPERATIVE_MARGIN_M = 1.0
 
 _PX4_PARAM = re.compile(r"[A-Z][A-Z0-9_]{0,15}")  # MAVLink has room for 16 characters
+# PX4 stores a parameter in 32 bits
+_PX4_WHOLE_NUMBERS = (-(2.0**31), 2.0**31 - 1.0)
+_PX4_NUMBERS = (-(2.0**128 - 2.0**104), 2.0**128 - 2.0**104)
 _AGENT_ENDPOINT = re.compile(r"(tcp|quic|tls|udp)/[A-Za-z0-9_.:\[\]-]+:\d{1,5}")
 _AUTOPILOT_ENDPOINT = re.compile(r"(udpin|udpout|serial)://.+")
 _DIRECT_ENDPOINT = re.compile(r"(udpin|udpout|tcp)://.+:\d+")
@@ -406,13 +409,17 @@ def _vehicle_problems(config: FleetConfig, vehicle: Vehicle) -> Iterator[str]:
 
 
 def _px4_param_problems(vehicle: Vehicle) -> Iterator[str]:
-    """Yield a sentence for each name that no parameter of PX4 can have."""
-    for param in vehicle.px4_params:
+    """Yield a sentence for each name and each value that no parameter of PX4 can have."""
+    for param, value in vehicle.px4_params.items():
         if not _PX4_PARAM.fullmatch(param):
             yield (
                 f"'vehicles.{vehicle.name}.px4_params' has {param[:40]!r}; a parameter of PX4 has "
                 "up to 16 of the characters A-Z 0-9 _, for instance MPC_Z_P."
             )
+        bounds = _PX4_NUMBERS
+        if isinstance(value, int):
+            bounds = _PX4_WHOLE_NUMBERS
+        yield from bound_problems(f"vehicles.{vehicle.name}.px4_params.{param}", value, *bounds)
 
 
 def _name_problems(config: FleetConfig) -> Iterator[str]:

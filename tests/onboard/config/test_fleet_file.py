@@ -140,6 +140,10 @@ WRONG = [
     ("vehicles.mav1.px4_params", {"com_of_loss_t": 5.0}, "'com_of_loss_t'; a parameter of PX4"),
     ("vehicles.mav1.px4_params", {"A_NAME_OF_17_CHARS": 1}, "up to 16 of the characters"),
     ("vehicles.mav1.px4_params", {"MPC_Z_P\x1b": 1}, "up to 16 of the characters"),
+    ("vehicles.mav1.px4_params", {"MC_ROLL_P": 1e308}, "'vehicles.mav1.px4_params.MC_ROLL_P' is"),
+    ("vehicles.mav1.px4_params", {"MC_ROLL_P": -3.41e38}, "between -3.40282e+38 and 3.40282e+38"),
+    ("types.ardrone.px4_params", {"NAV_DLL_ACT": 2**31}, "'types.ardrone.px4_params.NAV_DLL_ACT'"),
+    ("vehicles.mav1.px4_params", {"NAV_DLL_ACT": -(2**31) - 1}, "is -2147483649; it must lie"),
     ("fleet.simulator", "tcp/127.0.0.1:65536", "'fleet.simulator' is 'tcp/127.0.0.1:65536'"),
     ("fleet.routers", ["tcp/10.0.0.1:70000"], "'fleet.routers[0]' is 'tcp/10.0.0.1:70000'"),
     ("schema", 2, "schema"),
@@ -174,6 +178,13 @@ def test_folders_below_the_fleet_file_are_taken_and_those_of_covey_s_own_copies(
         fleet_from_mapping(data)
     (elsewhere / "ca.pem").write_text("certificate")
     assert fleet_from_mapping(data).keys_folder == str(elsewhere)
+
+
+def test_px4_params_may_have_all_values_of_32_bits() -> None:
+    data = paper_data()
+    values = {"MC_ROLL_P": 3.4028234663852886e38, "NAV_DLL_ACT": -(2**31), "SYS_HAS_GPS": 2**31 - 1}
+    data["vehicles"]["mav1"]["px4_params"] = values
+    assert fleet_from_mapping(data).vehicles["mav1"].px4_params == values
 
 
 def test_an_autopilot_s_endpoint_is_of_its_companion() -> None:
