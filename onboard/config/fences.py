@@ -153,11 +153,11 @@ def fence_fault(fence: Fence, origin: Origin | None, key: str) -> str | None:
 
     if fence.circle is not None:
         return _circle_fault(fence.circle, origin, label)
-    return _polygon_fault(_corners(fence, origin), label)
+    return polygon_fault(_corners(fence, origin), label)
 
 
 def _number_fault(fence: Fence, label: str) -> str | None:
-    """Return what is wrong with buffer, heights or the number of corners, or None."""
+    """Return what is wrong with buffer, heights or the number of corners in degrees, or None."""
     if not 0.0 <= fence.buffer_m <= _MOST_BUFFER_M:  # also True for NaN
         return (
             f"{label}: buffer_m is {fence.buffer_m:g}; it must lie between 0 and "
@@ -169,20 +169,19 @@ def _number_fault(fence: Fence, label: str) -> str | None:
             return (
                 f"{label}: height_m is [{low_m:g}, {high_m:g}]; give [low, high] with low < high."
             )
-
-    if fence.circle is not None:
-        return None
-
-    corner_count = 0
-    for polygon in (fence.polygon_enu_m, fence.polygon_deg):
-        if polygon is not None:
-            corner_count = len(polygon)
-    if not 3 <= corner_count <= MOST_CORNERS:
-        return (
-            f"{label} has {corner_count} corners; a polygon has 3 to {MOST_CORNERS}. Add the "
-            "others, or leave out what a straight edge can join."
-        )
+    if fence.polygon_deg is not None:
+        return _count_fault(len(fence.polygon_deg), label)
     return None
+
+
+def _count_fault(corner_count: int, label: str) -> str | None:
+    """Return a sentence about a wrong number of corners, or None."""
+    if 3 <= corner_count <= MOST_CORNERS:
+        return None
+    return (
+        f"{label} has {corner_count} corners; a polygon has 3 to {MOST_CORNERS}. Add the others, "
+        "or leave out what a straight edge can join."
+    )
 
 
 def _degree_fault(fence: Fence, origin: Origin | None, label: str) -> str | None:
@@ -232,7 +231,16 @@ def _circle_fault(circle: FenceCircle, origin: Origin | None, label: str) -> str
     return None
 
 
-def _polygon_fault(corners: Sequence[Point], label: str) -> str | None:
+def polygon_fault(corners: Sequence[Point], label: str) -> str | None:
+    """Return a sentence about the mistake in a polygon, or None if there is none.
+
+    Args:
+        corners: in order, in metres of the fleet frame.
+        label: what has the polygon, for the sentence.
+    """
+    count_fault = _count_fault(len(corners), label)
+    if count_fault is not None:
+        return count_fault
     if not all(abs(value) <= FARTHEST_M for corner in corners for value in corner):
         return f"{label} has a coordinate beyond {FARTHEST_M:g} m, or not finite. Correct it."
 

@@ -7,8 +7,10 @@ from collections.abc import Iterator, Mapping, Sequence
 
 import msgspec
 
+from onboard.config.fences import FARTHEST_M, polygon_fault
+
 Capsule = tuple[float, float, float, float, float]  # x1, y1, x2, y2, radius [m]: a thick segment
-_LARGEST_M = 1e4  # largest coordinate or radius
+_MOST_CAPSULES = 1000  # of all obstacles; with them a flight begins some seconds later
 
 
 class Circle(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -89,6 +91,13 @@ def problems(
     Yields:
         a sentence for each mistake.
     """
+    capsule_count = sum(len(obstacle.capsules_enu_m) for obstacle in obstacles)
+    if capsule_count > _MOST_CAPSULES:
+        yield (
+            f"'obstacles' have {capsule_count} corners and circles; {_MOST_CAPSULES} are the most. "
+            "Leave out corners, or join obstacles."
+        )
+
     names: set[str] = set()
     for index, obstacle in enumerate(obstacles):
         key = f"obstacles[{index}]"
@@ -113,30 +122,24 @@ def problems(
 
 def _shape_fault(obstacle: Obstacle, key: str) -> str | None:
     """Return a sentence about an obstacle without a usable shape; None if its shape is usable."""
-    corners = obstacle.polygon_enu_m
-    if (obstacle.circle is None) == (corners is None):
+    label = f"'{key}' ({obstacle.name[:40]})"
+    if (obstacle.circle is None) == (obstacle.polygon_enu_m is None):
         return (
-            f"'{key}' ({obstacle.name}) needs exactly one shape. Write either circle = "
+            f"{label} needs exactly one shape. Write either circle = "
             "{ center_enu_m = [x, y], radius_m = r } or "
             "polygon_enu_m = [[x, y], [x, y], [x, y]]."
         )
 
-    if corners is not None and len(corners) < 3:
-        return (
-            f"'{key}.polygon_enu_m' has {len(corners)} corners; a polygon has at least 3. Add the "
-            "others."
-        )
-    if obstacle.circle is not None and not 0.0 <= obstacle.circle.radius_m <= _LARGEST_M:
-        return (
-            f"'{key}.circle.radius_m' is {obstacle.circle.radius_m}; it must lie between 0 and "
-            f"{_LARGEST_M:g}."
-        )
+    if obstacle.polygon_enu_m is not None:
+        return polygon_fault(obstacle.polygon_enu_m, label)
 
-    for capsule in obstacle.capsules_enu_m:
-        for value in capsule:
-            if not abs(value) <= _LARGEST_M:  # also True for NaN
-                return (
-                    f"'{key}' ({obstacle.name}) has a coordinate beyond {_LARGEST_M:g} m, or not "
-                    "finite. Correct it."
-                )
+    circle = obstacle.circle
+    assert circle is not None  # checked
+    if not 0.0 <= circle.radius_m <= FARTHEST_M:
+        return (
+            f"'{key}.circle.radius_m' is {circle.radius_m}; it must lie between 0 and "
+            f"{FARTHEST_M:g}."
+        )
+    if not all(abs(value) <= FARTHEST_M for value in circle.center_enu_m):  # also True for NaN
+        return f"{label} has a coordinate beyond {FARTHEST_M:g} m, or not finite. Correct it."
     return None

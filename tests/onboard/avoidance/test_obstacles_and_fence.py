@@ -2,6 +2,7 @@
 closed loop.
 """
 
+import math
 import tomllib
 from dataclasses import replace
 from pathlib import Path
@@ -82,7 +83,12 @@ WRONG = [
         "one shape",
     ),
     ({"name": "a", "circle": {"center_enu_m": [0, 0], "radius_m": -1.0}}, "radius_m"),
-    ({"name": "a", "polygon_enu_m": [[0, 0], [1, 1]]}, "at least 3"),
+    ({"name": "a", "polygon_enu_m": [[0, 0], [1, 1]]}, "has 3 to 200"),
+    ({"name": "a", "polygon_enu_m": [[9, k * k] for k in range(201)]}, "201 corners"),
+    ({"name": "a", "polygon_enu_m": [[2, 2], [3, 3], [3, 2], [2, 3]]}, "crosses itself"),
+    ({"name": "a", "polygon_enu_m": [[3, 3], [3, 3], [4, 5]]}, "1 and 2 are the same point"),
+    ({"name": "a", "polygon_enu_m": [[3, 3], [2e4, 3], [4, 5]]}, "beyond 10000 m"),
+    ({"name": "a", "circle": {"center_enu_m": [0, 2e4], "radius_m": 1}}, "beyond 10000 m"),
     ({"name": "a", "polygon_enu_m": [[0, 0], [1, 1], [float("nan"), 0]]}, "not finite"),
     ({"name": "a", "circle": {"center_enu_m": [-1.5, -1.5], "radius_m": 0.2}}, "Move the start"),
     ({"name": "a", "colour": "red"}, "unknown key"),
@@ -95,6 +101,14 @@ def test_a_wrong_obstacle_is_refused_in_words():
         with pytest.raises(ConfigError, match=words) as error:
             fleet_from_mapping(paper_data(obstacle), path="my.toml")
         assert "my.toml" in str(error.value), obstacle
+
+
+def test_too_many_corners_and_circles_of_all_obstacles_are_refused():
+    corners = [[20 + 3 * math.cos(0.0314 * k), 3 * math.sin(0.0314 * k)] for k in range(200)]
+    rings = [{"name": f"ring {k}", "polygon_enu_m": corners} for k in range(5)]
+    assert len(fleet_from_mapping(paper_data(*rings)).obstacles) == 5
+    with pytest.raises(ConfigError, match="have 1001 corners and circles; 1000 are the most"):
+        fleet_from_mapping(paper_data(*rings, PILLAR))
 
 
 def test_two_obstacles_of_one_name_are_refused_and_obstacles_change_the_hash():
