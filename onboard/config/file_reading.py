@@ -180,7 +180,8 @@ def toml_values(text: str, name: str) -> dict[str, Any]:
         text: content of a file.
         name: name of the file, for messages.
     Raises:
-        ConfigError: The text is not TOML, is nested too deeply, or has a number that is not finite.
+        ConfigError: The text is not TOML, is nested too deeply, or has a value that is not
+            plausible, see :func:`check_values`.
     """
     long_key = _LONG_KEY.search(text)
     if long_key is not None:
@@ -260,28 +261,36 @@ def python_tree(text: str, name: str) -> ast.Module:
 
 
 def check_values(value: Any, name: str) -> None:
-    """Refuse values that are nested too deeply, and numbers that are not plausible.
+    """Refuse values that are nested too deeply, and numbers and texts that are not plausible.
 
     Args:
         value: tables, lists, texts and numbers, as a parser returns them.
         name: name of the file, for messages.
     Raises:
-        ConfigError: The value is nested too deeply, or a number is not finite or has more than 64
-            bits.
+        ConfigError: The value is nested too deeply, a number is not finite or has more than 64
+            bits, or a text has a NUL character.
     """
     _check_depth(value, name)
-    for number in _numbers(value):
-        is_too_large = isinstance(number, int) and not -_MOST_WHOLE <= number < _MOST_WHOLE
-        if is_too_large or not math.isfinite(number):
+    for part in _numbers_and_texts(value):
+        if isinstance(part, str):
+            if "\0" in part:
+                raise ConfigError(
+                    f"{name}: a text has the character U+0000{_place_of(part, value)}. No name and "
+                    "no path has it: remove it."
+                )
+            continue
+
+        is_too_large = isinstance(part, int) and not -_MOST_WHOLE <= part < _MOST_WHOLE
+        if is_too_large or not math.isfinite(part):
             raise ConfigError(
-                f"{name}: {_shown(number)} stands where a finite number of at most 64 bits is "
-                f"needed{_place_of(number, value)}. Correct the value."
+                f"{name}: {_shown(part)} stands where a finite number of at most 64 bits is "
+                f"needed{_place_of(part, value)}. Correct the value."
             )
 
 
-def _numbers(value: Any) -> list[int | float]:
-    """Return all numbers of a value that is not nested too deeply."""
-    numbers: list[int | float] = []
+def _numbers_and_texts(value: Any) -> list[int | float | str]:
+    """Return all numbers and texts of a value that is not nested too deeply."""
+    found: list[int | float | str] = []
     level = [value]  # all parts at one depth
     while level:
         next_level: list[Any] = []
@@ -290,19 +299,19 @@ def _numbers(value: Any) -> list[int | float]:
                 next_level += part.values()
             elif isinstance(part, _CONTAINERS):
                 next_level += part
-            elif isinstance(part, int | float):
-                numbers.append(part)
+            elif isinstance(part, int | float | str):
+                found.append(part)
         level = next_level
-    return numbers
+    return found
 
 
-def _place_of(number: float, value: Any) -> str:
-    """Return the key of a number in a value, in words with a space before them; empty if none."""
+def _place_of(wanted: float | str, value: Any) -> str:
+    """Return the key of a number or text in a value, in words after a space; empty if none."""
     level = [("", value)]  # all parts at one depth, with their keys
     while level:
         next_level: list[tuple[str, Any]] = []
         for key, part in level:
-            if part is number and key:
+            if part is wanted and key:
                 return f" at '{key[:_LONGEST_KEY]}'"
             if isinstance(part, dict):
                 next_level += [(f"{key}.{name}".lstrip("."), part[name]) for name in part]

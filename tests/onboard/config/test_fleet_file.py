@@ -335,6 +335,22 @@ def test_a_number_that_is_none_is_refused_with_its_place() -> None:
         check_values(values, "my.toml")
 
 
+@pytest.mark.parametrize(
+    ("table", "key"),
+    [
+        ('[fleet]\nname = "paper"\nkeys = "\\u0000"', "fleet.keys"),
+        ('[formations.ring]\nshape = "csv"\nfile = "a\\u0000"', "formations.ring.file"),
+    ],
+)
+def test_a_text_with_a_character_that_no_path_has_is_refused_with_its_place(
+    tmp_path: Path, table: str, key: str
+) -> None:
+    file = tmp_path / "my.toml"
+    file.write_text(f"schema = 1\n{table}\n")
+    with pytest.raises(ConfigError, match=rf"my.toml: a text has .* U\+0000 at '{key}'"):
+        load_fleet(file)
+
+
 @pytest.mark.parametrize("key", ["step", "fleet"])
 def test_a_mission_file_is_told_from_a_fleet_file(key: str) -> None:
     values = {"step": [{"do": "land"}], "fleet": "paper"}
