@@ -71,6 +71,7 @@ VEHICLE_BOUNDS: dict[str, tuple[float, float]] = {
     "max_wind_m_s": (0.1, 30.0),
     "system_id": (1, 255),
 }
+_ROUNDING_M = 1e-9  # a distance between two written positions may be smaller by this than written
 # Least vertical separation in body diameters. The downwash of a vehicle one body above pushes with
 # 8 % of the weight, and that of a vehicle two bodies above with 3 %.
 _LEAST_HEIGHT_BODIES = 2.0
@@ -517,7 +518,7 @@ def _start_problems(config: FleetConfig) -> Iterator[str]:
         first_enu_m = config.vehicles[first].start_enu_m
         second_enu_m = config.vehicles[second].start_enu_m
         spacing_m = math.dist(first_enu_m[:2], second_enu_m[:2])
-        if spacing_m < safety_m:
+        if spacing_m < safety_m - _ROUNDING_M:
             yield (
                 f"'vehicles.{first}.start_enu_m' and 'vehicles.{second}.start_enu_m' are "
                 f"{spacing_m:.2f} m apart; at least fleet.safety_distance_m = {safety_m:.2f} m is "
@@ -541,7 +542,7 @@ def _formation_problems(config: FleetConfig) -> Iterator[str]:
 
         for first, second in itertools.combinations(slots, 2):
             spacing_m = separation_m(slots[first], slots[second], height_share)
-            if spacing_m < parking_m:
+            if spacing_m < parking_m - _ROUNDING_M:
                 yield (
                     f"slots 'formations.{formation}.{first}' and '.{second}' are {spacing_m:.2f} m "
                     f"apart; the law '{config.law.name}' can park vehicles at {parking_m:.2f} m or "

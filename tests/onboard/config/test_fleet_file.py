@@ -180,6 +180,20 @@ def test_folders_below_the_fleet_file_are_taken_and_those_of_covey_s_own_copies(
     assert fleet_from_mapping(data).keys_folder == str(elsewhere)
 
 
+def test_spots_and_slots_at_exactly_the_least_distance_are_taken() -> None:
+    data = paper_data()
+    data["fleet"]["safety_distance_m"] = 0.8
+    parking_m = parking_distance_m(fleet_from_mapping(data))
+    data["vehicles"]["mav0"]["start_enu_m"] = [1.6, -1.5, 0.0]
+    data["vehicles"]["mav1"]["start_enu_m"] = [2.4, -1.5, 0.0]  # 2.4 - 1.6 < 0.8, by rounding
+    data["vehicles"]["mav2"]["start_enu_m"] = [0.8, -1.5, 0.0]
+    data["formations"]["triangle"] = {
+        "mav0": [0.0, 0.0, 0.0],
+        "mav1": [parking_m * (1.0 - 1e-12), 0.0, 0.0],
+    }
+    assert len(fleet_from_mapping(data).vehicles) == 3
+
+
 def test_px4_params_may_have_all_values_of_32_bits() -> None:
     data = paper_data()
     values = {"MC_ROLL_P": 3.4028234663852886e38, "NAV_DLL_ACT": -(2**31), "SYS_HAS_GPS": 2**31 - 1}
