@@ -72,8 +72,8 @@ def check_schema(data: Mapping[str, Any], path: str) -> None:
     Raises:
         ConfigError: The file has another schema version, or none.
     """
-    if data.get("schema") != SCHEMA:
-        schema = data.get("schema", "missing")
+    schema = data.get("schema", "missing")
+    if isinstance(schema, bool) or schema != SCHEMA:  # True == 1
         raise ConfigError(
             f"{path}: schema is {schema!r}, this version reads schema = {SCHEMA}. "
             f"Put 'schema = {SCHEMA}' on the first line."

@@ -147,6 +147,7 @@ WRONG = [
     ("fleet.simulator", "tcp/127.0.0.1:65536", "'fleet.simulator' is 'tcp/127.0.0.1:65536'"),
     ("fleet.routers", ["tcp/10.0.0.1:70000"], "'fleet.routers[0]' is 'tcp/10.0.0.1:70000'"),
     ("schema", 2, "schema"),
+    ("schema", True, "schema is True, this version reads schema = 1"),
 ]
 
 
