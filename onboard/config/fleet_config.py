@@ -107,8 +107,8 @@ class FleetSection(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     ground_lost_land_s: float = 60.0
     # largest mean wind in which vehicles fly; by default only each vehicle's own limit counts
     max_wind_m_s: float | None = None
-    # folder of the keys, beside this file or below it, of A-Z a-z 0-9 _ . / - without ..;
-    # docs/keys.md
+    # folder of the keys, beside this file (not beside a link to it) or below it, of A-Z a-z 0-9 _ .
+    # / - without ..; docs/keys.md
     keys: str = "keys"
     # endpoints of routers, quic/HOST:PORT; nodes connect to the first that answers: docs/network.md
     routers: tuple[str, ...] = ()
@@ -334,8 +334,8 @@ class FleetConfig(msgspec.Struct, frozen=True):
 
     @property
     def keys_folder(self) -> str:
-        """Folder of the bus's keys."""
-        return os.path.join(os.path.dirname(os.path.abspath(self.path)), self.fleet.keys)
+        """Folder of the bus's keys, also if the path of the fleet file is a link to it."""
+        return os.path.join(os.path.dirname(os.path.realpath(self.path)), self.fleet.keys)
 
     @property
     def enabled_names(self) -> tuple[str, ...]:

@@ -202,6 +202,16 @@ def test_px4_params_may_have_all_values_of_32_bits() -> None:
     assert fleet_from_mapping(data).vehicles["mav1"].px4_params == values
 
 
+def test_the_keys_lie_beside_the_fleet_file_and_not_beside_a_link_to_it(tmp_path: Path) -> None:
+    real = tmp_path / "real"
+    link = tmp_path / "link"
+    real.mkdir()
+    link.mkdir()
+    (real / "fleet.toml").write_text(PAPER.read_text())
+    (link / "fleet.toml").symlink_to(real / "fleet.toml")
+    assert Path(load_fleet(link / "fleet.toml").keys_folder) == real.resolve() / "keys"
+
+
 def test_an_autopilot_s_endpoint_is_of_its_companion() -> None:
     data = paper_data()
     for index, vehicle in enumerate(data["vehicles"].values()):
