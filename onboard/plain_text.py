@@ -12,7 +12,7 @@ import textwrap
 from collections.abc import Sequence
 from typing import Any, TextIO, cast
 
-MOST_NAMES = 12  # more names in a line are counted, not read
+MAX_NAMES = 12  # more names in a line are counted, not read
 
 
 def plain_line(text: str) -> str:
@@ -27,7 +27,7 @@ def plain_line(text: str) -> str:
     return " ".join(plain_lines(text).split())
 
 
-def listed(names: Sequence[str], most: int = MOST_NAMES) -> str:
+def listed(names: Sequence[str], most: int = MAX_NAMES) -> str:
     """Return names in one line: the first names, and how many more there are.
 
     Args:

@@ -44,7 +44,7 @@ LINGER_S = 3.0  # an alarm that comes back within this time counts as one that h
 MAX_OVER = 100  # past alarms that are kept
 _GROUPED = 4  # at least this many vehicles with the same alarm share a line
 _SHOWN = 3  # names in a shared line
-_MOST_UNKNOWN = 3  # most texts of one vehicle that are shown although the table lacks them
+_MAX_UNKNOWN = 3  # most texts of one vehicle that are shown although the table lacks them
 _AND = " – "  # separates the names of a pair
 
 # Alarms whose sentence ends in a number or a mode; a shared line shows the lowest number, or the
@@ -484,7 +484,7 @@ def _reported(telemetry: Telemetry) -> tuple[set[Kind], list[str]]:
 
     known: set[Kind] = {BY_TEXT[text] for text in texts if text in BY_TEXT}
     unknown = [text for text in texts if text not in BY_TEXT]
-    return known, unknown[:_MOST_UNKNOWN]
+    return known, unknown[:_MAX_UNKNOWN]
 
 
 def _measured(telemetry: Telemetry, fleet: FleetConfig) -> set[Kind]:

@@ -42,7 +42,7 @@ _VERSION_ATTEMPTS = 3
 _ATTEMPTS = 4
 _LIST_SILENT_S = 1.5  # silence within a list of parameters, after which missing ones are requested
 _LIST_S = 60.0  # longest time for a whole list
-_MOST_AT_ONCE = 20  # missing parameters that are requested at once
+_MAX_AT_ONCE = 20  # missing parameters that are requested at once
 _HEARTBEAT_S = 2.5
 
 
@@ -272,7 +272,7 @@ class AutopilotLink:
         """Request the missing parameters of a list, or the whole list if nothing has come."""
         if not indices:
             self._link.mav.param_request_list_send(self.system_id, AUTOPILOT)
-        for index in indices[:_MOST_AT_ONCE]:
+        for index in indices[:_MAX_AT_ONCE]:
             self._link.mav.param_request_read_send(self.system_id, AUTOPILOT, b"", index)
 
     def write(self, name: str, value: Value) -> Value | None:

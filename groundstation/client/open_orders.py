@@ -45,7 +45,7 @@ LOST_END_S = 3.0
 _LAND_REPLY_S = 1.0  # shortest wait for the reply to a landing
 _WAIT_ROUND_TRIPS = 3.0  # a landing waits for its reply for at least this many round trips
 _AGAIN_ROUND_TRIPS = 1.5  # a landing is sent again after at least this many round trips
-_MOST_ROUND_TRIPS = 8  # newest round trips of a vehicle that are kept
+_MAX_ROUND_TRIPS = 8  # newest round trips of a vehicle that are kept
 # Longest time that a mission's landing is repeated to an agent that is heard and does not answer.
 _REPEAT_TO_HEARD_S = 6.0
 _HEARD_S = 1.0  # age of telemetry up to which an agent counts as heard, over a link that loses much
@@ -252,7 +252,7 @@ class OpenOrders:
     def _note_round_trip(self, vehicle: str, round_trip_s: float) -> None:
         earlier_s = self._round_trips_s.get(vehicle, ())
         # Other threads read the tuple, so it is replaced as a whole.
-        self._round_trips_s[vehicle] = (*earlier_s, round_trip_s)[-_MOST_ROUND_TRIPS:]
+        self._round_trips_s[vehicle] = (*earlier_s, round_trip_s)[-_MAX_ROUND_TRIPS:]
 
     def _longest_round_trip_s(self, vehicle: str) -> float:
         """Return the longest of the newest round trips [s]; 0 without an answer so far."""

@@ -43,8 +43,8 @@ from sitl.lockstep.campaign.evidence_campaign import (
 
 _WHOLE_ROUNDS = 4
 _QUICK_ROUNDS = 1
-_MOST_ROUNDS = 900
-_MOST_JOBS = 64
+_MAX_ROUNDS = 900
+_MAX_JOBS = 64
 
 
 def evidence(
@@ -142,16 +142,16 @@ def _rounds(quick: bool, rounds: int | None) -> int:
         return _QUICK_ROUNDS
     if rounds is None:
         return _WHOLE_ROUNDS
-    if not 1 <= rounds <= _MOST_ROUNDS:
-        raise ConfigError(f"--rounds is {rounds}; it must lie between 1 and {_MOST_ROUNDS}.")
+    if not 1 <= rounds <= _MAX_ROUNDS:
+        raise ConfigError(f"--rounds is {rounds}; it must lie between 1 and {_MAX_ROUNDS}.")
     return rounds
 
 
 def _jobs(jobs: int | None) -> int:
     if jobs is None:
         return os.cpu_count() or 1
-    if not 1 <= jobs <= _MOST_JOBS:
-        raise ConfigError(f"--jobs is {jobs}; it must lie between 1 and {_MOST_JOBS}.")
+    if not 1 <= jobs <= _MAX_JOBS:
+        raise ConfigError(f"--jobs is {jobs}; it must lie between 1 and {_MAX_JOBS}.")
     return jobs
 
 

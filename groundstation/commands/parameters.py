@@ -36,8 +36,8 @@ LawName = Annotated[NameOfLaw | None, Parameter(metavar="NAME", show_choices=Fal
 
 _SHORTEST_S = 0.5  # shortest run of a relay
 # bounds of the time between two reports of a relay
-_LEAST_PERIOD_S = 0.1
-_MOST_PERIOD_S = 3600.0
+_MIN_PERIOD_S = 0.1
+_MAX_PERIOD_S = 3600.0
 
 _WORLD = Group("The world of a simulated flight", sort_key=8)
 _BUS = Parameter(group=Group("The bus of a flight in lockstep", sort_key=9), metavar="X")
@@ -147,7 +147,7 @@ def refuse_wrong_times(seconds: float | None, every_s: float) -> None:
         ConfigError: a time is out of bounds.
     """
     is_long_enough = seconds is None or seconds >= _SHORTEST_S
-    is_period_possible = _LEAST_PERIOD_S <= every_s <= _MOST_PERIOD_S
+    is_period_possible = _MIN_PERIOD_S <= every_s <= _MAX_PERIOD_S
     if not is_long_enough or not is_period_possible:
         raise ConfigError("--every-s must lie between 0.1 and 3600, --seconds be 0.5 or more.")
 

@@ -27,7 +27,7 @@ from onboard.exit_status import EXIT_OK
 from onboard.tuples import Xyz
 
 _LONGEST_S = 3600.0
-_MOST_SPREAD_M = 100.0
+_MAX_SPREAD_M = 100.0
 
 
 def spots(
@@ -58,7 +58,7 @@ def spots(
 
     if not 0.0 < seconds <= _LONGEST_S:
         raise ConfigError(f"--seconds is {seconds:g}; give seconds between 0 and 3600.")
-    if not 0.0 < spread <= _MOST_SPREAD_M:
+    if not 0.0 < spread <= _MAX_SPREAD_M:
         raise ConfigError(f"--spread is {spread:g}; give metres between 0 and 100.")
 
     config = load_fleet(fleet)

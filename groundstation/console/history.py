@@ -18,7 +18,7 @@ from groundstation.fleet.state import FleetState, VehicleView
 from onboard.config.pair_separation import separations_m
 
 TRAIL_LENGTH = 600  # most points of one vehicle's trail
-_LEAST_TRAIL = 80  # the trail of a vehicle in a large fleet
+_MIN_TRAIL = 80  # the trail of a vehicle in a large fleet
 _ALL_TRAILS = 12_000  # points of all trails together; each trail still gets at least its minimum
 _TRAIL_STEP_M = 0.03  # smallest distance between two points of a trail
 
@@ -142,7 +142,7 @@ class History:
             del self.trails[name], self._ends[name]
 
         fair_share = _ALL_TRAILS // max(1, len(state.vehicles))
-        length = max(_LEAST_TRAIL, min(TRAIL_LENGTH, fair_share))
+        length = max(_MIN_TRAIL, min(TRAIL_LENGTH, fair_share))
         for name, (x_m, y_m, _) in known.items():
             self._lengthen(name, x_m, y_m, length)
 

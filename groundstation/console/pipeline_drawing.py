@@ -28,7 +28,7 @@ _WIDTH_WITH_DIAL = 52  # cells from which the dial is drawn beside the chart
 _WIDTH_SIDE_BY_SIDE = 60  # cells from which roll and pitch are drawn side by side
 _HELD_BACK_M_S2 = 0.01  # smallest intervention that is shown
 _SCALE_DOTS = 12  # width of a chart's scale at its left
-_LEAST_COLUMNS = 8  # dots below which a chart is not drawn
+_MIN_COLUMNS = 8  # dots below which a chart is not drawn
 _NO_ROTATION = 1e-9  # norm of a quaternion below which it is not a rotation
 
 
@@ -217,7 +217,7 @@ def _chart(
     canvas = Canvas(width, rows)
     columns = DOTS_ACROSS * width - _SCALE_DOTS - 1
     height = DOTS_DOWN * rows - 1
-    if columns < _LEAST_COLUMNS:
+    if columns < _MIN_COLUMNS:
         return canvas.strips()
 
     low, high = limits

@@ -37,8 +37,8 @@ _NAMES_WIDTH = 90  # width from which names are written beside the numbers
 _FEW = 12  # largest number of vehicles whose names are written
 _DENSE = 40  # cells per vehicle below which only numbers are written
 _OUTSIDE = -1000  # column and row of a point that cannot be drawn
-_MOST_HATCHED = 200_000  # dots of the box around an obstacle above which it is not hatched
-_MOST_LINES = 200  # lines of the grid in one direction
+_MAX_HATCHED = 200_000  # dots of the box around an obstacle above which it is not hatched
+_MAX_LINES = 200  # lines of the grid in one direction
 _ARROW_SHARE = 0.36  # place of the arrow along the line to the avoided vehicle
 _SAME_COORDINATE = 1e-9  # coordinates of a line's ends that differ by less [dots] count as equal
 
@@ -167,7 +167,7 @@ def draw_background(window: Window, fleet: FleetConfig) -> Canvas:
 def _grid_lines(low_m: float, high_m: float, step_m: float) -> list[float]:
     """Return the coordinates of the grid's lines between two limits [m]."""
     first = math.ceil(low_m / step_m)
-    last = min(math.floor(high_m / step_m), first + _MOST_LINES - 1)
+    last = min(math.floor(high_m / step_m), first + _MAX_LINES - 1)
     return [round(number * step_m, 6) for number in range(first, last + 1)]
 
 
@@ -190,7 +190,7 @@ def _draw_obstacle(canvas: Canvas, window: Window, obstacle: Obstacle) -> None:
     right = min(2 * window.width, int(box[:, 0].max()) + 1)
     top = max(0, int(box[:, 1].min()))
     bottom = min(4 * window.height, int(box[:, 1].max()) + 1)
-    if right <= left or bottom <= top or (right - left) * (bottom - top) > _MOST_HATCHED:
+    if right <= left or bottom <= top or (right - left) * (bottom - top) > _MAX_HATCHED:
         return
 
     inside = []

@@ -21,7 +21,7 @@ from groundstation.recording.replay import Replay
 KEYS = "space play  , . step  ← → 5 s  n N event  < > speed"
 _SKIP_S = 5.0
 _STEP_S = 0.1
-_LEAST_TRACK = 24  # width of the track from which the keys are shown beside it
+_MIN_TRACK = 24  # width of the track from which the keys are shown beside it
 _ACTIONS = ("play_or_pause", "step", "skip", "jump", "speed", "go")  # of the replay's keys
 # signs of events on the track; events of other severities only mark the line
 _MARKS = {"warning": ("┃", WARN), "critical": ("┃", BAD)}
@@ -43,7 +43,7 @@ class ReplayBar(Bar):
         left = f" {sign} {replay.speed:g}×  {position}{cut}  "
 
         keys = " "
-        if self.size.width >= cell_len(left) + len(KEYS) + _LEAST_TRACK:
+        if self.size.width >= cell_len(left) + len(KEYS) + _MIN_TRACK:
             keys = f"  {KEYS} "
 
         room = max(0, self.size.width - cell_len(left) - cell_len(keys))

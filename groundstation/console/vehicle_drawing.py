@@ -28,11 +28,11 @@ from onboard.message_counts import in_words
 from onboard.safety.failsafe_table import WORDS, Action
 
 MAX_LOG = 40
-_MOST_NEIGHBOURS = 8
-_MOST_ORDERS = 8
-_MOST_LINES = 8  # lines of one sentence; remedies with a command and a path need most of them
-_MOST_ORDER_LINES = 2  # lines of one order
-_MOST_REASONS = 8
+_MAX_NEIGHBOURS = 8
+_MAX_ORDERS = 8
+_MAX_LINES = 8  # lines of one sentence; remedies with a command and a path need most of them
+_MAX_ORDER_LINES = 2  # lines of one order
+_MAX_REASONS = 8
 _NEAR_FACTOR = 1.25  # distance over the safety distance below which a neighbour is marked
 _REMARK_WIDTH = 56  # width from which the avoided neighbour has a remark
 _SEVERITIES = (("…", CALM), ("▲", WARN), ("✖", BAD))  # sign and colour by AlarmSeverity
@@ -91,7 +91,7 @@ def _strip(line: Text | Strip, width: int) -> Strip:
 def _wrapped(head: Text, text: str, width: int, colour: str) -> Block:
     """Return ``text`` beside ``head``; further lines are indented by the width of the head."""
     indent = sum(len(piece) for piece, _ in head)
-    first, *others = theme.wrap(clean(text), max(8, width - indent), most=_MOST_LINES)
+    first, *others = theme.wrap(clean(text), max(8, width - indent), most=_MAX_LINES)
 
     lines: Block = [[*head, (first, colour)]]
     for line in others:
@@ -246,7 +246,7 @@ def _checks(subject: VehicleSubject, width: int) -> Block:
         return [[(" not heard yet", FAINT)]]
 
     lines: Block = []
-    for reason in telemetry.not_ready[:_MOST_REASONS]:
+    for reason in telemetry.not_ready[:_MAX_REASONS]:
         lines += _wrapped([(" ✖ ", BAD)], reason, width, WARN)
     if lines:
         return lines
@@ -309,10 +309,10 @@ def _neighbours(subject: VehicleSubject, width: int) -> Block:
         return [[(" none in this fleet", FAINT)]]
 
     lines: Block = [[(f"   {'name':<14}{'m':>6}{'it sees m':>11}{'age ms':>8}", FAINT)]]
-    for neighbour in sorted(neighbours)[:_MOST_NEIGHBOURS]:
+    for neighbour in sorted(neighbours)[:_MAX_NEIGHBOURS]:
         lines.append(_neighbour_line(subject, neighbour, width))
 
-    hidden = len(neighbours) - _MOST_NEIGHBOURS
+    hidden = len(neighbours) - _MAX_NEIGHBOURS
     if hidden > 0:
         lines.append([(f"   and {hidden} further away", FAINT)])
     return lines
@@ -397,7 +397,7 @@ def _orders(subject: VehicleSubject, width: int) -> Block:
         for logged in reversed(subject.state.events)
         if logged.event.vehicle == subject.view.name and logged.event.order_outcome
     ]
-    for logged in ended[:_MOST_ORDERS]:
+    for logged in ended[:_MAX_ORDERS]:
         event = logged.event
         sign, colour = theme.PHASE_SIGNS.get(event.order_outcome, ("·", TEXT))
         kind = clean(event.code.removeprefix("order-"), 12)
@@ -406,7 +406,7 @@ def _orders(subject: VehicleSubject, width: int) -> Block:
             (f"{sign} {kind:<10} ", colour),
         ]
         sentence = f"{event.order_outcome}. {event.sentence}"
-        lines += _wrapped(head, sentence, width, colour)[:_MOST_ORDER_LINES]
+        lines += _wrapped(head, sentence, width, colour)[:_MAX_ORDER_LINES]
 
     if not lines:
         return [[(" none yet", FAINT)]]

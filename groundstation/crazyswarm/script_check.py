@@ -42,7 +42,7 @@ NOT_FLOWN = {
 }
 _PACKAGES = ("pycrazyswarm", "crazyflie_py")
 _OWN_PACKAGE = "groundstation.crazyswarm"
-_MOST_CALLS_NAMED = 3
+_MAX_CALLS_NAMED = 3
 _BY_ID = "crazyfliesById"
 _START = "startTrajectory"
 _DEEPEST = 20  # longest chain of names and lists that is followed to find a number
@@ -89,9 +89,9 @@ def refuse_what_is_not_flown(script: str) -> None:
     if not calls:
         return
 
-    named = ", ".join(f"{name} (line {line})" for line, name in calls[:_MOST_CALLS_NAMED])
-    if len(calls) > _MOST_CALLS_NAMED:
-        named += f" and {len(calls) - _MOST_CALLS_NAMED} more"
+    named = ", ".join(f"{name} (line {line})" for line, name in calls[:_MAX_CALLS_NAMED])
+    if len(calls) > _MAX_CALLS_NAMED:
+        named += f" and {len(calls) - _MAX_CALLS_NAMED} more"
     _, first = calls[0]
     raise ConfigError(f"{script} calls {named}, which is refused: {NOT_FLOWN[first]}")
 

@@ -16,7 +16,7 @@ from groundstation.evidence.volumes import GUST_OF_MEAN
 from onboard.plain_text import numbered
 
 PAGE_NAME = "evidence.html"
-_MOST_REASONS = 8  # reasons of a row that are shown
+_MAX_REASONS = 8  # reasons of a row that are shown
 _SHORT_HASH = 16  # letters of a digest that are shown
 # a row with a larger upper bound of the share of wrong flights rests on too few flights
 _WIDE_BOUND = 0.2
@@ -208,10 +208,10 @@ def result_words(row: MatrixRow) -> str:
 def _reasons(reasons: Sequence[str]) -> str:
     if not reasons:
         return ""
-    shown = "".join(f"<li>{_text(reason)}</li>" for reason in reasons[:_MOST_REASONS])
+    shown = "".join(f"<li>{_text(reason)}</li>" for reason in reasons[:_MAX_REASONS])
     rest = ""
-    if len(reasons) > _MOST_REASONS:
-        rest = f"<li>and {len(reasons) - _MOST_REASONS} more, in evidence.json</li>"
+    if len(reasons) > _MAX_REASONS:
+        rest = f"<li>and {len(reasons) - _MAX_REASONS} more, in evidence.json</li>"
     return f"<ul class='wrong-words'>{shown}{rest}</ul>"
 
 

@@ -10,14 +10,14 @@ import numpy as np
 from groundstation.figures.data import FlightData
 from groundstation.figures.style import SOFT, colour, new_figure
 
-_MOST_ROWS = 6  # with more vehicles, two stand in a row
+_MAX_ROWS = 6  # with more vehicles, two stand in a row
 
 
 def draw(flight: FlightData) -> Any:
     """Draw roll and pitch of a vehicle side by side, of one or two vehicles in a row."""
     count = len(flight.tracks)
     columns = 1
-    if count > _MOST_ROWS:
+    if count > _MAX_ROWS:
         columns = 2
     rows = math.ceil(count / columns)
     title = f"Commanded and flown attitude: {flight.title}"

@@ -21,7 +21,7 @@ _SIDES = np.array(
     [[1, -1], [-1, -1], [-1, 1], [1, 1], [0, -1.3], [0, 1.3], [-1.3, 0], [1.3, 0]], np.float64
 )
 _STEPS_S = (1.0, 2.0, 5.0, 10.0, 20.0, 30.0, 60.0, 120.0, 300.0)  # possible steps of time marks
-_MOST_STEPS = 14.0  # time marks on a path
+_MAX_STEPS = 14.0  # time marks on a path
 _TIME_SHIFT_PT = (9.0, 8.0)  # distance from a mark to the middle of its time
 _SLOT_SHIFT_PT = (8.0, 7.0)  # distance from a slot to the edge of its number
 _ENOUGH_ROOM_PT = 40.0  # more room does not make a number easier to read
@@ -65,7 +65,7 @@ def draw(flight: FlightData) -> Any:
 def _step_s(length_s: float) -> float:
     """Return the time between two marks of a flight."""
     for step_s in _STEPS_S:
-        if length_s / step_s <= _MOST_STEPS:
+        if length_s / step_s <= _MAX_STEPS:
             return step_s
     return _STEPS_S[-1]
 

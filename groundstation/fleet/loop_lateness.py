@@ -6,8 +6,8 @@ from collections import deque
 from collections.abc import Callable
 
 WINDOW_S = 10.0  # time for which a late call counts
-_LEAST_LATE_S = 0.03  # lateness that a computer with time to spare does not reach
-_MOST_KEPT = 500  # calls in the window, at 50 a second
+_MIN_LATE_S = 0.03  # lateness that a computer with time to spare does not reach
+_MAX_KEPT = 500  # calls in the window, at 50 a second
 
 
 class LoopLateness:
@@ -23,14 +23,14 @@ class LoopLateness:
         self._period_s = period_s
         self._last_ns: int | None = None
         # time [ns] and lateness [s] of late calls, the oldest first
-        self._late: deque[tuple[int, float]] = deque(maxlen=_MOST_KEPT)
+        self._late: deque[tuple[int, float]] = deque(maxlen=_MAX_KEPT)
 
     def note_delivery(self) -> None:
         """Note how late this call is."""
         now_ns = self._clock_ns()
         if self._last_ns is not None:
             late_s = (now_ns - self._last_ns) * 1e-9 - self._period_s
-            if late_s > _LEAST_LATE_S:
+            if late_s > _MIN_LATE_S:
                 self._late.append((now_ns, late_s))
         self._last_ns = now_ns
 

@@ -25,9 +25,9 @@ from onboard.tuples import Xyz
 
 _SPEED_SHARE = 0.6  # share of the top speed that is flown if no duration is given
 _SLOWING_MARGIN = 1.005  # factor by which paths are slowed more than necessary
-_LEAST_S = 2.0  # shortest duration between two points
+_MIN_S = 2.0  # shortest duration between two points
 _LONGEST_S = 3600.0  # longest duration of a whole way
-_MOST_POINTS = 1000
+_MAX_POINTS = 1000
 
 
 class FramePoint(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -95,9 +95,9 @@ def frame_paths(
     """
     if not points:
         raise ConfigError("A formation's way needs at least one point.")
-    if len(points) > _MOST_POINTS:
+    if len(points) > _MAX_POINTS:
         raise ConfigError(
-            f"A formation's way has {len(points)} points; {_MOST_POINTS} is the most. "
+            f"A formation's way has {len(points)} points; {_MAX_POINTS} is the most. "
             "Fly it in several steps."
         )
 
@@ -126,7 +126,7 @@ def frame_paths(
         reached = _reached(fleet, begin, before, point, is_assigned=positions is not None)
         duration_s = point.duration_s
         if not duration_s:
-            duration_s = max(_LEAST_S, _longest_m(before, reached) / (_SPEED_SHARE * slowest_m_s))
+            duration_s = max(_MIN_S, _longest_m(before, reached) / (_SPEED_SHARE * slowest_m_s))
 
         time_s = before.time_s + duration_s
         if not time_s <= _LONGEST_S:

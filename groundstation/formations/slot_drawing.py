@@ -19,12 +19,12 @@ from onboard.config.file_reading import FONT, PICTURE, opened, read_bytes
 from onboard.config.fleet import ConfigError
 
 _HEIGHT_PX = 48  # height of a text
-_MOST_PX = 150  # pixels of an image's longer side that are used
+_MAX_PX = 150  # pixels of an image's longer side that are used
 _ROUNDS = 40  # largest number of iterations of the spreading
 _SETTLED_PX = 1e-3  # the spreading ends when no centre moves by more
 # exceptions that Pillow raises on damaged parts of an image
 _DAMAGED = (OSError, ValueError, SyntaxError, LookupError, TypeError, struct.error)
-_MOST_PIXELS = 25_000_000  # pixels of an image; they take 300 MB while it is read
+_MAX_PIXELS = 25_000_000  # pixels of an image; they take 300 MB while it is read
 _FORMATS = ("PNG", "JPEG", "GIF", "BMP", "WEBP")
 
 
@@ -118,7 +118,7 @@ def image_slots(file: str, count: int) -> Array:
 
 
 def _pixels(file: str) -> Array:
-    """Return red, green, blue and opacity, each up to 1, of at most _MOST_PX by _MOST_PX pixels.
+    """Return red, green, blue and opacity, each up to 1, of at most _MAX_PX by _MAX_PX pixels.
 
     Raises:
         ConfigError: there is no such image, it has too many pixels, or its format is not read.
@@ -140,7 +140,7 @@ def _pixels(file: str) -> Array:
         raise ConfigError(f"{file}: this image is none of {formats}. Give a PNG.") from None
     except Image.DecompressionBombError:
         raise ConfigError(
-            f"{file}: this image has far more than {_MOST_PIXELS // 1_000_000} million pixels, the "
+            f"{file}: this image has far more than {_MAX_PIXELS // 1_000_000} million pixels, the "
             "most that is read. Make it smaller."
         ) from None
     except ConfigError:
@@ -150,19 +150,19 @@ def _pixels(file: str) -> Array:
 
 
 def _unpacked(image: Any, file: str) -> Array:
-    """Return the pixels of an opened image, at most _MOST_PX by _MOST_PX of them.
+    """Return the pixels of an opened image, at most _MAX_PX by _MAX_PX of them.
 
     Raises:
         ConfigError: it has too many pixels.
     """
     width_px, height_px = image.size
-    if width_px * height_px > _MOST_PIXELS:
+    if width_px * height_px > _MAX_PIXELS:
         raise ConfigError(
             f"{file}: this image has {width_px} x {height_px} pixels; "
-            f"{_MOST_PIXELS // 1_000_000} million are the most that is read. Make it smaller."
+            f"{_MAX_PIXELS // 1_000_000} million are the most that is read. Make it smaller."
         )
 
-    step = math.ceil(max(image.size) / _MOST_PX)
+    step = math.ceil(max(image.size) / _MAX_PX)
     if image.mode.startswith("I"):  # grey of 16 bits, which `convert` would limit to 255
         grey = np.asarray(image)[::step, ::step] / 65_535.0
         return np.stack([grey, grey, grey, np.ones_like(grey)], axis=-1)

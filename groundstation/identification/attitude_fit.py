@@ -30,8 +30,8 @@ _OUTLIER = 6.0  # a difference above this multiple of the median is an outlier
 _HALF_STEPS = (1e-3, 1e-2, 1e-3)
 _LEAST = [-0.02, 1.5, 0.15]  # lower bounds of delay, wn, zeta
 _MOST = [0.5, 60.0, 3.0]  # upper bounds of the same
-_MOST_ROUNDS = 25  # of Gauss-Newton
-_MOST_DAMPING = 1e6
+_MAX_ROUNDS = 25  # of Gauss-Newton
+_MAX_DAMPING = 1e6
 
 
 def fit_attitude(log: Log, begin_s: float, end_s: float) -> LeastSquares:
@@ -95,7 +95,7 @@ def fit_attitude(log: Log, begin_s: float, end_s: float) -> LeastSquares:
     unit_tilt = unit_tilt_of(theta)
     residual = residuals(theta, unit_tilt)
     jacobian = derivatives(theta, unit_tilt)
-    for _ in range(_MOST_ROUNDS):
+    for _ in range(_MAX_ROUNDS):
         normal = jacobian.T @ jacobian
         damped = normal + damping * np.diag(np.diag(normal) + 1e-12)
         trial = theta + np.linalg.solve(damped, jacobian.T @ residual)
@@ -106,7 +106,7 @@ def fit_attitude(log: Log, begin_s: float, end_s: float) -> LeastSquares:
         is_better = trial_residual @ trial_residual < residual @ residual
         if not is_better:
             damping *= 10.0
-            if damping > _MOST_DAMPING:
+            if damping > _MAX_DAMPING:
                 break
             continue
 

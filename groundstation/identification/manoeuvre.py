@@ -17,8 +17,8 @@ HEIGHT_M = 1.0
 MOVE_COUNT = 14
 _FENCE_M = 0.4  # distance that the box keeps from the fence, for the overshoot of a quick move
 _CEILING_M = 0.3  # the same below the ceiling
-_LEAST_HEIGHT_M = 0.4  # lower flights are of no use: the ground may bear a part of the weight
-_LEAST_HALF_M = 0.25  # in a smaller box nothing tilts enough to be measured
+_MIN_HEIGHT_M = 0.4  # lower flights are of no use: the ground may bear a part of the weight
+_MIN_HALF_M = 0.25  # in a smaller box nothing tilts enough to be measured
 _SLOW_S = 3.5  # duration of every third move
 _MOVE_TIMEOUT_S = 8.0
 _LEG_S = 2.2  # each move is flown at least this long
@@ -65,7 +65,7 @@ def manoeuvre(
     if math.isfinite(to_area_m):
         corner_factor = math.sqrt(2.0)
     half_m = min(half_m, room_m / corner_factor, apart_m)
-    if not half_m >= _LEAST_HALF_M:
+    if not half_m >= _MIN_HALF_M:
         raise ConfigError(
             f"{fleet.path}: around the start of {name} there are {max(0.0, half_m):.2f} m to each "
             "side, the manoeuvre needs 0.25 m beside fence and neighbours. Move the start, or "
@@ -73,11 +73,11 @@ def manoeuvre(
         )
 
     height_m = min(height_m, ceiling - _CEILING_M)
-    if not height_m >= _LEAST_HEIGHT_M:
+    if not height_m >= _MIN_HEIGHT_M:
         raise ConfigError(
             f"{fleet.path}: below the fence's ceiling at {ceiling:.2f} m the manoeuvre of {name} "
-            f"would fly at {height_m:.2f} m; below {_LEAST_HEIGHT_M:g} m the ground disturbs it. "
-            f"Raise the ceiling to {_LEAST_HEIGHT_M + _CEILING_M:g} m or more."
+            f"would fly at {height_m:.2f} m; below {_MIN_HEIGHT_M:g} m the ground disturbs it. "
+            f"Raise the ceiling to {_MIN_HEIGHT_M + _CEILING_M:g} m or more."
         )
     rng = np.random.default_rng(seed)
     steps: list[tuple[Xyz, float]] = []

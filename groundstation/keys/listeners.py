@@ -13,7 +13,7 @@ _TIMEOUT_S = 1.0
 # (RFC 9000, section 15; the answer: section 17.2.1).
 _NO_VERSION = 0x1A2A3A4A
 _LONG_HEADER = 0x80  # bit of the first byte
-_LEAST_BYTES = 1200  # least size of a first packet of QUIC; a shorter one is not answered
+_MIN_BYTES = 1200  # least size of a first packet of QUIC; a shorter one is not answered
 _CONNECTION_IDS = b"\x08doctor--\x08--covey-"  # two connection ids, each after its length
 _LARGEST_ANSWER = 2048
 
@@ -44,7 +44,7 @@ def _speaks_quic(host: str, port: int) -> bool:
     with socket.socket(family, kind) as probe:
         probe.settimeout(_TIMEOUT_S)
         probe.connect(address)  # so that the kernel reports a port that is closed
-        probe.send(question.ljust(_LEAST_BYTES, b"\0"))
+        probe.send(question.ljust(_MIN_BYTES, b"\0"))
         answer = probe.recv(_LARGEST_ANSWER)
 
     # The answer has a long header and version 0.

@@ -58,7 +58,7 @@ _SETTLE_S = 1.0  # time from the end of a move until the vehicle counts as arriv
 _PATH_SETTLE_S = 5.0  # time from the arrival at the first points of paths to their start
 _SHORT_ORDER_S = 1.0  # duration of an order that does not move a vehicle
 _PEAK_OF_MEAN = 1.875  # peak speed divided by mean speed of a quintic from rest to rest
-_LEAST_HEIGHT_M = 1.0  # smallest height that is assumed for a climb or a descent
+_MIN_HEIGHT_M = 1.0  # smallest height that is assumed for a climb or a descent
 _VerticalIntent = Takeoff | Land | Home  # orders with a climb or a descent
 
 PathsOf = Callable[[FollowPathStep], Mapping[str, Path]]
@@ -439,7 +439,7 @@ def _vertical_order_s(
     x, y, z = position
     _, _, goal_z = goal
     across_s = _move_or_stay_s(fleet, name, (x, y, goal_z), goal, duration_s)
-    height_m = max(z, goal_z, _LEAST_HEIGHT_M)
+    height_m = max(z, goal_z, _MIN_HEIGHT_M)
     return across_s + (_START_S + climb_duration_s(height_m, fleet.vehicles[name].max_speed_m_s))
 
 

@@ -32,7 +32,7 @@ _APART_LOOK_COUNT = 7
 _MEASURE_S = 3.0  # time after the connection within which the clocks are measured
 # Times before the start at which a line says how long the countdown still takes.
 _SAID_S = (3600.0, 1800.0, 600.0, 300.0, 60.0, 30.0, 10.0, 5.0)
-_MOST_NAMED = 6  # vehicles that a sentence names one by one
+_MAX_NAMED = 6  # vehicles that a sentence names one by one
 
 
 class CountdownEnded(RuntimeError):
@@ -234,8 +234,8 @@ def clock_words(clock: WallClock, names: Sequence[str]) -> str:
     if agreeing:
         within_s = max(0.001, *agreeing.values())  # the sentence shows milliseconds
         sentences.append(
-            f"Same time within {within_s:.3f} s: {listed(list(agreeing), _MOST_NAMED)}."
+            f"Same time within {within_s:.3f} s: {listed(list(agreeing), _MAX_NAMED)}."
         )
     if others:
-        sentences.append(f"The clock differs, or is not reported: {listed(others, _MOST_NAMED)}.")
+        sentences.append(f"The clock differs, or is not reported: {listed(others, _MAX_NAMED)}.")
     return " ".join(sentences)

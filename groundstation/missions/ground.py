@@ -33,12 +33,12 @@ from groundstation.verdict.observations import Arrival, StepResult, arrival_of
 from groundstation.verdict.other_ends import LastOrder, last_order, other_ends
 from onboard.bus.schema import Order
 from onboard.config.fleet import ConfigError
-from onboard.plain_text import MOST_NAMES, listed
+from onboard.plain_text import MAX_NAMES, listed
 from onboard.tuples import Xyz
 
 _LOOK_S = 0.2  # period of the checks for the end of a pause
 _HEARD_S = 0.5  # age of telemetry up to which a vehicle counts as heard
-_MOST_CHARACTERS = 240  # of the line that shows an order
+_MAX_CHARACTERS = 240  # of the line that shows an order
 _SILENCE_S = 0.7  # longest wait for telemetry before this ground checks its own link
 
 
@@ -550,9 +550,9 @@ def order_in_brief(intent: Intent, enabled_names: Sequence[str]) -> str:
         enabled_names: all vehicles of the fleet, of which many together are called "all".
     """
     words = str(intent)
-    if len(enabled_names) > MOST_NAMES:
+    if len(enabled_names) > MAX_NAMES:
         words = words.replace(",".join(enabled_names), "all")
-    return textwrap.shorten(words, _MOST_CHARACTERS, placeholder=" ...")
+    return textwrap.shorten(words, _MAX_CHARACTERS, placeholder=" ...")
 
 
 def _not_started(not_flying: Sequence[str]) -> str:

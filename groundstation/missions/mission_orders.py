@@ -32,8 +32,8 @@ from onboard.plain_text import listed
 
 _ONLY_WATCHES = "This ground only watches: open one that may order."
 _FLIES_ALREADY = "A mission flies already. Write: stop"
-_MOST_NAMED = 12  # mission files that a sentence names
-_MOST_PROBLEMS = 2  # clock problems that the question before a countdown names
+_MAX_NAMED = 12  # mission files that a sentence names
+_MAX_PROBLEMS = 2  # clock problems that the question before a countdown names
 _READY_S = 10.0  # longest wait until all vehicles are ready
 _WATCH_S = 0.2  # time between two checks for silent vehicles
 
@@ -329,12 +329,12 @@ def countdown_question(run: MissionRun, at: WallTime) -> CountdownQuestion:
         reasons.append(f"{at.words} has passed.")
     if not client.wall_clock.is_simulated:
         problems = [clock_problem(client.wall_clock, name) for name in names]
-        reasons += [problem for problem in problems if problem][:_MOST_PROBLEMS]
+        reasons += [problem for problem in problems if problem][:_MAX_PROBLEMS]
     return CountdownQuestion(f"{run.mission.name} at {at.words}", lines, reasons)
 
 
 def _names_sentence() -> str:
-    return f"There are {listed(mission_names(), _MOST_NAMED)}; tab completes a name."
+    return f"There are {listed(mission_names(), _MAX_NAMED)}; tab completes a name."
 
 
 async def _watched(run: MissionRun) -> None:

@@ -30,7 +30,7 @@ from onboard.config.fleet import FleetConfig, fleet_from_mapping, load_fleet
 # keys, which notes what reaches it.
 SPARE = "attacked-spare"
 
-_MOST_VEHICLES = 6
+_MAX_VEHICLES = 6
 _LARGEST_ID = 250  # largest MAVLink system id of a vehicle; larger ones belong to ground stations
 _HEIGHT_M = 1.0
 _ORDER_S = 20.0  # timeout of a take-off or a formation
@@ -44,7 +44,7 @@ _NOT_COPIED = ("emulated", "enabled", "mavlink_signing")
 
 def copied_names(fleet: FleetConfig) -> tuple[str, ...]:
     """Return the names of the vehicles that a copy has, besides the spare one."""
-    return fleet.enabled_names[:_MOST_VEHICLES]
+    return fleet.enabled_names[:_MAX_VEHICLES]
 
 
 def copy_of(fleet: FleetConfig, folder: Path, *, is_locked: bool) -> FleetConfig:

@@ -33,7 +33,7 @@ _STATES_HZ = TOPICS[Topic.STATE].rate_hz
 
 # Share of the states that arrive.
 _GOOD_SHARE = 0.95
-_LEAST_SHARE = 0.5  # below this share a fleet cannot fly
+_MIN_SHARE = 0.5  # below this share a fleet cannot fly
 
 _OLD_S = 0.1  # a state of this age is old, unless [radio] expects more
 _LONG_S = 0.1  # a longer round trip is too long
@@ -252,7 +252,7 @@ def _arrivals(name: str, fleet: FleetConfig, heard: Heard) -> Diagnosis:
     age_s = _p99(heard.ages_s[name])
 
     bad = Grade.WARN
-    if received_share < _LEAST_SHARE:
+    if received_share < _MIN_SHARE:
         bad = Grade.FAIL
     return graded(
         name,

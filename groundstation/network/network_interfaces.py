@@ -18,7 +18,7 @@ _NAME_BYTES = 16
 _ANSWER_BYTES = 24
 _WIFI_POWER_DISABLED = 21  # offset of iw_param.disabled in bytes
 
-_LEAST_MTU = 1280  # bytes; QUIC does not connect over an interface with smaller packets
+_MIN_MTU = 1280  # bytes; QUIC does not connect over an interface with smaller packets
 _USUAL_MTU = 1500
 
 _INTERFACES = Path("/sys/class/net")
@@ -61,8 +61,8 @@ def _packet_size(interface: str) -> Diagnosis | None:
         f"packets of {interface}",
         mtu >= _USUAL_MTU,
         f"Up to {mtu} bytes.",
-        f"ip link set {interface} mtu {_USUAL_MTU}; below {_LEAST_MTU} QUIC does not connect.",
-        bad=Grade.FAIL if mtu < _LEAST_MTU else Grade.WARN,
+        f"ip link set {interface} mtu {_USUAL_MTU}; below {_MIN_MTU} QUIC does not connect.",
+        bad=Grade.FAIL if mtu < _MIN_MTU else Grade.WARN,
     )
 
 

@@ -19,7 +19,7 @@ from onboard.tuples import Xyz
 ASSUMED_HOVER_S = 300.0
 SPARE_PCT = 5.0  # charge that is left at home, above the landing level
 
-_LEAST_OBSERVED_S = 5.0  # shortest observation from which a rate of discharge is computed
+_MIN_OBSERVED_S = 5.0  # shortest observation from which a rate of discharge is computed
 _MEAN_SPEED_SHARE = 0.5  # mean speed divided by top speed, on a way from rest to rest
 _DESCENT_M_S = 0.4
 _AROUND_OTHERS_S = 20.0  # time to turn round, to avoid others and to wait above a spot
@@ -62,7 +62,7 @@ class Discharge:
         """
         begin_ns, first_frac = self._first.setdefault(name, (now_ns, battery_frac))
         since_s = (now_ns - begin_ns) * 1e-9
-        if since_s < _LEAST_OBSERVED_S:
+        if since_s < _MIN_OBSERVED_S:
             return 0.0
         return max(0.0, first_frac - battery_frac) / since_s
 

@@ -8,7 +8,7 @@ from collections.abc import Collection
 from groundstation.fleet.state import FleetState
 from onboard.config.fleet import FleetConfig
 
-_MOST_NAMED = 4  # pairs that the sentence names
+_MAX_NAMED = 4  # pairs that the sentence names
 
 
 def below_words(names: Collection[str], fleet: FleetConfig, state: FleetState, now_ns: int) -> str:
@@ -48,7 +48,7 @@ def below_words(names: Collection[str], fleet: FleetConfig, state: FleetState, n
     if not falls:
         return ""
     texts = [text for _, text in sorted(falls)]
-    sentence = "; ".join(texts[:_MOST_NAMED])
-    if len(texts) > _MOST_NAMED:
-        sentence += f"; and {len(texts) - _MOST_NAMED} more"
+    sentence = "; ".join(texts[:_MAX_NAMED])
+    if len(texts) > _MAX_NAMED:
+        sentence += f"; and {len(texts) - _MAX_NAMED} more"
     return f"{sentence}."

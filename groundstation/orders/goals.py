@@ -43,7 +43,7 @@ from onboard.config.ground import floor_m, least_height_m
 from onboard.tuples import Xyz
 
 _PEAK_OF_MEAN = 1.9  # peak speed divided by mean speed of a quintic from rest to rest, rounded up
-_LEAST_FLIGHT_S = 3.0  # shortest duration of a flight home
+_MIN_FLIGHT_S = 3.0  # shortest duration of a flight home
 
 
 class GoalFacts(NamedTuple):
@@ -187,7 +187,7 @@ def _bring_home(intent: BringHome, facts: GoalFacts) -> Goals:
             _flight_s(positions[name], goal, facts.fleet.vehicles[name].max_speed_m_s)
             for name, goal in goals.items()
         )
-        intent = replace(intent, duration_s=round(max(_LEAST_FLIGHT_S, longest_s), 1))
+        intent = replace(intent, duration_s=round(max(_MIN_FLIGHT_S, longest_s), 1))
     return Goals(intent, goals)
 
 

@@ -55,7 +55,7 @@ _OPTION_MEANINGS = {
     "by": "number of vehicles in a wave, 1 or more",
     "every": f"time between two waves, 0 to {LONGEST_EVERY_S:g} s",
 }
-_MOST_QUOTED = 40  # characters of a wrong word that a sentence repeats
+_MAX_QUOTED = 40  # characters of a wrong word that a sentence repeats
 
 
 class OrderError(ConfigError):
@@ -141,9 +141,9 @@ def _verb_of(words: list[str]) -> type[Intent]:
             "covey web."
         )
     if verb not in INTENTS:
-        meant = meant_words(verb[:_MOST_QUOTED].replace("_", " "), names)
+        meant = meant_words(verb[:_MAX_QUOTED].replace("_", " "), names)
         first_word = words[0]
-        raise OrderError(f"'{first_word[:_MOST_QUOTED]}' is no order.{meant} Orders are: {verbs}.")
+        raise OrderError(f"'{first_word[:_MAX_QUOTED]}' is no order.{meant} Orders are: {verbs}.")
     return INTENTS[verb]
 
 
@@ -156,7 +156,7 @@ def _formation_of(words: list[str], kind: type[Intent], fleet: FleetConfig) -> s
     if formation not in formation_names(fleet):
         known = ", ".join(formation_names(fleet)) or "none"
         raise OrderError(
-            f"'{formation[:_MOST_QUOTED]}' is no formation of this fleet: it has {known}."
+            f"'{formation[:_MAX_QUOTED]}' is no formation of this fleet: it has {known}."
         )
     return formation
 
@@ -195,13 +195,13 @@ def _take_options(words: list[str], kind: type[Intent]) -> tuple[dict[str, float
         option = option_word.lower()
         if option not in kind.options or option in options or not behind_option:
             raise OrderError(
-                f"'{option_word[:_MOST_QUOTED]}' is not understood there. Write: {kind.usage}"
+                f"'{option_word[:_MAX_QUOTED]}' is not understood there. Write: {kind.usage}"
             )
 
         number_word, *tail = behind_option
         value = _number(number_word)
         if value is None or not _may_follow(option, value):
-            raise OrderError(f"'{number_word[:_MOST_QUOTED]}' is no {_OPTION_MEANINGS[option]}.")
+            raise OrderError(f"'{number_word[:_MAX_QUOTED]}' is no {_OPTION_MEANINGS[option]}.")
         options[option] = value
 
         if option == "in" and tail[:1] == ["s"]:  # the unit, as in `in 5 s`
@@ -236,7 +236,7 @@ def _take_goals(words: list[str], fleet: FleetConfig) -> dict[str, Xyz]:
         names = _select(name_word, fleet)
         if len(names) != 1 or names[0] in goals:
             raise OrderError(
-                f"'{name_word[:_MOST_QUOTED]}' must be one vehicle, and only once: each has a goal "
+                f"'{name_word[:_MAX_QUOTED]}' must be one vehicle, and only once: each has a goal "
                 "of its own."
             )
         x, y, z = values
@@ -311,7 +311,7 @@ def _check_index(word: str, fleet: FleetConfig) -> None:
         fleet.select(word)
     except ConfigError:
         raise OrderError(
-            f"'{word[:_MOST_QUOTED]}' is no vehicle: they are counted from 0 to "
+            f"'{word[:_MAX_QUOTED]}' is no vehicle: they are counted from 0 to "
             f"{len(fleet.vehicles) - 1}. Metres are written with a point, for instance 1.5."
         ) from None
 

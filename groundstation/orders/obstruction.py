@@ -20,7 +20,7 @@ from onboard.tuples import Xyz
 
 _BLOCKED = ("unfinished", "timed out")  # phases of results that get an explanation
 _NEAR_WALL_M = 0.5  # distance from a body's edge at which an obstacle or the fence counts as near
-_MOST_NAMED = 3  # hindrances that a sentence names
+_MAX_NAMED = 3  # hindrances that a sentence names
 _ACTIVE_M_S2 = 0.05  # smallest intervention of the law that a sentence mentions
 _STEP_COUNT = 20  # steps of the straight way, at whose ends it is compared with obstacles
 
@@ -73,7 +73,7 @@ def in_the_way(fleet: FleetConfig, state: FleetState, name: str, goal: Xyz, now_
         *_walls(fleet, position, goal),
     ]
     hindrances.sort()  # by distance
-    words = "; ".join(text for _, text in hindrances[:_MOST_NAMED])
+    words = "; ".join(text for _, text in hindrances[:_MAX_NAMED])
     if not words:
         return f"{distance_sentence} Nothing known is in its way."
     return f"{distance_sentence} In its way: {words}.{_law_words(view.telemetry)}"

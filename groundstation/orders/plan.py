@@ -53,7 +53,7 @@ from onboard.config.toml_reading import convert
 from onboard.tuples import Xyz
 
 ORDER_LIFE_S = 2.0  # time from an order to its deadline
-_MOST_SPACING_M = 1000.0
+_MAX_SPACING_M = 1000.0
 _MIN_HEIGHT_M = 0.2  # of a take-off
 _OTHER_HEIGHT_M = 0.3  # difference from which a refusal says that heights do not count
 _NO_FORMATION = HeldFormation(name=None)
@@ -411,7 +411,7 @@ def _bad_number(intent: Intent) -> str | None:
             )
 
     spacing_m = intent.spacing_m if isinstance(intent, Formation) else None
-    if spacing_m is not None and not 0.0 < spacing_m <= _MOST_SPACING_M:
+    if spacing_m is not None and not 0.0 < spacing_m <= _MAX_SPACING_M:
         return (
             f"A spacing of {spacing_m:g} m is no distance between slots. "
             "Give metres, for instance 1.6."

@@ -18,7 +18,7 @@ from onboard.config.fleet import FleetConfig, above_words, parking_distance_m, p
 from onboard.config.flight_space import flight_space_of
 from onboard.config.ground import floor_m, least_height_m
 from onboard.constants import GRAVITY_M_S2
-from onboard.control.path import MOST_JUMP_M, MOST_JUMP_M_S, Path, jumps, sampled
+from onboard.control.path import MAX_JUMP_M, MAX_JUMP_M_S, Path, jumps, sampled
 from onboard.feasibility.finding import Finding, at_least, at_most, worst
 from onboard.safety.area_room import clearances_m
 
@@ -28,7 +28,7 @@ STEP_S = 0.05  # time from one sample to the next
 _PARKING_MORE_M = 0.10
 _END_SPEED_M_S = 0.05  # largest speed at the start and at the end of a path
 _BLOCK_SAMPLES = 400  # number of samples compared at once, which limits the memory
-_MOST_LISTED = 12  # items of a list that a sentence names
+_MAX_LISTED = 12  # items of a list that a sentence names
 _TILT_SHARE = 0.8  # share of the largest tilt that a path may use
 _LIMIT_FACTOR = 1.01  # factor on a limit above which a path is refused
 _FENCE_ROOM_M = 0.15  # smallest distance of a path from the fence
@@ -242,9 +242,9 @@ def pair_words(pair: ClosestApproach) -> str:
 
 def listed_words(words: Sequence[str]) -> str:
     """Return the first items of a list in words, and the number of the others."""
-    listed = "; ".join(words[:_MOST_LISTED])
-    if len(words) > _MOST_LISTED:
-        listed += f"; {len(words) - _MOST_LISTED} more"
+    listed = "; ".join(words[:_MAX_LISTED])
+    if len(words) > _MAX_LISTED:
+        listed += f"; {len(words) - _MAX_LISTED} more"
     return listed
 
 
@@ -321,7 +321,7 @@ def jump_findings(paths: Mapping[str, Path], where: str) -> list[Finding]:
     """
     findings = []
     for index, (noun, bound, unit) in enumerate(
-        (("position", MOST_JUMP_M, "m"), ("velocity", MOST_JUMP_M_S, "m/s"))
+        (("position", MAX_JUMP_M, "m"), ("velocity", MAX_JUMP_M_S, "m/s"))
     ):
         name, time_s, jump = max(
             (_largest_jump(name, path, index) for name, path in paths.items()),

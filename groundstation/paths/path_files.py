@@ -28,7 +28,7 @@ from onboard.config.fleet import ConfigError
 from onboard.control.path import LONGEST_S, Path, path_of
 from onboard.plain_text import plain_line
 
-MOST_LINES = 400_000
+MAX_LINES = 400_000
 LONGEST_LINE = 4096  # letters; Crazyswarm's 33 columns take 500
 _AXES = ("x", "y", "z", "yaw")
 _PIECE_COLUMNS = ("duration", *(f"{axis}^{k}" for axis in _AXES for k in range(8)))
@@ -111,10 +111,10 @@ def read_columns(name: str) -> tuple[tuple[str, ...], Array]:
         ConfigError: there is no such file, a unit is not known, or a line is not a list of numbers.
     """
     lines = _lines_of(name)
-    if not 2 <= len(lines) <= MOST_LINES:
+    if not 2 <= len(lines) <= MAX_LINES:
         raise ConfigError(
             f"{name}: {len(lines)} lines are no path; it has a line of names and 1 to "
-            f"{MOST_LINES} more."
+            f"{MAX_LINES} more."
         )
 
     (first_number, first_line), *further_lines = lines

@@ -34,7 +34,7 @@ LOG_TAIL_LINES = 6
 
 # Agents' loops with real-time priority per core; more would leave nothing for network and ground.
 _LOOPS_PER_CORE = 5
-_MOST_PER_CORE = 6.5  # agents per core up to which flights keep their time (docs/processes.md)
+_MAX_PER_CORE = 6.5  # agents per core up to which flights keep their time (docs/processes.md)
 
 
 def agent_command(path: str, name: str, *, is_realtime: bool = True) -> list[str]:
@@ -61,7 +61,7 @@ def leaves_room(count: int) -> bool:
 
 def most_agents() -> int:
     """Return how many agents this machine can fly in real time, together with their emulator."""
-    return int(_MOST_PER_CORE * (os.cpu_count() or 1))
+    return int(_MAX_PER_CORE * (os.cpu_count() or 1))
 
 
 class ProcessError(RuntimeError):

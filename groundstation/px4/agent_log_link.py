@@ -35,7 +35,7 @@ from onboard.security.node_roles import NodeRole
 
 _HEARD_S = 3.0  # longest wait for the telemetry of an agent
 _LOOK_S = 0.05  # time between two looks
-_MOST_PIECES = 2000  # most packets that wait to be decoded
+_MAX_PIECES = 2000  # most packets that wait to be decoded
 
 
 class AgentLogLink:
@@ -51,7 +51,7 @@ class AgentLogLink:
         self._vehicle = vehicle
         self._bus = bus
         self._codec = message_codec(self)
-        self._pieces: queue.Queue[bytes] = queue.Queue(_MOST_PIECES)
+        self._pieces: queue.Queue[bytes] = queue.Queue(_MAX_PIECES)
         self._messages: deque[Any] = deque()  # decoded messages, the oldest first
 
         bus.subscribe(Topic.TELEMETRY, vehicle.name, self._received)

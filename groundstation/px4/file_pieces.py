@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import heapq
 
-_MOST_WAITING_BYTES = 4_000_000
+_MAX_WAITING_BYTES = 4_000_000
 
 
 class Pieces:
@@ -33,7 +33,7 @@ class Pieces:
     @property
     def drops_more(self) -> bool:
         """Whether too many bytes wait; further pieces behind a hole are then dropped."""
-        return self._waiting_bytes >= _MOST_WAITING_BYTES
+        return self._waiting_bytes >= _MAX_WAITING_BYTES
 
     @property
     def gap(self) -> tuple[int, int]:

@@ -47,7 +47,7 @@ _PART_SUFFIX = ".part"
 _ROOTS = ("/fs/microsd/log", "/log")
 _HEAD_BYTES = 16  # head of a ULog; its start time tells one flight from another
 _LOG_HERE = ULOG._replace(most_bytes=None)  # only the head of a log that is here is read
-_MOST_FAILURES = 2  # attempts in a row without a new byte, after which a method is given up
+_MAX_FAILURES = 2  # attempts in a row without a new byte, after which a method is given up
 _SMALL_GAP_BYTES = 5_000  # a gap up to this size is read by single requests, not by a burst
 _SHOWN_BYTES = 50_000  # bytes between two reports of progress
 _MB = 1e6
@@ -348,7 +348,7 @@ def _by_all_methods(link: LogLink, log: VehicleLog, download: _Download) -> list
     count_by_file = 0  # bytes by file transfer
     count_by_data = 0  # bytes by LOG_DATA
     failures = 0
-    while not pieces.is_whole and failures < _MOST_FAILURES:
+    while not pieces.is_whole and failures < _MAX_FAILURES:
         count_before = pieces.bytes_in_order
         if log.path:
             sessions += _by_file_transfer(link, log.path, download)
@@ -420,7 +420,7 @@ def _by_file_transfer(link: LogLink, path: str, download: _Download) -> int:
     pieces = download.pieces
     sessions = 0
     failures = 0
-    while not pieces.is_whole and failures < _MOST_FAILURES:
+    while not pieces.is_whole and failures < _MAX_FAILURES:
         before = pieces.bytes_in_order
         try:
             transfer.open(path)
@@ -469,7 +469,7 @@ def _by_log_data(link: LogLink, log: VehicleLog, download: _Download) -> None:
 
     pieces = download.pieces
     failures = 0
-    while not pieces.is_whole and failures < _MOST_FAILURES:
+    while not pieces.is_whole and failures < _MAX_FAILURES:
         before = pieces.bytes_in_order
         begin, end = pieces.gap
         for piece in data.read(number, begin, end - begin):

@@ -17,7 +17,7 @@ from typing import Any, NamedTuple, Protocol
 
 _PAYLOAD_BYTES = 251
 _HEAD = struct.Struct("<HBBBBBxI")  # the fields of _Head, with a byte of padding before the last
-_MOST_DATA = _PAYLOAD_BYTES - _HEAD.size  # bytes
+_MAX_DATA = _PAYLOAD_BYTES - _HEAD.size  # bytes
 
 # operations
 _RESET = 2
@@ -34,8 +34,8 @@ END_OF_FILE = 6
 _ATTEMPTS = 4  # number of times that a request is sent if no answer comes
 _ANSWER_S = 0.6  # longest wait for the answer to a request
 _SILENT_S = 1.0  # a burst has ended after this time without a piece
-_MOST_ENTRIES = 20_000  # entries of a folder
-_MOST_LOGS = 10_000
+_MAX_ENTRIES = 20_000  # entries of a folder
+_MAX_LOGS = 10_000
 _ALL_LOGS = 0xFFFF  # last log of a request for all logs
 _LOG_PART_BYTES = 90 * 512  # largest part of a log in one request; a LOG_DATA has 90 bytes
 
@@ -135,7 +135,7 @@ class FileTransfer:
         entries: list[FileEntry] = []
         # index of the next entry; entries that are neither file nor folder count, too
         next_index = 0
-        while next_index < _MOST_ENTRIES:
+        while next_index < _MAX_ENTRIES:
             try:
                 answer = self._ask(_LIST, offset=next_index, data=path.encode("utf-8"))
             except TransferRefused as refused:
@@ -168,12 +168,12 @@ class FileTransfer:
         Raises:
             TransferRefused, TransferSilent: they cannot be read.
         """
-        answer = self._ask(_READ, offset=offset, size=min(size, _MOST_DATA))
+        answer = self._ask(_READ, offset=offset, size=min(size, _MAX_DATA))
         return Piece(offset, answer)
 
     def burst(self, offset: int) -> Iterator[Piece]:
         """Yield pieces from an offset on, until PX4 ends the burst or falls silent."""
-        self._send(_BURST, offset=offset, data=b"", size=_MOST_DATA)
+        self._send(_BURST, offset=offset, data=b"", size=_MAX_DATA)
         while True:
             answer = self._next_answer(_BURST, _SILENT_S)
             if answer is None:
@@ -232,7 +232,7 @@ class FileTransfer:
         head = _HEAD.pack(
             self._sequence, session, operation, size, answered_operation, is_complete, offset
         )
-        payload = (head + data[:_MOST_DATA]).ljust(_PAYLOAD_BYTES, b"\0")
+        payload = (head + data[:_MAX_DATA]).ljust(_PAYLOAD_BYTES, b"\0")
         network = 0
         self._link.send("file_transfer_protocol", network, payload)
 
@@ -261,7 +261,7 @@ def _head_of(payload: bytes) -> _Head:
 
 
 def _data_of(payload: bytes) -> bytes:
-    size = min(_head_of(payload).size, _MOST_DATA)
+    size = min(_head_of(payload).size, _MAX_DATA)
     return payload[_HEAD.size : _HEAD.size + size]
 
 
@@ -302,7 +302,7 @@ class LogData:
                     break
 
                 entry_by_id[message.id] = LogEntry(message.id, message.size, message.time_utc)
-                has_all = len(entry_by_id) >= min(message.num_logs, _MOST_LOGS)
+                has_all = len(entry_by_id) >= min(message.num_logs, _MAX_LOGS)
             if has_all:
                 break
         return list(entry_by_id.values())

@@ -24,7 +24,7 @@ from onboard.preflight.attitude_lag import lag_s
 from onboard.px4.required_params import RequiredParam, Value, all_params
 
 _WIDTH = 118
-_MOST_SHOWN = 8  # facts of one meaning in the text; --json has all
+_MAX_SHOWN = 8  # facts of one meaning in the text; --json has all
 _ROWS: list[dict[str, Any]] = package_table(__package__, "comparison.toml")["row"]
 _GROUPS = {
     "failsafe": "Failsafes",
@@ -370,9 +370,9 @@ def _fact_lines(facts: Sequence[ChangedFact], vehicles: tuple[str, ...]) -> list
         lines += _wrapped([f"{meaning} ({scope}):"], "  ")
 
         rows = [f"{fact.name}: {fact.before} -> {fact.after} ({fact.says})" for fact in of_meaning]
-        shown = rows[:_MOST_SHOWN]
-        if len(rows) > _MOST_SHOWN:
-            shown.append(f"and {len(rows) - _MOST_SHOWN} more: --json lists them")
+        shown = rows[:_MAX_SHOWN]
+        if len(rows) > _MAX_SHOWN:
+            shown.append(f"and {len(rows) - _MAX_SHOWN} more: --json lists them")
         lines += _wrapped(shown, "    ")
     return lines
 

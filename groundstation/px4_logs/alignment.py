@@ -28,13 +28,13 @@ from onboard.arrays import Array
 GRID_S = 0.02  # step of the shift in the search for candidates
 FINE_S = 0.002  # step of the shift near a candidate, at the end
 _FINE_HALF_S = 0.05  # largest distance from a candidate at which the best shift is sought
-LEAST_OVERLAP_S = 5.0  # a log and a record with a shorter overlap are not compared
-LEAST_TILT_DEG = 0.3  # standard deviation of roll and pitch together
-LEAST_DRIFT_OVERLAP_S = 60.0  # a shorter overlap does not show that the clocks' rates differ
+MIN_OVERLAP_S = 5.0  # a log and a record with a shorter overlap are not compared
+MIN_TILT_DEG = 0.3  # standard deviation of roll and pitch together
+MIN_DRIFT_OVERLAP_S = 60.0  # a shorter overlap does not show that the clocks' rates differ
 LARGEST_SHARE = 0.5  # largest residual of an accepted fit, as a share of the tilt
 _LONGEST_S = 6 * 3600.0
 _GAP_S = 0.5  # nothing is interpolated between samples that are farther apart
-_MOST_CANDIDATES = 3
+_MAX_CANDIDATES = 3
 _OTHER_PLACE_S = 1.0  # least difference between the offsets of two separate fits
 _NEARLY_AS_WELL = 1.15  # a fit is ambiguous if another residual is less than this times its own
 _NOISE_DEG = 0.05  # smaller residuals count as this one in that comparison
@@ -99,8 +99,8 @@ def align(record_time_s: Array, record_up: Array, log_time_s: Array, log_up: Arr
         NoAlignment: log and record do not fit, or the offset is ambiguous.
     """
     for time_s, source in ((record_time_s, "record"), (log_time_s, "log")):
-        if time_s.size < 2 or time_s[-1] - time_s[0] < LEAST_OVERLAP_S:
-            raise NoAlignment(f"The {source} has less than {LEAST_OVERLAP_S:g} s of attitude.")
+        if time_s.size < 2 or time_s[-1] - time_s[0] < MIN_OVERLAP_S:
+            raise NoAlignment(f"The {source} has less than {MIN_OVERLAP_S:g} s of attitude.")
         if time_s[-1] - time_s[0] > _LONGEST_S:
             raise NoAlignment(f"The {source} is longer than {_LONGEST_S / 3600.0:g} h.")
 
@@ -108,7 +108,7 @@ def align(record_time_s: Array, record_up: Array, log_time_s: Array, log_up: Arr
     log_tilt = _on_grid(log_time_s, log_up)
     for tilt, source in ((record_tilt, "record"), (log_tilt, "log")):
         tilt_deg = _spread_deg(tilt)
-        if tilt_deg < LEAST_TILT_DEG:
+        if tilt_deg < MIN_TILT_DEG:
             raise NoAlignment(
                 f"The vehicle hardly tilts in the {source} ({tilt_deg:.1f} deg): nothing tells"
                 " which moments are the same."
@@ -136,7 +136,7 @@ def _stretched(
     """
     begin_s = max(float(log_time_s[0]), float(record_time_s[0]) - best.offset_s)
     end_s = min(float(log_time_s[-1]), float(record_time_s[-1]) - best.offset_s)
-    if end_s - begin_s < LEAST_DRIFT_OVERLAP_S:
+    if end_s - begin_s < MIN_DRIFT_OVERLAP_S:
         return best
 
     # Each half of the log is aligned by itself. The middles of the two halves are half of the
@@ -172,7 +172,7 @@ def _check(best: Alignment, tilt_deg: float, candidates: list[Alignment]) -> Non
     Raises:
         NoAlignment: the alignment is refused.
     """
-    if best.overlap_s < LEAST_OVERLAP_S or not math.isfinite(best.residual_deg):
+    if best.overlap_s < MIN_OVERLAP_S or not math.isfinite(best.residual_deg):
         raise NoAlignment("Nowhere do the log and the record overlap long enough.")
     if best.residual_deg > LARGEST_SHARE * tilt_deg:
         raise NoAlignment(
@@ -238,13 +238,13 @@ def _best_lags(record_tilt: Array, log_tilt: Array) -> list[int]:
     # The sum is not divided by the tilts within the overlap. So a lag at which little of the
     # tilting overlaps has a low score, even if that little fits by chance.
     overlap = _correlated(np.ones(record_size), np.ones(log_size), size)
-    score[overlap * GRID_S < LEAST_OVERLAP_S] = -1.0
+    score[overlap * GRID_S < MIN_OVERLAP_S] = -1.0
 
     # The best lags, each far from those before. An index in the upper half is a negative lag.
     lags: list[int] = []
     least_distance = round(_OTHER_PLACE_S / GRID_S)
     remaining = score.copy()
-    for _ in range(_MOST_CANDIDATES):
+    for _ in range(_MAX_CANDIDATES):
         lag = int(remaining.argmax())
         if remaining[lag] <= 0.0:
             break

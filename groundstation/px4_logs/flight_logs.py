@@ -31,8 +31,8 @@ from onboard.plain_text import plain_line
 
 FOLDER = "px4"  # folder of the logs, in a flight folder
 SUFFIX = ".ulg"
-_MOST_TRIED = 8  # most logs tried for one vehicle
-_MOST_FILES = 2_000
+_MAX_TRIED = 8  # most logs tried for one vehicle
+_MAX_FILES = 2_000
 _GAP_S = 1.0  # positions are not interpolated between samples that are farther apart
 
 
@@ -114,7 +114,7 @@ def logs_of_flight(folder: Path, flight: Flight) -> FoundLogs:
     files = _files(folder / FOLDER, list(flight.vehicles))
     for name in flight.vehicles:
         reasons = []
-        for path in files.get(name, [])[:_MOST_TRIED]:
+        for path in files.get(name, [])[:_MAX_TRIED]:
             try:
                 logs[name] = _aligned(flight.vehicles[name], read_log(path))
                 break
@@ -146,7 +146,7 @@ def _files(folder: Path, vehicles: list[str]) -> dict[str, list[Path]]:
     files: dict[str, list[Path]] = {}
     if not folder.is_dir():
         return files
-    for path in sorted(folder.iterdir(), reverse=True)[:_MOST_FILES]:
+    for path in sorted(folder.iterdir(), reverse=True)[:_MAX_FILES]:
         if path.suffix != SUFFIX:
             continue
         # One vehicle's name may begin with another's: mav1, mav1-b.

@@ -12,7 +12,7 @@ from groundstation.px4_logs.flight_logs import FlightLog, FoundLogs
 from groundstation.px4_logs.px4_log import LoggedText, LogRows, Px4Log
 
 _MB = 1e6
-_MOST_LINES = 30  # most messages or mode changes listed for one log
+_MAX_LINES = 30  # most messages or mode changes listed for one log
 _SERIOUS = ("error", "warning")
 
 # Flight modes by vehicle_status.nav_state.
@@ -75,7 +75,7 @@ def lines(log: Px4Log) -> list[str]:
     summary += _flight_lines(log)
     changes = [f"{mode} from {time_s - log.begin_s:.1f} s" for time_s, mode in modes(log.status)]
     if changes:
-        summary.append(f"Modes: {', '.join(changes[:_MOST_LINES])}.")
+        summary.append(f"Modes: {', '.join(changes[:_MAX_LINES])}.")
     summary += _message_lines(log.texts, log.begin_s)
     return summary
 
@@ -118,10 +118,10 @@ def _message_lines(texts: Iterable[LoggedText], begin_s: float) -> list[str]:
     if not serious:
         return [f"PX4 said {len(texts)} lines, none of them a warning."]
     summary = [f"PX4 said {len(texts)} lines, of which {len(serious)} are warnings or errors:"]
-    for text in serious[:_MOST_LINES]:
+    for text in serious[:_MAX_LINES]:
         summary.append(f"  {text.time_s - begin_s:8.2f} s  {text.level:8s} {text.text}")
-    if len(serious) > _MOST_LINES:
-        summary.append(f"  and {len(serious) - _MOST_LINES} more.")
+    if len(serious) > _MAX_LINES:
+        summary.append(f"  and {len(serious) - _MAX_LINES} more.")
     return summary
 
 
@@ -183,7 +183,7 @@ def _timeline(logs: Iterable[FlightLog]) -> list[str]:
             if text.level in _SERIOUS:
                 events.append((text.time_s, f"{log.vehicle:16s} {text.level:8s} {text.text}"))
     events.sort()
-    most_lines = 2 * _MOST_LINES
+    most_lines = 2 * _MAX_LINES
     timeline = [f"{time_s:9.2f} s  {words}" for time_s, words in events[:most_lines]]
     if len(events) > most_lines:
         timeline.append(f"and {len(events) - most_lines} lines more.")

@@ -24,9 +24,9 @@ from onboard.config.file_reading import ULOG, opened
 from onboard.config.fleet import ConfigError
 from onboard.plain_text import plain_line
 
-MOST_TEXTS = 5_000
-MOST_LETTERS = 300
-MOST_DROPOUTS = 100_000
+MAX_TEXTS = 5_000
+MAX_LETTERS = 300
+MAX_DROPOUTS = 100_000
 LARGEST = 1e9  # largest believable value of any quantity; larger ones become NaN
 _HEAD = b"ULog\x01\x12\x35"  # the first bytes of every log
 _TOPICS = [
@@ -44,7 +44,7 @@ _LEVELS = {"emerg": "error", "alert": "error", "crit": "error", "critical": "err
 _LEVELS |= {"emergency": "error", "notice": "info", "unknown": "info"}
 
 _DEEPEST = 20  # deepest nesting of types
-_MOST_FIELDS = 10_000  # most fields of a topic, nested types included
+_MAX_FIELDS = 10_000  # most fields of a topic, nested types included
 
 # Exceptions that pyulog raises on bytes that are not a ULog.
 _BROKEN = (
@@ -159,7 +159,7 @@ def read_log(path: Path) -> Px4Log:
         about=_about(log),
         parameter_count=len(log.initial_parameters),
         texts=texts,
-        dropout_s=sum(dropout.duration for dropout in log.dropouts[:MOST_DROPOUTS]) * 1e-3,
+        dropout_s=sum(dropout.duration for dropout in log.dropouts[:MAX_DROPOUTS]) * 1e-3,
         note=note,
         **rows,
     )
@@ -205,7 +205,7 @@ def _check_formats(log: ULog, path: Path) -> None:
             return 1
         if name not in counts:
             # this value is found, and the topic refused, if the type contains itself
-            counts[name] = _MOST_FIELDS + 1
+            counts[name] = _MAX_FIELDS + 1
             if depth < _DEEPEST:
                 counts[name] = sum(
                     max(1, size) * count(kind, depth + 1) for kind, size, _ in formats[name].fields
@@ -213,8 +213,8 @@ def _check_formats(log: ULog, path: Path) -> None:
         return counts[name]
 
     for name in formats:
-        if count(name, 0) > _MOST_FIELDS:
-            raise ConfigError(f"{path}: a topic of this log has more than {_MOST_FIELDS} fields.")
+        if count(name, 0) > _MAX_FIELDS:
+            raise ConfigError(f"{path}: a topic of this log has more than {_MAX_FIELDS} fields.")
 
 
 def _rows(topics: Mapping[str, Mapping[str, Any]], name: str, fields: list[str]) -> LogRows:
@@ -239,8 +239,8 @@ def _rows(topics: Mapping[str, Mapping[str, Any]], name: str, fields: list[str])
 
 def _texts(log: ULog) -> tuple[LoggedText, ...]:
     texts: list[LoggedText] = []
-    for message in log.logged_messages[:MOST_TEXTS]:
-        words = plain_line(_ANSI.sub("", str(message.message)))[:MOST_LETTERS].strip()
+    for message in log.logged_messages[:MAX_TEXTS]:
+        words = plain_line(_ANSI.sub("", str(message.message)))[:MAX_LETTERS].strip()
         level = str(message.log_level_str()).lower()
         text = LoggedText(message.timestamp * 1e-6, _LEVELS.get(level, level), words)
         is_new = not texts or texts[-1] != text  # PX4 writes some lines once for each link

@@ -9,7 +9,7 @@ import msgspec
 
 from onboard.config.fleet import FleetConfig
 
-_MOST_LETTERS = 200  # most letters of a value
+_MAX_LETTERS = 200  # most letters of a value
 # Keys that tell vehicles apart or say how to reach them are not shown; they need no default.
 _IDENTITY = frozenset(("name", "index", "system_id", "agent", "autopilot", "direct", "mocap_body"))
 # Keys with folders and addresses on one computer are not shown.
@@ -101,8 +101,8 @@ def _words(value: object) -> str:
     if isinstance(value, float):
         return f"{value:g}"
     if isinstance(value, tuple | list):
-        return f"[{', '.join(_words(part) for part in value)}]"[:_MOST_LETTERS]
+        return f"[{', '.join(_words(part) for part in value)}]"[:_MAX_LETTERS]
     if isinstance(value, dict):
         pairs = [f"{key} = {_words(part)}" for key, part in value.items()]
-        return (", ".join(pairs) or "none")[:_MOST_LETTERS]
-    return str(value)[:_MOST_LETTERS]
+        return (", ".join(pairs) or "none")[:_MAX_LETTERS]
+    return str(value)[:_MAX_LETTERS]

@@ -9,7 +9,7 @@
 globalThis.Covey ??= {};
 
 (() => {
-  const MOST_PAIRS = 6;
+  const MAX_PAIRS = 6;
   const CLOSING_S = 0.3;
 
   /* Adds a chart unless the record has none of its values. */
@@ -92,7 +92,7 @@ globalThis.Covey ??= {};
       range: nearRange(flight, smallestOfAll),
     });
 
-    const nearest = flight.pairs.slice(0, MOST_PAIRS);
+    const nearest = flight.pairs.slice(0, MAX_PAIRS);
     const ofPairs = nearest.map(([first, second], index) => ({
       label: `${Covey.shortened(flight.names[first])}–${Covey.shortened(flight.names[second])}`,
       values: flight.distances(first, second),

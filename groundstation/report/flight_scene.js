@@ -8,15 +8,15 @@ globalThis.Covey ??= {};
 (() => {
   const TRAIL_S = 8;
   const PAIR_SHARE = 1.75; // pairs nearer than so many promised distances have a line
-  const MOST_PAIR_LINES = 24;
+  const MAX_PAIR_LINES = 24;
   const UP_M = 0.12; // who is higher flies
-  const LEAST_PUSH_M_S2 = 0.15; // interventions below it are not drawn
+  const MIN_PUSH_M_S2 = 0.15; // interventions below it are not drawn
   const PUSH_M_PER_M_S2 = 0.25; // length of their arrows
   const DASH_S = 0.2; // of the way of another flight
   const DOT_S = 0.06; // of the way by PX4's own log
   const PLANE_M = 0.45; // half the length of a half-plane's edge
   const HATCH_M = 0.09; // length of its strokes to the side that is ruled out
-  const LEAST_WIDTH_PX = 520; // of a scene with room for more than distances
+  const MIN_WIDTH_PX = 520; // of a scene with room for more than distances
   const LAYERS = [
     ["trails", "Trails", true],
     ["names", "Names", true],
@@ -225,7 +225,7 @@ globalThis.Covey ??= {};
           this.flight.curve(vehicle, `before_${axis}`)[index],
       );
       const strength_m_s2 = Math.hypot(...push_m_s2);
-      if (!(strength_m_s2 > LEAST_PUSH_M_S2)) return;
+      if (!(strength_m_s2 > MIN_PUSH_M_S2)) return;
 
       const tip = position.map((value, axis) => value + PUSH_M_PER_M_S2 * push_m_s2[axis]);
       this.scene.line(position, tip, colour, { width: 4 });
@@ -305,7 +305,7 @@ globalThis.Covey ??= {};
       }
 
       near.sort((a, b) => b.isChosen - a.isChosen || a.distance_m - b.distance_m);
-      for (const pair of near.slice(0, MOST_PAIR_LINES)) {
+      for (const pair of near.slice(0, MAX_PAIR_LINES)) {
         this._drawPair(pair, positions, time_s, promise_m);
       }
     }
@@ -321,7 +321,7 @@ globalThis.Covey ??= {};
         width: isBelow ? 3.5 : isChosen ? 2.5 : 1.5,
       });
 
-      const hasRoom = isChosen || this.scene.width_px > LEAST_WIDTH_PX;
+      const hasRoom = isChosen || this.scene.width_px > MIN_WIDTH_PX;
       const ages = hasRoom ? this._ages(first, second, time_s) : "";
       const middle = one.map((value, axis) => (value + other[axis]) / 2);
       const sign = isBelow ? "! " : "";

@@ -12,8 +12,8 @@ from groundstation.recording.recorded_flight import Flight, VehicleFlight
 from groundstation.report.columns import Column, packed
 from onboard.arrays import Array, IntArray
 
-LEAST_M_S2 = 0.15  # weaker interventions are not drawn
-MOST_ROWS = 8_000  # most half-planes of all vehicles; with more, one stands for several samples
+MIN_M_S2 = 0.15  # weaker interventions are not drawn
+MAX_ROWS = 8_000  # most half-planes of all vehicles; with more, one stands for several samples
 # steps to which the report rounds
 _ANGLE_RAD = 0.001
 _ACCELERATION_M_S2 = 0.005
@@ -32,7 +32,7 @@ def law_columns(flight: Flight, grid_s: Array, max_gap_s: float) -> Iterator[Col
         name: _samples(vehicle, grid_s, max_gap_s) for name, vehicle in flight.vehicles.items()
     }
     count = sum(samples.size for samples, _ in interventions.values())
-    samples_per_row = max(1, math.ceil(count / MOST_ROWS))
+    samples_per_row = max(1, math.ceil(count / MAX_ROWS))
 
     for number, (name, (samples, ticks)) in enumerate(interventions.items()):
         directions_rad = np.full(grid_s.size, np.nan)
@@ -57,6 +57,6 @@ def _samples(vehicle: VehicleFlight, grid_s: Array, max_gap_s: float) -> tuple[I
     before = np.searchsorted(ticks.time_s, grid_s, side="right") - 1  # tick; -1 if there is none
     is_known = (before >= 0) & (grid_s - ticks.time_s[before] <= max_gap_s)
     avoids_somebody = ticks.avoided[before] >= 0.0  # the neighbour's number; -1: nobody
-    intervenes = (ticks.intervention_m_s2[before] >= LEAST_M_S2) & avoids_somebody
+    intervenes = (ticks.intervention_m_s2[before] >= MIN_M_S2) & avoids_somebody
     samples = np.flatnonzero(is_known & intervenes)
     return samples, before[samples]

@@ -39,7 +39,7 @@ from onboard.config.flight_space import flight_space_of
 from onboard.plain_text import plain_line, plain_lines
 
 FORMAT = 1
-MOST_SAMPLES = 150_000  # most samples of a curve, all vehicles together
+MAX_SAMPLES = 150_000  # most samples of a curve, all vehicles together
 STEPS_S = (0.02, 0.04, 0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0, 30.0, 60.0)
 MAX_EVENTS = 5_000
 MAX_PAIRS = 4_950  # number of pairs of a hundred vehicles
@@ -116,9 +116,9 @@ def payload(
 
 
 def _step_s(flight: Flight) -> float:
-    """Return the finest step with which a curve of all vehicles has at most MOST_SAMPLES."""
+    """Return the finest step with which a curve of all vehicles has at most MAX_SAMPLES."""
     for step_s in STEPS_S:
-        if len(flight.vehicles) * flight.length_s / step_s <= MOST_SAMPLES:
+        if len(flight.vehicles) * flight.length_s / step_s <= MAX_SAMPLES:
             return step_s
     return STEPS_S[-1]
 

@@ -20,7 +20,7 @@ from groundstation.report.columns import Column, packed
 from onboard.arrays import Array
 from onboard.plain_text import plain_line
 
-MOST_TEXTS = 1_000  # most messages, and most mode changes, of one vehicle
+MAX_TEXTS = 1_000  # most messages, and most mode changes, of one vehicle
 _ANGLE_DEG = 0.02
 _METRE = 0.001
 _VOLT = 0.005
@@ -81,11 +81,11 @@ def px4_header(found: FoundLogs, names: tuple[str, ...]) -> list[dict[str, Any]]
             "about": [[key, value] for key, value in flight_log.log.about.items()],
             "modes": [
                 [round(flight_log.on_record_s(time_s), 2), mode]
-                for time_s, mode in modes(flight_log.log.status)[:MOST_TEXTS]
+                for time_s, mode in modes(flight_log.log.status)[:MAX_TEXTS]
             ],
             "texts": [
                 [round(text.time_s, 3), plain_line(text.level), text.text]
-                for text in flight_log.texts[:MOST_TEXTS]
+                for text in flight_log.texts[:MAX_TEXTS]
             ],
         }
         for name, flight_log in found.logs.items()

@@ -313,7 +313,7 @@ globalThis.Covey ??= {};
       Covey.flightCharts[this.view](this._chartView(), grid);
       if (this.view === "px4") this._content.append(...Covey.views.px4(this, this._chosenVehicles()));
       if (this.view === "distances" && this.flight.pairs.length) {
-        this._content.append(Covey.views.pairsCard(this, Covey.views.MOST_ROWS));
+        this._content.append(Covey.views.pairsCard(this, Covey.views.MAX_ROWS));
       }
     }
 

@@ -7,7 +7,7 @@ globalThis.Covey ??= {};
 
 (() => {
   const { element, table, number, clock } = Covey;
-  const MOST_ROWS = 30;
+  const MAX_ROWS = 30;
   const SIGNS = { critical: "✗", warning: "!", info: "·", debug: "·" };
 
   /* Returns the name of a vehicle with its colour beside it. */
@@ -449,5 +449,5 @@ globalThis.Covey ??= {};
     return typeof value === "string" ? value : "";
   }
 
-  Covey.views = { overview, events, setup, px4, pairsCard, pairLink, story, badge, vehicleName, MOST_ROWS };
+  Covey.views = { overview, events, setup, px4, pairsCard, pairLink, story, badge, vehicleName, MAX_ROWS };
 })();

@@ -13,8 +13,8 @@ globalThis.Covey ??= {};
 
 (() => {
   const FIELD_OF_VIEW_RAD = (38 * Math.PI) / 180;
-  const LEAST_DISTANCE_M = 0.5;
-  const MOST_DISTANCE_M = 5000;
+  const MIN_DISTANCE_M = 0.5;
+  const MAX_DISTANCE_M = 5000;
   const HIGHEST_RAD = Math.PI / 2 - 0.001; // straight from above
 
   function multiply(a, b) {
@@ -67,7 +67,7 @@ globalThis.Covey ??= {};
       const radius_m = Math.hypot(...least.map((value, axis) => most[axis] - value)) / 2;
       const narrow = Math.min(1, aspect);
       const needed_m = (Math.max(radius_m, 0.8) / Math.sin(FIELD_OF_VIEW_RAD / 2) / narrow) * 1.04;
-      this.distance_m = limited(needed_m, LEAST_DISTANCE_M, MOST_DISTANCE_M);
+      this.distance_m = limited(needed_m, MIN_DISTANCE_M, MAX_DISTANCE_M);
     }
 
     /* Returns right, up and backwards of the picture, in the fleet's frame. */
@@ -114,7 +114,7 @@ globalThis.Covey ??= {};
     }
 
     zoom(factor) {
-      this.distance_m = limited(this.distance_m * factor, LEAST_DISTANCE_M, MOST_DISTANCE_M);
+      this.distance_m = limited(this.distance_m * factor, MIN_DISTANCE_M, MAX_DISTANCE_M);
     }
 
     lookFromAbove() {

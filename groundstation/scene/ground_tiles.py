@@ -22,11 +22,11 @@ from onboard.config.fleet import ConfigError, FleetConfig
 from onboard.plain_text import plain_line
 
 ATTRIBUTION_NAME = "attribution.txt"
-MOST_TILES = 64
-MOST_BYTES = 8_000_000  # most bytes of all tiles together
-_MOST_ZOOM = 24
-_MOST_SIDE_PX = 1024
-_MOST_LETTERS = 200  # most letters of the attribution
+MAX_TILES = 64
+MAX_BYTES = 8_000_000  # most bytes of all tiles together
+_MAX_ZOOM = 24
+_MAX_SIDE_PX = 1024
+_MAX_LETTERS = 200  # most letters of the attribution
 _MARGIN_SHARE = 0.15  # margin around the fence, as a share of its size
 _MERCATOR_LATITUDE_DEG = 85.05  # largest latitude with tiles in Web Mercator
 _PNG_BEGIN = b"\x89PNG\r\n\x1a\n"
@@ -82,7 +82,7 @@ def read_ground_tiles(folder: Path, fleet: FleetConfig) -> GroundTiles:
     if not present:
         raise ConfigError(_no_tiles_words(folder, fleet, origin))
 
-    bytes_left = MOST_BYTES
+    bytes_left = MAX_BYTES
     tiles = []
     for address in present:
         png = _png(_path_of(folder, address))
@@ -90,7 +90,7 @@ def read_ground_tiles(folder: Path, fleet: FleetConfig) -> GroundTiles:
         if bytes_left < 0:
             raise ConfigError(
                 f"--tiles {folder}: the tiles of zoom {address.zoom} that cover the fence have more"
-                f" than {MOST_BYTES // 1_000_000} MB. Leave this zoom out of the folder, or pack "
+                f" than {MAX_BYTES // 1_000_000} MB. Leave this zoom out of the folder, or pack "
                 "its tiles smaller."
             )
         tiles.append(GroundTile(corners_enu_m=_corners(address, origin), png=png))
@@ -124,7 +124,7 @@ def _wanted(folder: Path, fleet: FleetConfig, origin: Origin) -> list[_Address]:
     """Return the tiles that cover the fence, of the finest zoom whose tiles exist and are few."""
     for zoom in sorted(_zooms(folder), reverse=True):
         addresses = list(_covering(zoom, fleet, origin))
-        if len(addresses) > MOST_TILES:
+        if len(addresses) > MAX_TILES:
             continue
         if any(_path_of(folder, address).exists() for address in addresses):
             return addresses
@@ -134,12 +134,12 @@ def _wanted(folder: Path, fleet: FleetConfig, origin: Origin) -> list[_Address]:
 def _zooms(folder: Path) -> Iterator[int]:
     for path in folder.iterdir():
         is_number = path.name.isascii() and path.name.isdigit() and len(path.name) < 3
-        if is_number and int(path.name) <= _MOST_ZOOM and path.is_dir():
+        if is_number and int(path.name) <= _MAX_ZOOM and path.is_dir():
             yield int(path.name)
 
 
 def _covering(zoom: int, fleet: FleetConfig, origin: Origin) -> Iterator[_Address]:
-    """Yield the tiles of a zoom that touch the fence, at most one more than MOST_TILES."""
+    """Yield the tiles of a zoom that touch the fence, at most one more than MAX_TILES."""
     count = 2**zoom
     corners = [_column_and_row(origin, corner, count) for corner in _fence_corners(fleet)]
     x_middle, _ = _column_and_row(origin, (0.0, 0.0), count)
@@ -157,7 +157,7 @@ def _covering(zoom: int, fleet: FleetConfig, origin: Origin) -> Iterator[_Addres
         for y in range(first_y, last_y + 1):
             yield _Address(zoom=zoom, x=x % count, y=y)
             yielded += 1
-            if yielded > MOST_TILES:
+            if yielded > MAX_TILES:
                 return
 
 
@@ -200,7 +200,7 @@ def _path_of(folder: Path, address: _Address) -> Path:
 
 def _no_tiles_words(folder: Path, fleet: FleetConfig, origin: Origin) -> str:
     """Return the refusal of a folder without a tile at the fence, with a tile that would do."""
-    zooms = [zoom for zoom in range(_MOST_ZOOM + 1) if _is_few(zoom, fleet, origin)]
+    zooms = [zoom for zoom in range(_MAX_ZOOM + 1) if _is_few(zoom, fleet, origin)]
     finest = next(_covering(zooms[-1], fleet, origin))
     return (
         f"--tiles {folder}: no tile of it covers the fence. Put the tiles of one zoom, "
@@ -210,8 +210,8 @@ def _no_tiles_words(folder: Path, fleet: FleetConfig, origin: Origin) -> str:
 
 
 def _is_few(zoom: int, fleet: FleetConfig, origin: Origin) -> bool:
-    """Return whether at most MOST_TILES tiles of a zoom cover the fence."""
-    return len(list(_covering(zoom, fleet, origin))) <= MOST_TILES
+    """Return whether at most MAX_TILES tiles of a zoom cover the fence."""
+    return len(list(_covering(zoom, fleet, origin))) <= MAX_TILES
 
 
 # -- files -----------------------------------------------------------------------------------------
@@ -225,9 +225,9 @@ def _png(path: Path) -> bytes:
 
     # The size follows the signature and the start of the first chunk.
     width_px, height_px = struct.unpack(">II", data[16:_HEADER_BYTES])
-    if not 1 <= width_px <= _MOST_SIDE_PX or not 1 <= height_px <= _MOST_SIDE_PX:
+    if not 1 <= width_px <= _MAX_SIDE_PX or not 1 <= height_px <= _MAX_SIDE_PX:
         raise ConfigError(
-            f"{path} has {width_px} x {height_px} pixels; {_MOST_SIDE_PX} a side are the most."
+            f"{path} has {width_px} x {height_px} pixels; {_MAX_SIDE_PX} a side are the most."
             " Export tiles of 256 or 512."
         )
     return data
@@ -237,4 +237,4 @@ def _attribution(folder: Path) -> str:
     path = folder / ATTRIBUTION_NAME
     if not path.exists():
         return ""
-    return plain_line(" ".join(read_text(path, TILE_ATTRIBUTION).split()))[:_MOST_LETTERS]
+    return plain_line(" ".join(read_text(path, TILE_ATTRIBUTION).split()))[:_MAX_LETTERS]

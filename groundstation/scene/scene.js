@@ -23,16 +23,16 @@ globalThis.Covey ??= {};
   const LINES_A_ROW = 512; // of the texture that holds the lines
   const BODY_NUMBERS = 12; // position of 3, quaternion of 4, colour and opacity of 4, scale
   const RING_CORNERS = 48; // of a large one
-  const LEAST_RING_CORNERS = 8;
-  const LEAST_BODY_PX = 17;
+  const MIN_RING_CORNERS = 8;
+  const MIN_BODY_PX = 17;
   const FAR_BODY_PX = 40; // a smaller body is drawn in its simple shape
   const RECTANGLE = [0, 1, 2, 2, 1, 3]; // the corners of its two triangles
   const SHAPES = ["near", "far"];
-  const MOST_PIXELS_PER_POINT = 2;
+  const MAX_PIXELS_PER_POINT = 2;
   const PICTURE_OPACITY = 0.75;
   const CREDIT_MARGIN_PX = 6;
   const HALO_PX = 4;
-  const MOST_WRITINGS = 1000;
+  const MAX_WRITINGS = 1000;
 
   const LINE_VERTEX = `#version 300 es
     // A line is a rectangle of two triangles, turned towards the picture. Its numbers come from a
@@ -327,7 +327,7 @@ globalThis.Covey ??= {};
       this._width_px = this._canvas.clientWidth;
       this._height_px = this._canvas.clientHeight;
 
-      const ratio = Math.min(globalThis.devicePixelRatio || 1, MOST_PIXELS_PER_POINT);
+      const ratio = Math.min(globalThis.devicePixelRatio || 1, MAX_PIXELS_PER_POINT);
       const width_px = Math.max(1, Math.round(this._width_px * ratio));
       const height_px = Math.max(1, Math.round(this._height_px * ratio));
       for (const canvas of [this._canvas, this._overlay]) {
@@ -388,7 +388,7 @@ globalThis.Covey ??= {};
       // With so many corners a ring of this size is off a circle by less than a third of a pixel.
       const radius_px = radius_m * this._pixelsPerMetreAt(middle);
       const corners = Math.ceil(
-        Math.min(Math.max(4 * Math.sqrt(radius_px), LEAST_RING_CORNERS), RING_CORNERS),
+        Math.min(Math.max(4 * Math.sqrt(radius_px), MIN_RING_CORNERS), RING_CORNERS),
       );
 
       let last = null;
@@ -473,7 +473,7 @@ globalThis.Covey ??= {};
      */
     body(position, quaternion, colour, { opacity = 1, diameter_m = 0.5 } = {}) {
       const pixelsPerMetre = this._pixelsPerMetreAt(position);
-      const scale_m = Math.max(diameter_m, LEAST_BODY_PX / pixelsPerMetre) / 2;
+      const scale_m = Math.max(diameter_m, MIN_BODY_PX / pixelsPerMetre) / 2;
 
       const bodiesOfKind = opacity < 1 ? this._ghosts : this._solid;
       const isFar = diameter_m * pixelsPerMetre < FAR_BODY_PX;
@@ -579,7 +579,7 @@ globalThis.Covey ??= {};
           if (!middle) continue;
           context.fillStyle = style(written.subarray(at + 7, at + 10), written[at + 10]);
           context.beginPath();
-          context.arc(middle[0], middle[1], LEAST_BODY_PX / 2, 0, 2 * Math.PI);
+          context.arc(middle[0], middle[1], MIN_BODY_PX / 2, 0, 2 * Math.PI);
           context.fill();
         }
       }
@@ -639,7 +639,7 @@ globalThis.Covey ??= {};
       };
       const key = [label.text, ...Object.values(style)].join("\n");
       if (!this._kept.has(key)) {
-        if (this._kept.size >= MOST_WRITINGS) this._kept.clear();
+        if (this._kept.size >= MAX_WRITINGS) this._kept.clear();
         this._kept.set(key, writing(label.text, size_px, style));
       }
       return this._kept.get(key);

@@ -49,13 +49,13 @@ _SLOWEST = 4.0  # a show that would have to be slowed by a larger factor is refu
 _ASSIGN_ABOVE_M = 0.5
 
 # bounds of a vertical separation that is proposed if heights would keep vehicles apart
-_MOST_VERTICAL_M = 4.0
-_LEAST_VERTICAL_M = 1.5
+_MAX_VERTICAL_M = 4.0
+_MIN_VERTICAL_M = 1.5
 _SHARE_OF_HEIGHT = 0.6
 
 # starts are delayed in steps, one vehicle in each round
 _SPREAD_STEP_S = 0.5
-_MOST_SPREAD_S = 4.0
+_MAX_SPREAD_S = 4.0
 _SPREAD_ROUNDS = 24  # number of rounds at most
 
 
@@ -345,7 +345,7 @@ def _spread_starts(flyable: Converted, spacing_m: float, height_share: float) ->
         nearest = pairs[0]
         delayed = max((nearest.first, nearest.second), key=lambda name: (delays_s[name], name))
         delays_s[delayed] += _SPREAD_STEP_S
-        if delays_s[delayed] > _MOST_SPREAD_S:
+        if delays_s[delayed] > _MAX_SPREAD_S:
             break
 
         first_position = np.array(flyable.paths[delayed].pieces[0][1::8])
@@ -384,8 +384,8 @@ def _spread_starts(flyable: Converted, spacing_m: float, height_share: float) ->
 def _vertical_proposal(pairs: Sequence[ClosestApproach], height_share: float) -> str:
     """Return words that propose a vertical separation; empty if it would not keep pairs apart."""
     least_m = min(pair.height_m for pair in pairs)
-    vertical_m = min(_MOST_VERTICAL_M, math.floor(10.0 * _SHARE_OF_HEIGHT * least_m) / 10.0)
-    if height_share or vertical_m < _LEAST_VERTICAL_M:
+    vertical_m = min(_MAX_VERTICAL_M, math.floor(10.0 * _SHARE_OF_HEIGHT * least_m) / 10.0)
+    if height_share or vertical_m < _MIN_VERTICAL_M:
         return ""
     return (
         f" Or use their heights, which differ by {least_m:.1f} m or more there: "

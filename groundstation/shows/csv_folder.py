@@ -14,7 +14,7 @@ from groundstation.paths.lights import TimedColour
 from groundstation.paths.path_files import load_path, read_columns
 from groundstation.shows.geographic import Places, origin_of, path_of_places, read_places
 from groundstation.shows.show import (
-    MOST_DRONES,
+    MAX_DRONES,
     Drone,
     Show,
     begin_of_path_s,
@@ -30,7 +30,7 @@ from onboard.plain_text import listed, natural_sort_key
 
 _COLOURS = ("red", "green", "blue")
 _MIB = 2**20
-_MOST_BYTES = 256 * _MIB  # all CSVs together: 200 drones, 10 minutes, 40 lines in a second
+_MAX_BYTES = 256 * _MIB  # all CSVs together: 200 drones, 10 minutes, 40 lines in a second
 
 
 def read_csv_zip(file: FilePath) -> Show:
@@ -45,7 +45,7 @@ def read_csv_zip(file: FilePath) -> Show:
     with tempfile.TemporaryDirectory(prefix="covey-csvs-") as name:
         folder = FilePath(name) / file.stem
         folder.mkdir()
-        unpack(file, folder, ending=".csv", most_members=MOST_DRONES, most_bytes=_MOST_BYTES)
+        unpack(file, folder, ending=".csv", most_members=MAX_DRONES, most_bytes=_MAX_BYTES)
         try:
             return read_folder(folder)
         except ConfigError as error:
@@ -66,19 +66,18 @@ def read_folder(folder: FilePath) -> Show:
     """
     csvs = [file for file in folder.iterdir() if file.suffix.lower() == ".csv"]
     files = sorted(csvs, key=lambda file: natural_sort_key(file.stem))
-    if not 1 <= len(files) <= MOST_DRONES:
+    if not 1 <= len(files) <= MAX_DRONES:
         raise ConfigError(
-            f"{folder}: it has {len(files)} CSVs; a show has 1 to {MOST_DRONES}, one for each "
-            "drone."
+            f"{folder}: it has {len(files)} CSVs; a show has 1 to {MAX_DRONES}, one for each drone."
         )
 
     places = {file: read_places(file) for file in files}
     if any(places.values()):
         return _geographic_show(folder, places)
 
-    if sum(file.stat().st_size for file in files) > _MOST_BYTES:
+    if sum(file.stat().st_size for file in files) > _MAX_BYTES:
         raise ConfigError(
-            f"{folder}: its CSVs have more than {_MOST_BYTES // _MIB} MB together. Export the show "
+            f"{folder}: its CSVs have more than {_MAX_BYTES // _MIB} MB together. Export the show "
             "with fewer lines a second."
         )
 

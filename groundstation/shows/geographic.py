@@ -16,7 +16,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from groundstation.paths.path_files import LONGEST_LINE, MOST_LINES
+from groundstation.paths.path_files import LONGEST_LINE, MAX_LINES
 from groundstation.paths.pieces import fitted
 from onboard.arrays import Array
 from onboard.config.file_reading import CSV_FILE, read_text
@@ -72,9 +72,9 @@ def read_places(file: FilePath) -> Places | None:
             f"{file}: it has latitude and longitude, but no column of {' and '.join(missing)}. "
             "Name one 'time' or 'altitude' in the first line."
         )
-    if not 3 <= len(lines) <= MOST_LINES or max(len(line) for _, line in lines) > LONGEST_LINE:
+    if not 3 <= len(lines) <= MAX_LINES or max(len(line) for _, line in lines) > LONGEST_LINE:
         raise ConfigError(
-            f"{file}: {len(lines) - 1} places are no path; it has 2 to {MOST_LINES} lines of at "
+            f"{file}: {len(lines) - 1} places are no path; it has 2 to {MAX_LINES} lines of at "
             f"most {LONGEST_LINE} letters below the line of names."
         )
 

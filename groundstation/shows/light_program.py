@@ -8,7 +8,7 @@ from groundstation.paths.lights import TimedColour
 
 _FRAME_S = 0.02  # a frame, the unit of durations: 50 in a second
 # executed commands, including repetitions: ten in a second for half an hour
-_MOST_COMMANDS = 20_000
+_MAX_COMMANDS = 20_000
 
 # commands
 _END = 0
@@ -36,7 +36,7 @@ def colours(data: bytes) -> tuple[TimedColour, ...]:
     loops: list[_Loop] = []
     now_s = 0.0
 
-    for _ in range(_MOST_COMMANDS):
+    for _ in range(_MAX_COMMANDS):
         command = reader.byte() if reader.has_more else _END
         last_colour = lights[-1][1:]
 

@@ -14,11 +14,11 @@ import numpy as np
 from groundstation.paths.lights import TimedColour
 from groundstation.paths.pieces import GRID_S, fitted
 from onboard.config.fleet import ConfigError, Origin
-from onboard.control.path import MOST_JUMP_M, MOST_JUMP_M_S, Path, jumps, path_of, sampled
+from onboard.control.path import MAX_JUMP_M, MAX_JUMP_M_S, Path, jumps, path_of, sampled
 from onboard.tuples import Xyz
 
-MOST_DRONES = 200
-MOST_LIGHTS = 1_000_000  # colours of all drones together
+MAX_DRONES = 200
+MAX_LIGHTS = 1_000_000  # colours of all drones together
 
 # a path that exceeds these bounds is not in metres and seconds
 _FAR_M = 2000.0
@@ -56,13 +56,13 @@ def check_light_count(name: str, drones: Sequence[Drone]) -> None:
         drones: drones that were read so far.
 
     Raises:
-        ConfigError: there are more than MOST_LIGHTS colours.
+        ConfigError: there are more than MAX_LIGHTS colours.
     """
     count = sum(len(drone.lights) for drone in drones)
-    if count > MOST_LIGHTS:
+    if count > MAX_LIGHTS:
         raise ConfigError(
             f"{name}: the light programs of {len(drones)} drones set {count} colours; "
-            f"{MOST_LIGHTS} are the most for a whole show. Export it with simpler lights."
+            f"{MAX_LIGHTS} are the most for a whole show. Export it with simpler lights."
         )
 
 
@@ -100,12 +100,12 @@ def smooth(path: Path) -> Path:
         ValueError: its position jumps between two pieces.
     """
     jump_m, jump_m_s = jumps(path).max(axis=1, initial=0.0)
-    if jump_m > MOST_JUMP_M:
+    if jump_m > MAX_JUMP_M:
         raise ValueError(
-            f"its position jumps by {jump_m:.2f} m from one piece to the next; {MOST_JUMP_M:g} m "
+            f"its position jumps by {jump_m:.2f} m from one piece to the next; {MAX_JUMP_M:g} m "
             "are the most. Export the show again."
         )
-    if jump_m_s <= MOST_JUMP_M_S:
+    if jump_m_s <= MAX_JUMP_M_S:
         return path
 
     times_s = np.linspace(0.0, path.duration_s, math.ceil(path.duration_s / GRID_S) + 1)

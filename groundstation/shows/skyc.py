@@ -30,7 +30,7 @@ from groundstation.paths.lights import TimedColour
 from groundstation.paths.pieces import divided, turned
 from groundstation.shows.light_program import colours
 from groundstation.shows.show import (
-    MOST_DRONES,
+    MAX_DRONES,
     Drone,
     Show,
     begin_of_path_s,
@@ -40,24 +40,24 @@ from groundstation.shows.show import (
 )
 from groundstation.shows.zip_members import DAMAGES, PACKINGS, refuse_many_members
 from onboard.config.file_reading import (
-    MOST_JSON_VALUES,
+    MAX_JSON_VALUES,
     SHOW_FILE,
     json_size,
     json_values,
     opened,
 )
 from onboard.config.fleet import ConfigError, Origin
-from onboard.control.path import MOST_PIECES, Path, path_of
+from onboard.control.path import MAX_PIECES, Path, path_of
 from onboard.plain_text import listed
 from onboard.tuples import Xyz
 
-_MOST_BYTES = 67_108_864  # unpacked size of all members that are read
+_MAX_BYTES = 67_108_864  # unpacked size of all members that are read
 _DEEPEST = 20  # levels of references and tables within each other
 
 _LONGEST_NAME = 200  # letters of a show's and a drone's name
 _HIGHEST_M = 10_000.0  # altitude of a show's origin
 _EAST_DEG = 90.0  # compass direction of the fleet's x axis
-_MOST_YAW_DEG = 360_000.0  # a thousand turns
+_MAX_YAW_DEG = 360_000.0  # a thousand turns
 
 
 def read_skyc(file: str | os.PathLike[str]) -> Show:
@@ -93,8 +93,8 @@ class _Members:
     def __init__(self, name: str, archive: zipfile.ZipFile) -> None:
         self._name = name
         self._archive = archive
-        self._bytes_left = _MOST_BYTES
-        self._values_left = MOST_JSON_VALUES
+        self._bytes_left = _MAX_BYTES
+        self._values_left = MAX_JSON_VALUES
         self._read: dict[str, Any] = {}
 
     def read(self, member: str, depth: int = 0) -> Any:
@@ -106,7 +106,7 @@ class _Members:
         self._values_left -= json_size(data)
         if self._values_left < 0:
             raise ConfigError(
-                f"{self._name}: it unpacks to more than {MOST_JSON_VALUES} values: that is no show."
+                f"{self._name}: it unpacks to more than {MAX_JSON_VALUES} values: that is no show."
             )
         value = json_values(data, f"{self._name}: '{member}'")
         self._read[member] = self._resolved(value, posixpath.dirname(member), depth)
@@ -130,7 +130,7 @@ class _Members:
         self._bytes_left -= len(data)
         if self._bytes_left < 0:
             raise ConfigError(
-                f"{self._name}: it unpacks to more than {_MOST_BYTES >> 20} MB: that is no show."
+                f"{self._name}: it unpacks to more than {_MAX_BYTES >> 20} MB: that is no show."
             )
         return data
 
@@ -184,8 +184,8 @@ def _show(name: str, data: Any) -> Show:
             f"{name}: show.json has version {data.get('version')!r}; version 1 can be read."
         )
     drones = _table(data, "swarm").get("drones")
-    if not isinstance(drones, list) or not 1 <= len(drones) <= MOST_DRONES:
-        raise ConfigError(f"{name}: 'swarm.drones' must list 1 to {MOST_DRONES} drones.")
+    if not isinstance(drones, list) or not 1 <= len(drones) <= MAX_DRONES:
+        raise ConfigError(f"{name}: 'swarm.drones' must list 1 to {MAX_DRONES} drones.")
 
     environment = _table(data, "environment")
     location = _table(environment, "location")
@@ -334,9 +334,9 @@ def _pieces(subject: str, points: Any) -> tuple[float, list[list[float]], Xyz]:
     """Return the time of the first point, the pieces of the path, and the first position."""
     if not isinstance(points, list) or len(points) < 2:
         raise ConfigError(f"{subject}: its trajectory has fewer than two points: it is no path.")
-    if len(points) > MOST_PIECES + 1:
+    if len(points) > MAX_PIECES + 1:
         raise ConfigError(
-            f"{subject}: its trajectory has {len(points)} points; {MOST_PIECES + 1} are the most "
+            f"{subject}: its trajectory has {len(points)} points; {MAX_PIECES + 1} are the most "
             "that a vehicle can hold. Export the show with fewer."
         )
 
@@ -400,18 +400,18 @@ def _with_yaw(subject: str, path: Path, begin_s: float, control: dict[str, Any])
                 f"{subject}: yaw setpoint {k}: its time is earlier than the one before. Export the "
                 "show again."
             )
-        if abs(yaws_deg[k]) > _MOST_YAW_DEG:
+        if abs(yaws_deg[k]) > _MAX_YAW_DEG:
             raise ConfigError(
                 f"{subject}: yaw setpoint {k} is {yaws_deg[k]:g} degrees; at most"
-                f" {_MOST_YAW_DEG:g} are read. Export the show again."
+                f" {_MAX_YAW_DEG:g} are read. Export the show again."
             )
 
     # setpoints before the path and after it end no piece
     inner_s = np.unique(times_s) - begin_s
     inner_s = inner_s[(inner_s > 0.0) & (inner_s < path.duration_s)]
-    if len(inner_s) > MOST_PIECES:
+    if len(inner_s) > MAX_PIECES:
         raise ConfigError(
-            f"{subject}: it has {len(inner_s)} yaw setpoints; {MOST_PIECES} are the most that a "
+            f"{subject}: it has {len(inner_s)} yaw setpoints; {MAX_PIECES} are the most that a "
             "vehicle can hold. Export the show with fewer."
         )
     pieces = divided(path, inner_s)

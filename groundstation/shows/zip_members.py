@@ -14,7 +14,7 @@ from onboard.config.file_reading import SHOW_FILE, opened
 from onboard.config.fleet import ConfigError
 
 PACKINGS = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)  # others may need gigabytes of memory
-_MOST_MEMBERS = 20_000
+_MAX_MEMBERS = 20_000
 # What zipfile raises for a file that is no zip or is damaged; a name in it that is no UTF-8 is a
 # ValueError.
 DAMAGES = (
@@ -54,9 +54,9 @@ def refuse_many_members(name: str, stream: BinaryIO) -> None:
     # The stated number may be false, so the length of the list is limited, too. A name and further
     # fields make a member up to four times as long as the least.
     *_, count, list_bytes, _, _ = _ZIP_END.unpack_from(tail, begin)
-    if count > _MOST_MEMBERS or list_bytes > 4 * _MEMBER_BYTES * _MOST_MEMBERS:
+    if count > _MAX_MEMBERS or list_bytes > 4 * _MEMBER_BYTES * _MAX_MEMBERS:
         raise ConfigError(
-            f"{name}: it is a zip of more than {_MOST_MEMBERS} members: that is no show. Export it "
+            f"{name}: it is a zip of more than {_MAX_MEMBERS} members: that is no show. Export it "
             "again."
         )
 

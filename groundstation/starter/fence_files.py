@@ -15,7 +15,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from onboard.config.fences import MOST_CORNERS, MOST_FENCES, Fence, FenceCircle
+from onboard.config.fences import MAX_CORNERS, MAX_FENCES, Fence, FenceCircle
 from onboard.config.file_reading import FENCE_FILE, json_values, read_bytes
 from onboard.config.fleet import ConfigError
 
@@ -65,8 +65,8 @@ def read_fences(
 
     if not found:
         raise ConfigError(f"{name} has no fence. Draw one, and save it again.")
-    if len(found) > MOST_FENCES:
-        raise ConfigError(f"{name} has {len(found)} fences; {MOST_FENCES} are the most.")
+    if len(found) > MAX_FENCES:
+        raise ConfigError(f"{name} has {len(found)} fences; {MAX_FENCES} are the most.")
     areas_to_stay_in = [fence for fence in found if fence.keep == "in"]
     if len(areas_to_stay_in) > 1:
         raise ConfigError(
@@ -280,9 +280,9 @@ def _swapped(place: Any, where: str) -> Degrees:
 def _ring(value: Any, where: str) -> list[Any]:
     """Return the corners of a polygon, the first of which may be repeated at the end."""
     corners = _items(value, where)
-    if len(corners) > MOST_CORNERS + 1:
+    if len(corners) > MAX_CORNERS + 1:
         raise ConfigError(
-            f"{where} has {len(corners)} corners; {MOST_CORNERS} are the most. Leave out those "
+            f"{where} has {len(corners)} corners; {MAX_CORNERS} are the most. Leave out those "
             "that a straight edge can join."
         )
     return corners

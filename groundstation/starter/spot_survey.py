@@ -16,7 +16,7 @@ import numpy as np
 from onboard.config.fleet import ConfigError, FleetConfig, parking_distance_m
 from onboard.tuples import Xyz
 
-LEAST_SAMPLES = 5
+MIN_SAMPLES = 5
 
 
 class SurveyedSpot(NamedTuple):
@@ -49,9 +49,9 @@ def surveyed(
         positions_m = np.array(reported, np.float64).reshape(-1, 3)[:, :2]
         positions_m = positions_m[np.isfinite(positions_m).all(axis=-1)]
         samples = len(positions_m)
-        if samples < LEAST_SAMPLES:
+        if samples < MIN_SAMPLES:
             raise ConfigError(
-                f"{name} has reported {samples} positions; {LEAST_SAMPLES} are the least. "
+                f"{name} has reported {samples} positions; {MIN_SAMPLES} are the least. "
                 "Survey for longer, and see covey check vehicles."
             )
         east_m, north_m = positions_m.mean(axis=0)

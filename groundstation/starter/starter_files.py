@@ -42,7 +42,7 @@ NOT_POSITIONS = {
 }
 HERE = "here"  # answer for the companions if agents and PX4s run on this machine
 MOST = 200  # vehicles; MAVLink has 255 system ids, and other programs use some of them
-_MOST_AT_50_HZ = 8  # vehicles that can send all their states over one radio channel
+_MAX_AT_50_HZ = 8  # vehicles that can send all their states over one radio channel
 _FIRST_PORT = 7460  # port of the first agent
 _FIRST_DIRECT_PORT = 18570  # port of the first PX4 past its companion
 
@@ -223,7 +223,7 @@ def _toml_text(text: str) -> str:
 
 
 def _radio(answers: Answers) -> list[str]:
-    if answers.companions == HERE or answers.vehicles <= _MOST_AT_50_HZ:
+    if answers.companions == HERE or answers.vehicles <= _MAX_AT_50_HZ:
         return []
     return [
         "",

@@ -35,7 +35,7 @@ from onboard.exit_status import (
 )
 from onboard.plain_text import listed
 
-_MOST_LOOPS = 4  # the loop periods of up to this many vehicles are all stated; of more, the longest
+_MAX_LOOPS = 4  # the loop periods of up to this many vehicles are all stated; of more, the longest
 _LAW_REFUSED = "own-law-refused"  # code of the event of an agent that flies Covey's law instead
 
 
@@ -294,7 +294,7 @@ def _loop_sentence(loops: Mapping[str, LoopTiming]) -> str:
     """Return the loop period of each vehicle in words; of many vehicles the longest one."""
     periods_ms = {name: loop.period_p99_ms for name, loop in loops.items()}
     words = [f"{name} {period_ms:.1f} ms" for name, period_ms in periods_ms.items()]
-    if len(words) > _MOST_LOOPS:
+    if len(words) > _MAX_LOOPS:
         slowest = max(periods_ms, key=lambda name: periods_ms[name])
         words = [f"at most {periods_ms[slowest]:.1f} ms, {slowest}"]
     nominal = f"nominal {PERIOD_NOMINAL_MS:.0f} ms"

@@ -68,7 +68,7 @@ _COLOURS = (
 _GREY = (0.5, 0.55, 0.6)
 _PERSON = (0.54, 0.35, 0.0)  # as on the pages
 _PERSON_STALE_S = PERSON_STALE_NS * 1e-9
-_LEAST_PERSON_M = 0.1  # a person whose markers lie on the ground is drawn with this height
+_MIN_PERSON_M = 0.1  # a person whose markers lie on the ground is drawn with this height
 _LEVELS = {
     "debug": Log.DEBUG,
     "info": Log.INFO,
@@ -432,7 +432,7 @@ def person_entity(look: PersonLook, stamp_ns: int) -> SceneEntity:
         colour = _GREY
         words += ", not seen"
     x, y, z = look.position_enu_m
-    height_m = max(z, _LEAST_PERSON_M)
+    height_m = max(z, _MIN_PERSON_M)
     entity = _entity(look.name, stamp_ns)
 
     body = entity.cylinders.add(bottom_scale=1.0, top_scale=1.0)

@@ -14,9 +14,9 @@
 (() => {
   const { element, replace, table, number, clock } = Covey;
   const KEPT_S = 600;
-  const MOST_EVENTS = 200;
-  const MOST_ALARMS = 6;
-  const MOST_CARDS = 8;
+  const MAX_EVENTS = 200;
+  const MAX_ALARMS = 6;
+  const MAX_CARDS = 8;
   const RECONNECT_MS = 1000;
   const SILENT_MS = 1500; // without a state: the page says so
   const TABLE_MS = 300; // from one table to the next: a hundred rows are more work than the scene
@@ -266,7 +266,7 @@
 
     const open = state.alarms.filter((alarm) => !seen.has(alarmKey(alarm)));
     const acknowledged = state.alarms.filter((alarm) => seen.has(alarmKey(alarm)));
-    const lines = open.slice(0, MOST_ALARMS).map(alarmLine);
+    const lines = open.slice(0, MAX_ALARMS).map(alarmLine);
     const hidden = open.length - lines.length;
     if (hidden > 0) lines.push(element("div", { className: "soft" }, `and ${hidden} more`));
     if (acknowledged.length) {
@@ -315,7 +315,7 @@
     const sentence = `${signs[event.severity] ?? ""}${event.vehicle}: ${event.sentence}`;
     const list = byId("events");
     list.prepend(element("li", { className: event.severity === "info" ? "soft" : null }, sentence));
-    while (list.children.length > MOST_EVENTS) list.lastChild.remove();
+    while (list.children.length > MAX_EVENTS) list.lastChild.remove();
   }
 
   // -- whom the next order reaches -------------------------------------------------------------------
@@ -385,7 +385,7 @@
 
   function showCards() {
     areCardsDirty = false;
-    const newest = [...cards.values()].sort((a, b) => b.number - a.number).slice(0, MOST_CARDS);
+    const newest = [...cards.values()].sort((a, b) => b.number - a.number).slice(0, MAX_CARDS);
     replace(byId("cards"), newest.map(cardOf));
   }
 

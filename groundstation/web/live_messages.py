@@ -28,7 +28,7 @@ from onboard.config.flight_space import outlines_of
 from onboard.plain_text import plain_line
 
 AHEAD_S = 10.0  # time for which the path of a vehicle is predicted
-_MOST_TEXT = 300  # number of letters of a text at most
+_MAX_TEXT = 300  # number of letters of a text at most
 _STILL_M = 0.05  # no predicted path is shown to a goal that is nearer
 
 PageMessage = dict[str, Any]
@@ -63,9 +63,7 @@ def fleet_message(
             [fence.x[0], fence.y[0], fence.z[0]],
             [fence.x[1], fence.y[1], fence.z[1]],
         ],
-        "areas": [
-            {**area._asdict(), "name": area.name[:_MOST_TEXT]} for area in outlines_of(fleet)
-        ],
+        "areas": [{**area._asdict(), "name": area.name[:_MAX_TEXT]} for area in outlines_of(fleet)],
         "people": [
             {"name": name, "radius_m": person.radius_m} for name, person in fleet.people.items()
         ],
@@ -104,7 +102,7 @@ def state_message(
         "smallest": _separation(state.smallest_truth or state.smallest),
         "alarms": [_alarm(line, now_ns) for line in alarms],
         "control": _control(control),
-        "mission": {"line": plain_line(mission_line)[:_MOST_TEXT], "counts_down": counts_down},
+        "mission": {"line": plain_line(mission_line)[:_MAX_TEXT], "counts_down": counts_down},
     }
 
 
@@ -116,7 +114,7 @@ def event_message(logged: LoggedEvent) -> PageMessage:
         "time_s": logged.received_ns * 1e-9,
         "vehicle": plain_line(event.vehicle),
         "severity": event.severity,
-        "sentence": plain_line(event.sentence)[:_MOST_TEXT],
+        "sentence": plain_line(event.sentence)[:_MAX_TEXT],
     }
 
 
@@ -137,7 +135,7 @@ def _vehicle(view: VehicleView, fleet: FleetConfig, now_ns: int) -> PageMessage:
         quaternion = view.truth.quaternion_enu_flu_wxyz
     message.update(
         state=telemetry.state,
-        reason=plain_line(telemetry.reason)[:_MOST_TEXT],
+        reason=plain_line(telemetry.reason)[:_MAX_TEXT],
         is_armed=view.is_armed,
         is_airborne=view.is_airborne,
         is_flown_by_hand=telemetry.is_flown_by_hand,
@@ -164,7 +162,7 @@ def _vehicle(view: VehicleView, fleet: FleetConfig, now_ns: int) -> PageMessage:
         wind_m_s=[_known(part) for part in telemetry.wind_enu_m_s],
         conditions=without_implied(telemetry.conditions),
         action=telemetry.action,
-        blocks=[plain_line(sentence)[:_MOST_TEXT] for sentence in telemetry.not_ready],
+        blocks=[plain_line(sentence)[:_MAX_TEXT] for sentence in telemetry.not_ready],
         loop_p99_ms=_known(telemetry.loop_period_p99_ms),
         neighbour_age_s=_known(telemetry.neighbour_age_s),
     )
@@ -252,8 +250,8 @@ def _alarm(line: AlarmLine, now_ns: int) -> PageMessage:
         "kind": alarm.kind.value,
         "subject": plain_line(alarm.subject),
         "severity": alarm.severity,
-        "sentence": plain_line(alarm.sentence)[:_MOST_TEXT],
-        "advice": plain_line(alarm.advice)[:_MOST_TEXT],
+        "sentence": plain_line(alarm.sentence)[:_MAX_TEXT],
+        "advice": plain_line(alarm.advice)[:_MAX_TEXT],
         "for_s": line.duration_s(now_ns),
         "count": line.count,
     }

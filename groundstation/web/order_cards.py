@@ -40,7 +40,7 @@ CHECK_S = 0.5  # period of the checks of waiting cards
 MAX_WAITING_S = 120.0  # time after which a card without confirmation is dropped
 _URGENT = ("land", "hold")
 _PAGE = "page"  # the kill latch's key for all pages together
-_MOST_TEXT = 300  # number of letters of a text at most
+_MAX_TEXT = 300  # number of letters of a text at most
 
 
 class OrderCard:
@@ -76,8 +76,8 @@ class OrderCard:
             question = self.question()
             message.update(
                 can_send=not question.reasons,
-                reasons=[plain_line(reason)[:_MOST_TEXT] for reason in question.reasons],
-                figures=[plain_line(line)[:_MOST_TEXT] for line in question.lines],
+                reasons=[plain_line(reason)[:_MAX_TEXT] for reason in question.reasons],
+                figures=[plain_line(line)[:_MAX_TEXT] for line in question.lines],
             )
         prepared = self.prepared
         if self.phase == "previewed" and prepared is not None and prepared.preview is not None:
@@ -94,7 +94,7 @@ class OrderCard:
                 {
                     "vehicle": result.vehicle,
                     "phase": result.phase,
-                    "sentence": plain_line(result.sentence)[:_MOST_TEXT],
+                    "sentence": plain_line(result.sentence)[:_MAX_TEXT],
                 }
                 for result in self.result.results.values()
             ]
@@ -247,7 +247,7 @@ class OrderCards:
         """Show the answer to a mission line; an empty refusal accepts the line."""
         if refusal:
             card.phase = "refused"
-            card.sentences = (plain_line(refusal)[:_MOST_TEXT],)
+            card.sentences = (plain_line(refusal)[:_MAX_TEXT],)
         self._tell(card.message())
 
     def _ask_mission(
@@ -275,7 +275,7 @@ class OrderCards:
         except Exception as error:  # noqa: BLE001 - it is shown; the operator still gives orders
             card.outcome = "failed"
             reason = plain_line(f"The mission broke off: {type(error).__name__}: {error}")
-            card.sentences = (reason[:_MOST_TEXT], "Land with LAND ALL.")
+            card.sentences = (reason[:_MAX_TEXT], "Land with LAND ALL.")
             self._tell(card.message())
             return
         card.outcome = "failed"
@@ -284,7 +284,7 @@ class OrderCards:
                 card.outcome = "passed"
             others = [sentence for sentence in verdict.sentences if sentence != verdict.summary]
             sentences = [verdict.summary, *others]
-            card.sentences = tuple(plain_line(sentence)[:_MOST_TEXT] for sentence in sentences)
+            card.sentences = tuple(plain_line(sentence)[:_MAX_TEXT] for sentence in sentences)
         self._tell(card.message())
 
     # -- steps of a card ---------------------------------------------------------------------------

@@ -30,12 +30,12 @@ from onboard.mocap.bus_source import BusMocap
 from onboard.mocap.factory import source_of
 from onboard.mocap.source import MocapSource
 
-_MOST_EVENTS = 2000  # largest number of messages that wait for a tick
-_MOST_CORRECTIONS = 32  # largest number of frames that wait for a tick
+_MAX_EVENTS = 2000  # largest number of messages that wait for a tick
+_MAX_CORRECTIONS = 32  # largest number of frames that wait for a tick
 _NODES_PER_TICK = 50  # one tick handles at most this many changes of nodes
 # if more states than this are missing, the neighbour was silent or not followed, and none counts as
 # lost
-_MOST_MISSING = 50
+_MAX_MISSING = 50
 
 
 class Inbox:
@@ -63,8 +63,8 @@ class Inbox:
         self.clock = ClockNode(bus)
         # Events are messages of others. If they come in a flood, the newest are kept. Notices of
         # this process are few, and have their own queue so that no event can push them out.
-        self.notices: deque[agent_inputs.AgentInput] = deque(maxlen=_MOST_EVENTS)
-        self.events: deque[agent_inputs.AgentInput] = deque(maxlen=_MOST_EVENTS)
+        self.notices: deque[agent_inputs.AgentInput] = deque(maxlen=_MAX_EVENTS)
+        self.events: deque[agent_inputs.AgentInput] = deque(maxlen=_MAX_EVENTS)
         self._nodes: dict[str, bool] = {}  # changed node -> whether it is present
 
         self._vehicle = vehicle
@@ -93,7 +93,7 @@ class Inbox:
             self._mocap.start()
         if self._takes_corrections:
             self._bus.collect(
-                Topic.CORRECTIONS, "*", self._corrections_received, most=_MOST_CORRECTIONS
+                Topic.CORRECTIONS, "*", self._corrections_received, most=_MAX_CORRECTIONS
             )
         self._bus.watch_alive(self._node_changed)
 
@@ -144,12 +144,12 @@ class Inbox:
         # at the first state of a neighbour, no state is missing
         last_sequence = self._sequences.get(name, sequence - self._state_ticks)
         missing = (sequence - last_sequence) // self._state_ticks - 1
-        if 0 < missing < _MOST_MISSING:
+        if 0 < missing < _MAX_MISSING:
             self._counts.dropped += missing
 
         # A small negative number: a newer state has overtaken this state. A large negative number:
         # the neighbour has restarted its count.
-        is_overtaken = -_MOST_MISSING < missing < 0
+        is_overtaken = -_MAX_MISSING < missing < 0
         if not is_overtaken:
             self._sequences[name] = sequence
 
@@ -209,6 +209,6 @@ class Inbox:
         self._counts.malformed += 1
 
     def _append(self, event: agent_inputs.AgentInput) -> None:
-        if len(self.events) == _MOST_EVENTS:
+        if len(self.events) == _MAX_EVENTS:
             self._counts.dropped += 1  # append removes the oldest event
         self.events.append(event)

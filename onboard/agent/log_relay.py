@@ -22,8 +22,8 @@ from onboard.px4.log_requests import is_allowed
 from onboard.px4.mavsdk_link import Px4Link
 from onboard.px4.packets import Packet, cut, packed
 
-_MOST_REQUESTS = 16  # at most this many requests wait for a tick
-_MOST_ANSWERS = 4000  # at most this many packets of PX4 wait for a tick, about one megabyte
+_MAX_REQUESTS = 16  # at most this many requests wait for a tick
+_MAX_ANSWERS = 4000  # at most this many packets of PX4 wait for a tick, about one megabyte
 _ANSWERS_A_TICK = 60  # at most this many packets are forwarded per tick, about 0.7 MB/s
 _LISTENS_NS = 5_000_000_000  # time after a request for which answers are forwarded
 
@@ -41,16 +41,14 @@ class LogRelay:
         self._name = name
         self._link = link
         self._bus = bus
-        self._requests: deque[Packet] = deque(maxlen=_MOST_REQUESTS)
-        self._answers: deque[bytes] = deque(maxlen=_MOST_ANSWERS)
+        self._requests: deque[Packet] = deque(maxlen=_MAX_REQUESTS)
+        self._answers: deque[bytes] = deque(maxlen=_MAX_ANSWERS)
         self._until_ns = 0  # time until which answers are forwarded
         self._is_listening = False
 
     def start(self) -> None:
         """Receive requests from now on; the bus must be open."""
-        self._bus.collect(
-            Topic.LOG_REQUEST, self._name, self._request_received, most=_MOST_REQUESTS
-        )
+        self._bus.collect(Topic.LOG_REQUEST, self._name, self._request_received, most=_MAX_REQUESTS)
         self._link.on_log_answer = self._answer_received
 
     def step(self, *, is_disarmed: bool, now_ns: int) -> None:

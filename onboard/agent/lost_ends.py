@@ -15,15 +15,15 @@ from onboard.bus.schema import Event
 
 _NOTICED_NS = 1_500_000_000  # the loss of a ground is noticed within this time
 _WAIT_NS = 1_000_000_000  # time after which a ground that is back receives events
-_MOST_ENDS = 8
-_MOST_GROUNDS = 16
+_MAX_ENDS = 8
+_MAX_GROUNDS = 16
 
 
 class LostEnds:
     """Memory of the newest ends of orders, and of the grounds that were lost."""
 
     def __init__(self) -> None:
-        self._ends: deque[tuple[int, Publish]] = deque(maxlen=_MOST_ENDS)  # stamp [ns], event
+        self._ends: deque[tuple[int, Publish]] = deque(maxlen=_MAX_ENDS)  # stamp [ns], event
         # lost ground -> time from which it may have missed ends
         self._missed_from_ns: dict[str, int] = {}
         # One repeat serves all grounds that are back.
@@ -35,7 +35,7 @@ class LostEnds:
         is_repeat_pending = self._repeat_at_ns != 0
 
         if not is_alive:
-            if len(self._missed_from_ns) >= _MOST_GROUNDS:
+            if len(self._missed_from_ns) >= _MAX_GROUNDS:
                 oldest = next(iter(self._missed_from_ns))
                 self._missed_from_ns.pop(oldest)
 

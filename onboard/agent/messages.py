@@ -31,7 +31,7 @@ from onboard.supervision.failsafe_supervisor import FailsafeSupervisor
 from onboard.tuples import Xyz
 from onboard.types import LawStatus, Tick
 
-_MOST_CHARACTERS = 60  # longest text taken from an order
+_MAX_CHARACTERS = 60  # longest text taken from an order
 
 
 class AgentIdentity(Struct, frozen=True):
@@ -290,9 +290,9 @@ def telemetry(
         **_satellite_fields(identity.vehicle, snapshot, now_ns, result.corrections),
         **_taken_order(sources.orders),
         **_counts(counters.messages),
-        disabled_by=flight.disabled_by[:_MOST_CHARACTERS],
+        disabled_by=flight.disabled_by[:_MAX_CHARACTERS],
         stands_in_for=flight.stands_in_for,
-        follows=flight.followed[:_MOST_CHARACTERS],
+        follows=flight.followed[:_MAX_CHARACTERS],
         is_path_paused=flight.is_paused,
         **_path_fields(flight.path),
     )
@@ -350,9 +350,9 @@ def _taken_order(orders: OrderIntake) -> dict[str, Any]:
         return {}
     order = orders.taken.order
     return {
-        "taken_order_id": order.order_id[:_MOST_CHARACTERS],
+        "taken_order_id": order.order_id[:_MAX_CHARACTERS],
         "taken_order_kind": order.kind,
-        "taken_order_from": f"{order.author[:_MOST_CHARACTERS]} ({order.node[:_MOST_CHARACTERS]})",
+        "taken_order_from": f"{order.author[:_MAX_CHARACTERS]} ({order.node[:_MAX_CHARACTERS]})",
     }
 
 

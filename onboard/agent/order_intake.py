@@ -30,7 +30,7 @@ from onboard.flight.types import FlightStep, FlightView
 from onboard.safety.failsafe_table import Action
 from onboard.supervision.failsafe_supervisor import FailsafeSupervisor
 
-_MOST_REPLIES = 200  # number of replies that are remembered
+_MAX_REPLIES = 200  # number of replies that are remembered
 
 # time from the start of a move until its goal is compared; by then all vehicles of a common order
 # have usually announced their goals
@@ -246,6 +246,6 @@ class OrderIntake:
 def _keep(reply: OrderReply, replies: dict[str, OrderReply]) -> None:
     """Remember a reply, and forget the oldest one if there are too many."""
     replies[reply.order_id] = reply
-    if len(replies) > _MOST_REPLIES:
+    if len(replies) > _MAX_REPLIES:
         oldest = next(iter(replies))
         replies.pop(oldest)

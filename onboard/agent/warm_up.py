@@ -20,7 +20,7 @@ from onboard.types import TICK_S
 
 _START_NS = 1_000_000_000  # made-up time of the first tick
 _PERIOD_NS = round(TICK_S * 1e9)
-_MOST_TICKS = 250
+_MAX_TICKS = 250
 _FLYING_TICKS = 50  # the warm-up ends after this number of ticks in flight
 _CLIMB_M_S = 0.4  # speed of the made-up climb
 
@@ -40,7 +40,7 @@ def warm_up(fleet: FleetConfig, name: str) -> bool:
 
     vehicle = _MadeUpVehicle(core)
     flying_ticks = 0
-    for count in range(1, _MOST_TICKS + 1):
+    for count in range(1, _MAX_TICKS + 1):
         vehicle.tick(_START_NS + count * _PERIOD_NS)
         if core.flight.step.situation is Situation.FLYING:
             flying_ticks += 1

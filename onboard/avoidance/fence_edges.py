@@ -42,7 +42,7 @@ from onboard.avoidance.params import ROTATION_NEVER, Capsule, Gains, LawParams
 from onboard.vectors import Vec2, cross_xy, dot_xy, length_xy
 
 MAX_EDGES = 8  # number of edges that count: the nearest
-LEAST_REACH_M = 2.0  # an edge leads a vehicle back that is up to this distance outside
+MIN_REACH_M = 2.0  # an edge leads a vehicle back that is up to this distance outside
 PIVOT_M = 0.5  # least distance of the vehicle from the point about which it turns
 _ON_EDGE_M = 1e-6  # a vehicle nearer to an edge than this is on it; avoids a division by zero
 
@@ -117,7 +117,7 @@ def reach_m(own: Own, gains: Gains) -> float:
     stiffness = gains.static_kappa_1_1_s * gains.kappa_2_1_s
     most_m_s2 = own.radius_m_s2 + length_xy(own.compensation_m_s2)
     from_inside_m = (most_m_s2 + rate * length_xy(own.velocity_m_s)) / stiffness
-    return max(from_inside_m, LEAST_REACH_M)
+    return max(from_inside_m, MIN_REACH_M)
 
 
 def nearest_of_area(edges: list[Edge], rank: int) -> int:

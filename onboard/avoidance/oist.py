@@ -100,7 +100,7 @@ _LIMIT_FIRMNESS = 30.0
 
 # The speed limit is raised by the noise of our own velocity, but at most by this share of the
 # limit.
-_MOST_NOISE_FRAC = 0.25
+_MAX_NOISE_FRAC = 0.25
 
 _STANDING_M_S = 1e-6  # a slower vehicle has no direction of motion
 
@@ -385,7 +385,7 @@ def speed_limit(
         return NO_ROW
 
     limit_m_s = params.top_speed_m_s
-    limit_m_s += min(own.velocity_std_m_s, _MOST_NOISE_FRAC * params.top_speed_m_s)
+    limit_m_s += min(own.velocity_std_m_s, _MAX_NOISE_FRAC * params.top_speed_m_s)
     jerk_m_s3 = SPEED_JERK_1_S2 * params.top_speed_m_s
     if is_fleeing(own, pairs, rows):
         limit_m_s *= FLEEING_FACTOR

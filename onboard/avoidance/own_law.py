@@ -22,7 +22,7 @@ from onboard.constants import GRAVITY_M_S2
 from onboard.types import LawOutput, Neighbour, State, Thrust
 from onboard.vectors import Vec2, Vec3, length, subtract
 
-LEAST_THRUST_G = 0.5  # least vertical thrust, as a share of the weight: with less, a vehicle falls
+MIN_THRUST_G = 0.5  # least vertical thrust, as a share of the weight: with less, a vehicle falls
 _TILT_SLACK_RAD = math.radians(1.0)  # a tilt beyond the limit by less than this is not refused
 _CHANGED_M_S2 = 1e-9  # a smaller change of the baseline's thrust is rounding
 
@@ -227,7 +227,7 @@ def _exceeded_limit(thrust: Vec3, inputs: LawInputs) -> str:
         return f"returned a thrust that is not finite: ({thrust.x:g}, {thrust.y:g}, {thrust.z:g})"
 
     limits = inputs.vehicle
-    least_m_s2 = LEAST_THRUST_G * GRAVITY_M_S2
+    least_m_s2 = MIN_THRUST_G * GRAVITY_M_S2
     if not least_m_s2 <= thrust.z <= limits.max_thrust_m_s2:
         return (
             f"asked for a vertical thrust of {thrust.z:.3g} m/s^2, and a vehicle flies with "

@@ -35,7 +35,7 @@ _GOES_FRAC = 0.9
 _ABOVE_FRAC = 0.7
 _BESIDE_FRAC = 1.0
 _BESIDE_M_S = 1.0
-_LEAST_DISTANCE_M = 0.01  # rows are divided by the distance to keep
+_MIN_DISTANCE_M = 0.01  # rows are divided by the distance to keep
 
 
 class Own(NamedTuple):
@@ -142,7 +142,7 @@ def _pair(
     distance_2_m2 = dot_xy(e, e)
 
     whole_m = design_distance(own.margin_2_m2, neighbour, params.spacing)
-    d_m = max(share * whole_m, _LEAST_DISTANCE_M)
+    d_m = max(share * whole_m, _MIN_DISTANCE_M)
 
     intent_m_s = w
     is_settled = False

@@ -31,7 +31,7 @@ LAG_ERROR_S = 0.04
 # positions, velocities and accelerations beyond this are clipped, so that squares stay finite
 LARGEST = 1e5
 LARGEST_STD = 1e3  # a larger standard deviation is reduced to this
-_LEAST_LEAD_S = 1e-3  # a shorter lead time of a neighbour counts as 0; avoids a division by zero
+_MIN_LEAD_S = 1e-3  # a shorter lead time of a neighbour counts as 0; avoids a division by zero
 
 
 class PastCommand(NamedTuple):
@@ -172,7 +172,7 @@ def receive(neighbour: Neighbour, own_lead_s: float) -> Received:
         a = command
         longest_s = max(own_lead_s - lead_s, 0.0) + MAX_COMMAND_AGE_S
         if ahead_s < 0.0:
-            per_lead_1_s = 1.0 / lead_s if lead_s > _LEAST_LEAD_S else 0.0
+            per_lead_1_s = 1.0 / lead_s if lead_s > _MIN_LEAD_S else 0.0
             a = Vec2(per_lead_1_s * (v.x - plain_m_s.x), per_lead_1_s * (v.y - plain_m_s.y))
     else:
         is_usable = is_finite(neighbour.position_enu_m) and is_finite(neighbour.velocity_enu_m_s)

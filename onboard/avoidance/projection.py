@@ -49,8 +49,8 @@ _FIRMNESS = 1000.0
 # Only violated rows pull, and the resting point decides which rows are violated. Two or three
 # rounds usually find that point. None of 20,000 random cases with up to 12 rows took more than
 # eight.
-_MOST_PULLS = 8
-_MOST_HALVINGS = 8  # the motion of one round is halved at most this often
+_MAX_PULLS = 8
+_MAX_HALVINGS = 8  # the motion of one round is halved at most this often
 
 # The smallest slack leaves only one point, and rounding may exclude it. So the slack is widened by
 # the first of these numbers that leaves a point, times the scale of the bounds.
@@ -112,7 +112,7 @@ def pulled(u: Vec2, soft: list[HalfPlane], stiffness: float) -> Vec2:
     """
     springs = [unit_row(row) for row in soft]
     x = u
-    for _ in range(_MOST_PULLS):
+    for _ in range(_MAX_PULLS):
         pulling = [row for row in springs if dot_xy(row.normal, x) < row.bound_m_s2]
         aim = at_rest(u, pulling, stiffness)
         if aim.x == x.x and aim.y == x.y:
@@ -121,7 +121,7 @@ def pulled(u: Vec2, soft: list[HalfPlane], stiffness: float) -> Vec2:
         # At `aim` other rows may be violated, so the energy may be larger than at x. Then `aim` is
         # moved nearer to x.
         energy = energy_of(x, u, springs, stiffness)
-        for _ in range(_MOST_HALVINGS):
+        for _ in range(_MAX_HALVINGS):
             if energy_of(aim, u, springs, stiffness) <= energy:
                 break
             aim = Vec2(0.5 * (x.x + aim.x), 0.5 * (x.y + aim.y))

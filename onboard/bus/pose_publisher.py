@@ -11,7 +11,7 @@ from onboard.bus.schema import MocapPose, MocapPoses
 from onboard.bus.topics import TOPICS, Topic
 
 _PERIOD_NS = round(1e9 / TOPICS[Topic.ALL_POSES].rate_hz)  # of the messages with all bodies
-_MOST_TOGETHER = 10  # poses that fit into one datagram
+_MAX_TOGETHER = 10  # poses that fit into one datagram
 
 
 class PosePublisher:
@@ -47,7 +47,7 @@ class PosePublisher:
     def _publish_together(self) -> None:
         """Publish the newest poses of all bodies, in as few messages as possible."""
         poses = tuple(self._newest.values())
-        for begin in range(0, len(poses), _MOST_TOGETHER):
-            together = MocapPoses(poses=poses[begin : begin + _MOST_TOGETHER])
+        for begin in range(0, len(poses), _MAX_TOGETHER):
+            together = MocapPoses(poses=poses[begin : begin + _MAX_TOGETHER])
             self._bus.publish(Topic.ALL_POSES, "all", together)
         self._newest.clear()

@@ -21,9 +21,9 @@ from onboard.tuples import Xyz
 
 FARTHEST_M = 1e4  # largest distance of a point from 0, 0
 _SAME_POINT_M = 0.01  # corners nearer to each other than this are the same point
-MOST_CORNERS = 200
-MOST_FENCES = 50
-_MOST_BUFFER_M = 100.0
+MAX_CORNERS = 200
+MAX_FENCES = 50
+_MAX_BUFFER_M = 100.0
 
 
 class FenceCircle(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -108,8 +108,8 @@ def problems(
     Yields:
         a sentence for each mistake.
     """
-    if len(fences) > MOST_FENCES:
-        yield f"'fences' has {len(fences)} entries; {MOST_FENCES} are the most. Join some."
+    if len(fences) > MAX_FENCES:
+        yield f"'fences' has {len(fences)} entries; {MAX_FENCES} are the most. Join some."
 
     names: set[str] = set()
     for index, fence in enumerate(fences):
@@ -158,10 +158,10 @@ def fence_fault(fence: Fence, origin: Origin | None, key: str) -> str | None:
 
 def _number_fault(fence: Fence, label: str) -> str | None:
     """Return what is wrong with buffer, heights or the number of corners in degrees, or None."""
-    if not 0.0 <= fence.buffer_m <= _MOST_BUFFER_M:  # also True for NaN
+    if not 0.0 <= fence.buffer_m <= _MAX_BUFFER_M:  # also True for NaN
         return (
             f"{label}: buffer_m is {fence.buffer_m:g}; it must lie between 0 and "
-            f"{_MOST_BUFFER_M:g} m."
+            f"{_MAX_BUFFER_M:g} m."
         )
     if fence.height_m is not None:
         low_m, high_m = fence.height_m
@@ -176,10 +176,10 @@ def _number_fault(fence: Fence, label: str) -> str | None:
 
 def _count_fault(corner_count: int, label: str) -> str | None:
     """Return a sentence about a wrong number of corners, or None."""
-    if 3 <= corner_count <= MOST_CORNERS:
+    if 3 <= corner_count <= MAX_CORNERS:
         return None
     return (
-        f"{label} has {corner_count} corners; a polygon has 3 to {MOST_CORNERS}. Add the others, "
+        f"{label} has {corner_count} corners; a polygon has 3 to {MAX_CORNERS}. Add the others, "
         "or leave out what a straight edge can join."
     )
 

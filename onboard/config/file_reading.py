@@ -70,14 +70,14 @@ OUTPUT_FILE = FileKind("file", None, "Name another with --out.")
 RECORD = FileKind("record", None, "Give the folder of a recorded flight.")
 
 DEEPEST = 32  # largest nesting depth of tables and lists; missions use at most 23
-MOST_KEY_PARTS = 24  # largest number of parts of a TOML key with dots; each part makes a table
-_MOST_WHOLE = 2**63  # whole numbers must be smaller, as TOML requires
+MAX_KEY_PARTS = 24  # largest number of parts of a TOML key with dots; each part makes a table
+_MAX_WHOLE = 2**63  # whole numbers must be smaller, as TOML requires
 _LONGEST_KEY = 80  # characters of a key that a message shows
 _CONTAINERS = (dict, list, tuple, set)
 
 # A JSON text is limited by the memory that its values take. A value of a list takes up to 64 bytes,
 # and a table takes as much as four values. 6 million values take 480 MB at most.
-MOST_JSON_VALUES = 6_000_000
+MAX_JSON_VALUES = 6_000_000
 _TABLE_VALUES = 4
 
 # kinds of files that are never opened: a test of the file's mode, and a name for people
@@ -92,9 +92,7 @@ _NO_REGULAR_FILE = (
 # One part of a name in TOML, bare or in quotation marks. The possessive quantifiers and the
 # look-behind keep the search linear in the length of the text.
 _KEY_PART = r"""(?:[\w-]++|"[^"\n]*+"|'[^'\n]*+')"""
-_LONG_KEY = re.compile(
-    rf"(?<![\w-]){_KEY_PART}(?:[ \t]*+\.[ \t]*+{_KEY_PART}){{{MOST_KEY_PARTS},}}"
-)
+_LONG_KEY = re.compile(rf"(?<![\w-]){_KEY_PART}(?:[ \t]*+\.[ \t]*+{_KEY_PART}){{{MAX_KEY_PARTS},}}")
 # tomllib's message about a second table of one name, for the names of lists of tables
 _REPEATED_TABLE = re.compile(r"Cannot declare \('(?P<name>step|obstacles|fences)',\) twice")
 
@@ -187,7 +185,7 @@ def toml_values(text: str, name: str) -> dict[str, Any]:
     if long_key is not None:
         line = text.count("\n", 0, long_key.start()) + 1
         raise ConfigError(
-            f"{name}: line {line} has a name of more than {MOST_KEY_PARTS} parts with dots between "
+            f"{name}: line {line} has a name of more than {MAX_KEY_PARTS} parts with dots between "
             "them. Write a shorter one."
         )
     try:
@@ -220,8 +218,8 @@ def json_values(data: bytes | str, name: str) -> Any:
         ConfigError: The text is not JSON, is nested too deeply, has too many values, or has a
             number that is not finite.
     """
-    if json_size(data) > MOST_JSON_VALUES:
-        raise ConfigError(f"{name} has more than {MOST_JSON_VALUES} values. Write a smaller one.")
+    if json_size(data) > MAX_JSON_VALUES:
+        raise ConfigError(f"{name} has more than {MAX_JSON_VALUES} values. Write a smaller one.")
     try:
         value = json.loads(
             data, parse_int=_whole_number, parse_float=_number, parse_constant=_number
@@ -280,7 +278,7 @@ def check_values(value: Any, name: str) -> None:
                 )
             continue
 
-        is_too_large = isinstance(part, int) and not -_MOST_WHOLE <= part < _MOST_WHOLE
+        is_too_large = isinstance(part, int) and not -_MAX_WHOLE <= part < _MAX_WHOLE
         if is_too_large or not math.isfinite(part):
             raise ConfigError(
                 f"{name}: {_shown(part)} stands where a finite number of at most 64 bits is "
@@ -339,7 +337,7 @@ def _check_depth(value: Any, name: str) -> None:
 
 def _whole_number(text: str) -> int:
     # a number of 64 bits has at most 19 digits and a sign
-    if len(text) > 20 or not -_MOST_WHOLE <= int(text) < _MOST_WHOLE:
+    if len(text) > 20 or not -_MAX_WHOLE <= int(text) < _MAX_WHOLE:
         raise ValueError(f"{text[:20]}... has more than 64 bits")
     return int(text)
 

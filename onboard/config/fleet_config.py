@@ -32,7 +32,7 @@ from onboard.tuples import Xyz
 PX4_VERSIONS = ("1.16", "1.17", "1.18")  # versions of PX4 that Covey was measured with
 
 _TICKS_PER_S = 50  # rate of the control loop
-_MOST_QUOTED = 40  # characters of a wrong word that a sentence repeats
+_MAX_QUOTED = 40  # characters of a wrong word that a sentence repeats
 # height on top of the vertical separation for hovering above each other, because the law acts 0.20
 # m early and vehicles hold their heights to about 0.05 m
 _STACKING_MARGIN_M = 0.25
@@ -436,7 +436,7 @@ class FleetConfig(msgspec.Struct, frozen=True):
         span = re.fullmatch(r"(?P<first>\d{1,6})(?:-(?P<last>\d{1,6}))?", part)
         if span is None:
             raise ConfigError(
-                f"'{part[:_MOST_QUOTED]}' is not a vehicle of fleet '{self.fleet.name}': it has "
+                f"'{part[:_MAX_QUOTED]}' is not a vehicle of fleet '{self.fleet.name}': it has "
                 f"{', '.join(order)}."
             )
 

@@ -11,8 +11,8 @@ from onboard.config.fleet_config import FleetConfig, Vehicle
 # Least height of goals and paths above the ground. With satellites, PX4's own height has a standard
 # deviation of 0.28 m. So below half a metre, a vehicle may stand on the ground although its height
 # says that it flies.
-_LEAST_BY_POSES_M = 0.2
-_LEAST_BY_PX4_M = 0.5
+_MIN_BY_POSES_M = 0.2
+_MIN_BY_PX4_M = 0.5
 
 
 def ground_m(fleet: FleetConfig) -> float:
@@ -33,5 +33,5 @@ def floor_m(fleet: FleetConfig) -> float:
 def least_height_m(vehicle: Vehicle) -> float:
     """Return the least height [m] of a vehicle's goals above the ground."""
     if vehicle.mocap_required:
-        return _LEAST_BY_POSES_M
-    return _LEAST_BY_PX4_M
+        return _MIN_BY_POSES_M
+    return _MIN_BY_PX4_M

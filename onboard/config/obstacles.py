@@ -10,7 +10,7 @@ import msgspec
 from onboard.config.fences import FARTHEST_M, polygon_fault
 
 Capsule = tuple[float, float, float, float, float]  # x1, y1, x2, y2, radius [m]: a thick segment
-_MOST_CAPSULES = 1000  # of all obstacles; with them a flight begins some seconds later
+_MAX_CAPSULES = 1000  # of all obstacles; with them a flight begins some seconds later
 
 
 class Circle(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -92,9 +92,9 @@ def problems(
         a sentence for each mistake.
     """
     capsule_count = sum(len(obstacle.capsules_enu_m) for obstacle in obstacles)
-    if capsule_count > _MOST_CAPSULES:
+    if capsule_count > _MAX_CAPSULES:
         yield (
-            f"'obstacles' have {capsule_count} corners and circles; {_MOST_CAPSULES} are the most. "
+            f"'obstacles' have {capsule_count} corners and circles; {_MAX_CAPSULES} are the most. "
             "Leave out corners, or join obstacles."
         )
 

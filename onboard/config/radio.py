@@ -16,7 +16,7 @@ from onboard.config.toml_reading import bound_problems
 _STATES_S = 0.02  # period of the states for the lateness; a lower states_hz does not change it
 _RARE_LOSS = 0.01  # a series of lost messages with a smaller probability is ignored
 _USUAL_AGE_S = 0.08  # age of a state with the defaults; neighbours then count as silent at 0.25 s
-_MOST_LATENESS_S = 0.45  # most that is added to the age at which a neighbour counts as silent
+_MAX_LATENESS_S = 0.45  # most that is added to the age at which a neighbour counts as silent
 
 BOUNDS: dict[str, tuple[float, float]] = {
     "rate_mbit_s": (6.0, 1000.0),
@@ -80,7 +80,7 @@ class RadioConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         defaults.
         """
         older_s = self.state_age_s(_STATES_S) - _USUAL_AGE_S
-        return min(max(older_s, 0.0), _MOST_LATENESS_S)
+        return min(max(older_s, 0.0), _MAX_LATENESS_S)
 
 
 def problems(radio: RadioConfig | None) -> Iterator[str]:

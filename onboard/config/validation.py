@@ -74,7 +74,7 @@ VEHICLE_BOUNDS: dict[str, tuple[float, float]] = {
 _ROUNDING_M = 1e-9  # a distance between two written positions may be smaller by this than written
 # Least vertical separation in body diameters. The downwash of a vehicle one body above pushes with
 # 8 % of the weight, and that of a vehicle two bodies above with 3 %.
-_LEAST_HEIGHT_BODIES = 2.0
+_MIN_HEIGHT_BODIES = 2.0
 # One silent vehicle drives everybody in its range away by the margin, and finally to the walls.
 _LARGEST_UNCOOPERATIVE_MARGIN_M = 1.0
 
@@ -221,7 +221,7 @@ def _vertical_problems(fleet: FleetSection, law: LawConfig) -> Iterator[str]:
             )
         return
 
-    least_m = _LEAST_HEIGHT_BODIES * fleet.body_diameter_m
+    least_m = _MIN_HEIGHT_BODIES * fleet.body_diameter_m
     if fleet.vertical_separation_m < least_m:
         yield (
             f"'fleet.vertical_separation_m' is {fleet.vertical_separation_m:g} m; a vehicle of "

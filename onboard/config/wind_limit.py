@@ -17,7 +17,7 @@ _WIND_SHARE = 2.0 / 3.0
 
 # least bound of the disturbance observer, for a vehicle with little tilt, because the observer also
 # learns static attitude errors
-_LEAST_PUSH_M_S2 = 1.5
+_MIN_PUSH_M_S2 = 1.5
 
 # standard deviation of usual gusts per axis, as a share of the mean wind
 GUST_SHARE = 0.15
@@ -45,7 +45,7 @@ def largest_push_m_s2(vehicle: Vehicle) -> float:
     Args:
         vehicle: the vehicle; its largest tilt and its hover throttle are used.
     """
-    return max(_LEAST_PUSH_M_S2, _WIND_SHARE * tilt_acceleration_m_s2(vehicle))
+    return max(_MIN_PUSH_M_S2, _WIND_SHARE * tilt_acceleration_m_s2(vehicle))
 
 
 def wind_limit_m_s(fleet: FleetConfig, vehicle: Vehicle) -> float:

@@ -25,11 +25,11 @@ _PARKED_M_S = 0.2  # a neighbour is parked if its speed and its intended speed a
 # a parked vehicle holds this one back if the gap beyond the distance to keep is smaller than this
 _TOUCHING_M = 0.5
 _NEAR_M = 5.0  # only parked vehicles within this distance count
-_MOST_PILLARS = 8  # number of parked vehicles that count: the nearest
+_MAX_PILLARS = 8  # number of parked vehicles that count: the nearest
 
 # A map that is computed in flight may take only some milliseconds. So it has at most this number of
-# tests (see route_map.MOST_TESTS).
-_MOST_TESTS = 60_000
+# tests (see route_map.MAX_TESTS).
+_MAX_TESTS = 60_000
 
 
 def is_standing_away(state: State, goal: Vec2) -> bool:
@@ -74,7 +74,7 @@ def pillars(state: State, neighbours: Sequence[Neighbour], spacing: Spacing) -> 
 
     if not is_held:
         return ()
-    nearest = sorted(pillars_by_distance)[:_MOST_PILLARS]
+    nearest = sorted(pillars_by_distance)[:_MAX_PILLARS]
     return tuple(pillar for _, pillar in nearest)
 
 
@@ -85,9 +85,9 @@ def most_pillars(corner_count: int, thing_count: int) -> int:
         corner_count: corners around the static things.
         thing_count: number of these things.
     """
-    for count in range(_MOST_PILLARS, 0, -1):
+    for count in range(_MAX_PILLARS, 0, -1):
         corners = corner_count + CORNERS_PER_END * count  # a pillar has one end
-        if corners * corners * (thing_count + count) <= _MOST_TESTS:
+        if corners * corners * (thing_count + count) <= _MAX_TESTS:
             return count
     return 0
 

@@ -23,14 +23,14 @@ from onboard.vectors import ZERO_3, Vec3
 # the constant coefficient first
 NUMBER_COUNT = 33
 _DURATION = 0  # index of the duration
-MOST_BYTES = 262_144  # largest path: nearly two thousand pieces
+MAX_BYTES = 262_144  # largest path: nearly two thousand pieces
 PART_BYTES = 24_576  # a path is sent in parts of this size: a message has at most 65536 bytes
 LONGEST_S = 3600.0
 _ROW = struct.Struct(f"<{NUMBER_COUNT}f")  # one piece as little-endian 32-bit floats
-MOST_PIECES = MOST_BYTES // _ROW.size
+MAX_PIECES = MAX_BYTES // _ROW.size
 # largest jumps from the end of a piece to the begin of the next one
-MOST_JUMP_M = 0.02
-MOST_JUMP_M_S = 0.05
+MAX_JUMP_M = 0.02
+MAX_JUMP_M_S = 0.05
 
 
 class Path(NamedTuple):
@@ -83,9 +83,9 @@ def from_bytes(data: bytes) -> Path:
     """
     if not data or len(data) % _ROW.size:
         raise ConfigError(f"{len(data)} bytes are no path.")
-    if len(data) > MOST_BYTES:
+    if len(data) > MAX_BYTES:
         raise ConfigError(
-            f"A path has at most {MOST_PIECES} pieces, and this one has {len(data) // _ROW.size}. "
+            f"A path has at most {MAX_PIECES} pieces, and this one has {len(data) // _ROW.size}. "
             "Fly it in parts."
         )
 

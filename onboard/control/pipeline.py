@@ -59,7 +59,7 @@ from onboard.vectors import (
 INTENT_1_S = 1.0  # intended horizontal velocity per metre of distance to the goal
 _ACTIVE_M_S2 = 0.05  # the law is active if it changes the thrust by more than this
 _ACTIVE_FACTOR = 2.0  # the clock slows fully if the law was active in half of the recent past
-_LEAST_CLAMP_M = 0.15  # smallest clamp of the position error, for the fastest setpoint
+_MIN_CLAMP_M = 0.15  # smallest clamp of the position error, for the fastest setpoint
 
 # At lift-off, tilt turns the vehicle over while the landing gear still touches the ground. The
 # largest tilt is PX4's own for a take-off (MPC_TILTMAX_LND).
@@ -494,7 +494,7 @@ def _pursuit(
     base = params.backstepping
     speed_m_s = length(setpoint.velocity_enu_m_s)
     spare_m = (params.pursuit_speed_m_s - speed_m_s) / base.position_gain_1_s
-    free_clamp_m = min(max(spare_m, _LEAST_CLAMP_M), base.max_position_error_m)
+    free_clamp_m = min(max(spare_m, _MIN_CLAMP_M), base.max_position_error_m)
     clamp_m = free_clamp_m * speed_share
     height_clamp_m = clamp_m
 

@@ -104,7 +104,7 @@ def pipeline_params(
         ),
         hover_thrust=hover_thrust.HoverThrustParams(
             configured_frac=hover_frac,
-            min_height_m=float(floor_m(fleet)) + hover_thrust.LEAST_HEIGHT_M,
+            min_height_m=float(floor_m(fleet)) + hover_thrust.MIN_HEIGHT_M,
         ),
         allocation=allocation.AllocationParams(
             max_tilt_rad=max_tilt_rad,

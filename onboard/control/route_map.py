@@ -44,7 +44,7 @@ _FIRST_TRIES = 8  # this many corners are tried together first: those with the s
 # number of tests is the squared number of corners times the number of things. With more tests than
 # this, the map would take too long to compute (a second on a small computer). It then has no
 # corners, and every route is straight.
-MOST_TESTS = 1_000_000
+MAX_TESTS = 1_000_000
 
 # Rounding may make a distance too small by this: first at a point, second along a piece.
 _POINT_ROUNDING_M = 1e-6
@@ -104,7 +104,7 @@ class RouteMap:
         self._things = _with_bars(free_standing, ends, walls)
 
         corners = _corners(ends, free_standing, walls)
-        is_complete = len(corners) ** 2 * len(self._things.keep_m) <= MOST_TESTS
+        is_complete = len(corners) ** 2 * len(self._things.keep_m) <= MAX_TESTS
         if not is_complete:
             corners = corners[:0]  # none
 

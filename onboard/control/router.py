@@ -34,7 +34,7 @@ PERIOD_S = 0.2  # time from one search to the next
 _BEYOND_M = (1.0, 0.5, 0.25)  # the first distance that is free
 
 _SAME_POINT_M = 1e-6  # a point nearer than this has no direction and no route
-_MOST_WAIT_S = 15.0  # a vehicle that gave way continues after this time at the latest
+_MAX_WAIT_S = 15.0  # a vehicle that gave way continues after this time at the latest
 NOBODY = -1  # stands for no vehicle
 _NO_SEQUENCE = -(1 << 53)  # no goal has this sequence
 
@@ -282,7 +282,7 @@ def _yielded(
 def _waiting(memory: RouteMemory, is_free: bool) -> RouteMemory:
     """Return the memory without the refuge, once the route and the goal are free."""
     waited_s = memory.waited_s + PERIOD_S
-    if is_free or waited_s >= _MOST_WAIT_S:
+    if is_free or waited_s >= _MAX_WAIT_S:
         return memory._replace(refuge=None, waits_for=NOBODY)
     return memory._replace(waited_s=waited_s)
 

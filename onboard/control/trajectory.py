@@ -47,11 +47,11 @@ _FITS = 1.0 + 1e-9  # because of rounding, a value divided by its bound may be t
 
 # No leg is shorter than this share of the time to full speed, so that a vehicle does not tilt for a
 # goal that is only a few millimetres away.
-_LEAST_SHARE = 0.8
+_MIN_SHARE = 0.8
 
 _LEVEL_M = 0.3  # a leg is level if the heights of its ends differ by at most this
 _RISE_END_SHARE = 0.95  # share of a leg's time at which a rise has ended
-_LEAST_ABOVE_S = 1.0  # a leg does not rise if it would stay above for less than this time
+_MIN_ABOVE_S = 1.0  # a leg does not rise if it would stay above for less than this time
 _RISE_AHEAD_S = 1.0  # a vehicle announces the rise that it will have reached after this time
 
 
@@ -308,7 +308,7 @@ def duration_s(memory: TrajectoryMemory) -> float:
 def shortest_duration_s(distance_m: float, params: TrajectoryParams) -> float:
     """Return the shortest duration [s] of a leg from rest to rest that keeps the bounds.
 
-    A tiny leg takes longer than the bounds require (see _LEAST_SHARE).
+    A tiny leg takes longer than the bounds require (see _MIN_SHARE).
 
     Args:
         distance_m: distance from start to end.
@@ -318,7 +318,7 @@ def shortest_duration_s(distance_m: float, params: TrajectoryParams) -> float:
     acceleration_m_s2 = params.max_acceleration_m_s2
     by_speed_s = _SPEED_FACTOR * distance_m / speed_m_s
     by_acceleration_s = math.sqrt(_ACCELERATION_FACTOR * distance_m / acceleration_m_s2)
-    least_s = _LEAST_SHARE * speed_m_s / acceleration_m_s2
+    least_s = _MIN_SHARE * speed_m_s / acceleration_m_s2
     return max(by_speed_s, by_acceleration_s, least_s)
 
 
@@ -411,7 +411,7 @@ def _planned(memory: TrajectoryMemory, goal: Goal, params: TrajectoryParams) -> 
     max_m_s = params.max_speed_m_s
     max_m_s2 = params.max_acceleration_m_s2
     is_at_rest = length(v) <= 1e-9 * max_m_s and length(a) <= 1e-9 * max_m_s2
-    scale_s = max(length(v), _LEAST_SHARE * max_m_s) / max_m_s2
+    scale_s = max(length(v), _MIN_SHARE * max_m_s) / max_m_s2
     via = p
     first_s = 0.0
     if not is_at_rest:
@@ -463,7 +463,7 @@ def _rises(begin_m: float, end_m: float, whole_s: float, params: TrajectoryParam
     if max(begin_m, end_m) + params.rise_m > params.highest_m:
         return False
     above_s = _RISE_END_SHARE * whole_s - 2.0 * shortest_duration_s(params.rise_m, params)
-    return above_s >= _LEAST_ABOVE_S
+    return above_s >= _MIN_ABOVE_S
 
 
 def _leads_past(height_m: float, climb_m_s: float, goal_m: float, params: TrajectoryParams) -> bool:

@@ -17,8 +17,8 @@ from __future__ import annotations
 from msgspec import Struct
 
 FRAGMENT_BYTES = 180
-MOST_FRAGMENTS = 4
-MOST_BYTES = FRAGMENT_BYTES * MOST_FRAGMENTS  # length of the longest frame that can be sent
+MAX_FRAGMENTS = 4
+MAX_BYTES = FRAGMENT_BYTES * MAX_FRAGMENTS  # length of the longest frame that can be sent
 SEQUENCES = 32  # frames are counted from 0 to 31
 
 _IS_CUT = 1
@@ -37,12 +37,12 @@ def fragments_of(frame: bytes, sequence: int) -> tuple[Fragment, ...]:
     """Cut a frame into fragments.
 
     Args:
-        frame: whole frame, at most :data:`MOST_BYTES` long.
+        frame: whole frame, at most :data:`MAX_BYTES` long.
         sequence: 0 to 31; it must differ from that of the previous frame.
     Returns:
         its fragments, in the order in which they are sent.
     """
-    assert len(frame) <= MOST_BYTES
+    assert len(frame) <= MAX_BYTES
     sequence_flags = (sequence % SEQUENCES) << _SEQUENCE_SHIFT
     if len(frame) <= FRAGMENT_BYTES:
         return (Fragment(flags=sequence_flags, data=frame),)
@@ -50,7 +50,7 @@ def fragments_of(frame: bytes, sequence: int) -> tuple[Fragment, ...]:
     pieces = [
         frame[begin : begin + FRAGMENT_BYTES] for begin in range(0, len(frame), FRAGMENT_BYTES)
     ]
-    if len(pieces[-1]) == FRAGMENT_BYTES and len(pieces) < MOST_FRAGMENTS:
+    if len(pieces[-1]) == FRAGMENT_BYTES and len(pieces) < MAX_FRAGMENTS:
         pieces.append(b"")
 
     fragments = []

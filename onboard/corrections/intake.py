@@ -23,11 +23,11 @@ from onboard.config.corrections import CorrectionsConfig
 from onboard.config.earth import Origin, latitude_longitude_deg
 from onboard.corrections import rtcm
 from onboard.corrections.base_watch import BaseWatch, distance_m
-from onboard.corrections.fragments import MOST_BYTES, SEQUENCES, Fragment, fragments_of
+from onboard.corrections.fragments import MAX_BYTES, SEQUENCES, Fragment, fragments_of
 from onboard.corrections.status import CorrectionsStatus
 from onboard.message_counts import MessageCounts
 
-MOST_WAITING = 24  # frames; the observations of four satellite systems at one moment take six
+MAX_WAITING = 24  # frames; the observations of four satellite systems at one moment take six
 _STALE_NS = round(1e9 * TOPICS[Topic.CORRECTIONS].stale_after_s)
 _FUTURE_NS = 100_000_000  # a stamp may be later than its message's arrival by this
 _SOURCE_GONE_NS = 5_000_000_000  # after this silence of the source, another source is accepted
@@ -85,7 +85,7 @@ class CorrectionsIntake:
             return
         if not rtcm.is_for_receivers(rtcm.number_of(frame)):
             return  # not counted, because a maker's message for its own receivers is not a fault
-        if len(frame) > MOST_BYTES:
+        if len(frame) > MAX_BYTES:
             self._too_long_bytes = len(frame)
             self._too_long_ns = received_ns
             self.counts.refused += 1
@@ -94,7 +94,7 @@ class CorrectionsIntake:
             self.counts.refused += 1
             return
 
-        if len(self._waiting) == MOST_WAITING:
+        if len(self._waiting) == MAX_WAITING:
             self._waiting.popleft()
             self.counts.dropped += 1
         self._waiting.append(_Waiting(frame, message.stamp_ns))

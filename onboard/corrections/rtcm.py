@@ -18,8 +18,8 @@ from typing import NamedTuple
 PREAMBLE = 0xD3
 HEADER_BYTES = 3
 CHECKSUM_BYTES = 3
-MOST_MESSAGE_BYTES = 1023
-MOST_FRAME_BYTES = HEADER_BYTES + MOST_MESSAGE_BYTES + CHECKSUM_BYTES
+MAX_MESSAGE_BYTES = 1023
+MAX_FRAME_BYTES = HEADER_BYTES + MAX_MESSAGE_BYTES + CHECKSUM_BYTES
 
 _RESERVED_BITS = 0xFC  # the bits of the second byte that are zero
 
@@ -51,8 +51,8 @@ _SEMI_MAJOR_M = 6_378_137.0
 _FLATTENING = 1.0 / 298.257223563
 _ECCENTRICITY_2 = _FLATTENING * (2.0 - _FLATTENING)
 # All positions on Earth are between these distances from the Earth's centre.
-_LEAST_RADIUS_M = 6.2e6
-_MOST_RADIUS_M = 6.5e6
+_MIN_RADIUS_M = 6.2e6
+_MAX_RADIUS_M = 6.5e6
 
 
 class BasePosition(NamedTuple):
@@ -64,7 +64,7 @@ class BasePosition(NamedTuple):
     @property
     def is_on_earth(self) -> bool:
         """Whether the position is on Earth; a base that does not know it yet reports 0, 0, 0."""
-        return _LEAST_RADIUS_M < math.hypot(*self.ecef_m) < _MOST_RADIUS_M
+        return _MIN_RADIUS_M < math.hypot(*self.ecef_m) < _MAX_RADIUS_M
 
     @property
     def latitude_longitude_height(self) -> tuple[float, float, float]:

@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 from onboard.constants import GRAVITY_M_S2
 
-LEAST_HEIGHT_M = 0.3  # nearer to the ground, the estimate is frozen
+MIN_HEIGHT_M = 0.3  # nearer to the ground, the estimate is frozen
 
 
 class HoverThrustParams(NamedTuple):
@@ -25,7 +25,7 @@ class HoverThrustParams(NamedTuple):
     motor_lag_s: float = 0.05  # time constant from throttle to thrust
 
     # outside these limits the estimate is frozen
-    min_height_m: float = LEAST_HEIGHT_M  # in the fleet frame
+    min_height_m: float = MIN_HEIGHT_M  # in the fleet frame
     max_acceleration_m_s2: float = 2.0  # vertical
     min_cos_tilt: float = 0.5
     min_thrust_frac: float = 0.1

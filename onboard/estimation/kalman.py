@@ -33,9 +33,9 @@ from onboard.vectors import (
 )
 
 HISTORY_TICKS = 28  # a sample older than this many ticks is ignored
-_LEAST_VARIANCE = 1e-12  # rounding must not make a variance negative
+_MIN_VARIANCE = 1e-12  # rounding must not make a variance negative
 _LEARNED_S = 0.125  # half of the disturbance observer's time constant, which is 1/bandwidth_rad_s
-_LEAST_BIAS_M_S2 = 3.0  # smallest bound of the bias; static errors need it
+_MIN_BIAS_M_S2 = 3.0  # smallest bound of the bias; static errors need it
 
 # standard deviations at the start, when the vehicle stands still
 _START_VELOCITY_M_S = 0.05
@@ -60,7 +60,7 @@ class KalmanParams(NamedTuple):
     position_noise_m: float = 0.003  # standard deviation of a mocap sample per axis
     acceleration_noise: float = 0.03  # noise of the model [m/s^2 per sqrt(Hz)]
     bias_noise: float = 0.12  # random walk of the bias [m/s^3 per sqrt(Hz)]
-    max_bias_m_s2: float = _LEAST_BIAS_M_S2  # bound of each axis
+    max_bias_m_s2: float = _MIN_BIAS_M_S2  # bound of each axis
     drag_1_s: float = 0.0  # c
     gust_time_s: float = 0.25  # how long a gust moves the vehicle before it is compensated
     motor_lag_s: float = 0.05  # time constant from throttle to thrust
@@ -125,7 +125,7 @@ def largest_bias_m_s2(largest_push_m_s2: float) -> float:
     Args:
         largest_push_m_s2: largest push that the vehicle can compensate, per axis.
     """
-    return max(_LEAST_BIAS_M_S2, 2.0 * largest_push_m_s2)
+    return max(_MIN_BIAS_M_S2, 2.0 * largest_push_m_s2)
 
 
 def initial(position_enu_m: Vec3, params: KalmanParams) -> KalmanMemory:
@@ -349,12 +349,12 @@ def correct(
     k_b = g_b / variance_m2
     bias = add_scaled(memory.bias_enu_m_s2, k_b, innovation)
     covariance = Covariance(
-        pp=max(pp - k_p * g_p, _LEAST_VARIANCE),
+        pp=max(pp - k_p * g_p, _MIN_VARIANCE),
         pv=pv - k_p * g_v,
         pb=pb - k_p * g_b,
-        vv=max(vv - k_v * g_v, _LEAST_VARIANCE),
+        vv=max(vv - k_v * g_v, _MIN_VARIANCE),
         vb=vb - k_v * g_b,
-        bb=max(bb - k_b * g_b, _LEAST_VARIANCE),
+        bb=max(bb - k_b * g_b, _MIN_VARIANCE),
     )
     return KalmanMemory(
         position_enu_m=add_scaled(memory.position_enu_m, k_p, innovation),

@@ -32,14 +32,14 @@ TICK_PACKETS = 5
 TICK_BYTES = 1200
 
 OVERHEAD_BYTES = 130  # of IP, UDP, QUIC and Zenoh, and of the frame beyond its first 28 bytes
-MOST_IN_TURN = 32  # largest number of packets in one aggregate
+MAX_IN_TURN = 32  # largest number of packets in one aggregate
 
 # sizes of IEEE 802.11
 _MAC_BYTES = 28
 _ACK_BYTES = 14
 _DELIMITER_BYTES = 6  # between two packets of an aggregate
 
-_MOST_BYTES = 1400  # largest size of one packet
+_MAX_BYTES = 1400  # largest size of one packet
 
 
 class Phy(NamedTuple):
@@ -128,7 +128,7 @@ def message_packets(message_bytes: int) -> int:
     Args:
         message_bytes: size of the encoded message.
     """
-    return max(1, math.ceil(message_bytes / _MOST_BYTES))
+    return max(1, math.ceil(message_bytes / _MAX_BYTES))
 
 
 class Flow(NamedTuple):

@@ -10,7 +10,7 @@ from onboard.config.flight_space import flight_space_of
 from onboard.config.wind_limit import GUST_SHARE, GUSTY, tilt_acceleration_m_s2, wind_limit_m_s
 from onboard.feasibility.finding import Finding, at_least
 
-_LEAST_BRAKE_M_S2 = 0.05  # avoids a division by zero if the wind takes all of the tilt
+_MIN_BRAKE_M_S2 = 0.05  # avoids a division by zero if the wind takes all of the tilt
 _GUST_SIGMAS = 3.0  # strongest gust, in standard deviations
 # errors of lag, gain and position, measured in light wind with the weak drones of paper.toml
 _ERRORS_M = 0.10
@@ -43,7 +43,7 @@ def braking_room_m(fleet: FleetConfig, vehicle: Vehicle) -> float:
         push_m_s2 = GUSTY * vehicle.drag_1_s * wind_m_s
         gust_m_s2 = _GUST_SIGMAS * GUST_SHARE * vehicle.drag_1_s * wind_m_s
 
-    available_m_s2 = max(_LEAST_BRAKE_M_S2, tilt_acceleration_m_s2(vehicle) - push_m_s2)
+    available_m_s2 = max(_MIN_BRAKE_M_S2, tilt_acceleration_m_s2(vehicle) - push_m_s2)
     longer_m = 0.0
     if available_m_s2 < required_m_s2:
         longer_m = 0.5 * speed_m_s * speed_m_s * (1.0 / available_m_s2 - 1.0 / required_m_s2)

@@ -20,9 +20,9 @@ ORDER: tuple[Status, ...] = ("refused", "warning", "note", "ok")
 
 # Because of rounding, a value counts as within its bound if it exceeds it by no more than this.
 _ROUNDING = 1e-9
-_LEAST_STEP = 1e-9  # a smaller excess over a rounded number is a rounding error
+_MIN_STEP = 1e-9  # a smaller excess over a rounded number is a rounding error
 _DIGITS = 3  # of a number in a sentence
-_MOST_DIGITS = 6
+_MAX_DIGITS = 6
 
 
 @dataclass(frozen=True, slots=True)
@@ -164,7 +164,7 @@ def rounded_up(value: float, decimals: int) -> float:
         decimals: number of digits after the point.
     """
     scale = 10.0**decimals
-    return math.ceil(scale * value - _LEAST_STEP) / scale
+    return math.ceil(scale * value - _MIN_STEP) / scale
 
 
 def rounded_down(value: float, decimals: int) -> float:
@@ -175,7 +175,7 @@ def rounded_down(value: float, decimals: int) -> float:
         decimals: number of digits after the point.
     """
     scale = 10.0**decimals
-    return math.floor(scale * value + _LEAST_STEP) / scale
+    return math.floor(scale * value + _MIN_STEP) / scale
 
 
 def _finding(
@@ -225,10 +225,10 @@ def _finding(
 
 def _digits_that_differ(value: float, bound: float) -> int:
     """Return the number of digits with which two numbers look different in a sentence."""
-    for digits in range(_DIGITS, _MOST_DIGITS):
+    for digits in range(_DIGITS, _MAX_DIGITS):
         if f"{value:.{digits}g}" != f"{bound:.{digits}g}":
             return digits
-    return _MOST_DIGITS
+    return _MAX_DIGITS
 
 
 def _severity(finding: Finding) -> tuple[int, float]:

@@ -67,7 +67,7 @@ _CHECKS_OF_A_VEHICLE = (
     own_failsafes,
 )
 
-_LEAST_FENCE_M = 0.15  # a spot nearer to the fence is refused
+_MIN_FENCE_M = 0.15  # a spot nearer to the fence is refused
 
 
 def fleet_findings(fleet: FleetConfig, *, errors: ErrorClass | None = None) -> tuple[Finding, ...]:
@@ -382,7 +382,7 @@ def _fence_finding(fleet: FleetConfig, name: str, spot: Xyz, label: str) -> Find
             f"{vehicle.max_speed_m_s:g} m/s takes <bound>"
         ),
         remedy=remedy,
-        refuse_below=_LEAST_FENCE_M,
+        refuse_below=_MIN_FENCE_M,
     )
 
 

@@ -28,7 +28,7 @@ _BODY_GAP_M = 0.10
 
 # A smaller gain is a warning. In 30 flights of swap16 the smallest distance was 0.853 m with a gain
 # of 0.85, 0.847 m with 0.5, 0.824 m with 0.25 and 0.805 m with 0.
-_LEAST_SHORTFALL_GAIN = 0.5
+_MIN_SHORTFALL_GAIN = 0.5
 
 # In the simulated scenarios form3 and swap8, vehicles came too close in 0 of 24 flights with a lag
 # of 0.36 s, and in 2 of 24 flights with 0.41 s.
@@ -159,11 +159,11 @@ def _margin(fleet: FleetConfig, accuracy: Accuracy) -> Finding:
 
 def _shortfall(fleet: FleetConfig) -> Finding:
     """Check that a vehicle takes over what its neighbour omits, and that mutual reactions decay."""
-    if fleet.law.shortfall_gain < _LEAST_SHORTFALL_GAIN:
+    if fleet.law.shortfall_gain < _MIN_SHORTFALL_GAIN:
         return at_least(
             name="shortfall gain",
             value=fleet.law.shortfall_gain,
-            bound=_LEAST_SHORTFALL_GAIN,
+            bound=_MIN_SHORTFALL_GAIN,
             unit="",
             sentence=(
                 "law.shortfall_gain is <value>; a vehicle that omits its half of a correction "

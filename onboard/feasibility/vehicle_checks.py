@@ -28,7 +28,7 @@ GUST_M_S2 = 0.3
 _BRISK_WALK_M_S = 1.5
 
 # least vertical part of the full thrust at the largest tilt, in units of the weight: 5 % in reserve
-_LEAST_LIFT = 1.05
+_MIN_LIFT = 1.05
 
 # least upward acceleration, for climbing and gusts
 _CLIMB_M_S2 = 1.0
@@ -44,10 +44,10 @@ OWN_FAILSAFES = "PX4's own failsafes"
 
 # gap from PX4's critical battery level up to the level at which the agent lands
 _BATTERY_GAP_PCT = 3.0  # a smaller gap is a warning
-_LEAST_BATTERY_GAP_PCT = 0.5  # a smaller gap is refused
+_MIN_BATTERY_GAP_PCT = 0.5  # a smaller gap is refused
 _ADVISED_BATTERY_PCT = 5.0  # further gap in the remedy
 
-_LEAST_ACCELERATION_M_S2 = 0.05  # avoids a division by zero for a vehicle that cannot tilt
+_MIN_ACCELERATION_M_S2 = 0.05  # avoids a division by zero for a vehicle that cannot tilt
 
 
 def available_m_s2(vehicle: Vehicle) -> float:
@@ -59,7 +59,7 @@ def available_m_s2(vehicle: Vehicle) -> float:
         vehicle: the vehicle.
     """
     available = bounds.available_acceleration_m_s2(vehicle.max_tilt_deg, vehicle.hover_thrust_frac)
-    return max(_LEAST_ACCELERATION_M_S2, available)
+    return max(_MIN_ACCELERATION_M_S2, available)
 
 
 def height_at_tilt(fleet: FleetConfig, vehicle: Vehicle) -> Finding:
@@ -77,13 +77,13 @@ def height_at_tilt(fleet: FleetConfig, vehicle: Vehicle) -> Finding:
         / vehicle.hover_thrust_frac
         * math.cos(math.radians(vehicle.max_tilt_deg))
     )
-    cos_allowed_tilt = _LEAST_LIFT * vehicle.hover_thrust_frac / MAX_PLANNED_THRUST_FRAC
+    cos_allowed_tilt = _MIN_LIFT * vehicle.hover_thrust_frac / MAX_PLANNED_THRUST_FRAC
     allowed_deg = math.degrees(math.acos(min(1.0, cos_allowed_tilt)))
 
     return at_least(
         name="height at full tilt",
         value=lift,
-        bound=_LEAST_LIFT,
+        bound=_MIN_LIFT,
         unit="",
         sentence=(
             f"{vehicle.name} at its max_tilt_deg = {vehicle.max_tilt_deg:g} and full throttle "
@@ -242,7 +242,7 @@ def battery(fleet: FleetConfig, vehicle: Vehicle) -> Finding:
             f"{critical_pct:.0f} %, so the landing under the law must begin at <bound> or above"
         ),
         remedy=f"Set fleet.battery_land_pct = {advised_pct:.0f} or more, or lower BAT_CRIT_THR.",
-        refuse_below=critical_pct + _LEAST_BATTERY_GAP_PCT,
+        refuse_below=critical_pct + _MIN_BATTERY_GAP_PCT,
     )
 
 

@@ -20,9 +20,9 @@ from onboard.vectors import Vec3 as Point
 
 DEFAULT_HEIGHT_M = 1.0
 
-_LEAST_CLIMB_S = 1.5
+_MIN_CLIMB_S = 1.5
 LIFT_M = 1.0  # height above the ground of the first leg of a climb
-_LEAST_DESCENT_S = 1.0
+_MIN_DESCENT_S = 1.0
 _UNDER_GROUND_M = 0.10  # a descent ends below the ground, so that it does not slow down above it
 _LOWER_BY_M = 0.3  # step of a descent if the ground is lower than at the take-off
 
@@ -31,8 +31,8 @@ _LOWER_BY_M = 0.3  # step of a descent if the ground is lower than at the take-o
 # reports 0.3 m). A landing becomes slow at this height above the take-off ground, and continues to
 # sink until the vehicle stands.
 _UNSURE_SIGMAS = 3.0
-_LEAST_UNSURE_M = 0.8
-_MOST_UNSURE_M = 3.0
+_MIN_UNSURE_M = 0.8
+_MAX_UNSURE_M = 3.0
 _FEEL_M_S = 0.4  # speed of the slow part
 _FEEL_M_S2 = 0.5  # acceleration to that speed
 
@@ -188,7 +188,7 @@ def descend(flight: FlightContext, view: FlightView) -> None:
     down_s = climb_duration_s(height_m, flight.vehicle.max_speed_m_s)
     speed_m_s = math.hypot(*view.velocity_enu_m_s)
     braking_s = 2.0 * speed_m_s / flight.vehicle.max_acceleration_m_s2
-    duration_s = max(_LEAST_DESCENT_S, down_s) + braking_s
+    duration_s = max(_MIN_DESCENT_S, down_s) + braking_s
 
     _set_goal(flight, (x, y, goal_z_m), duration_s)
     _limit(flight, view, _LANDING_LIMIT_S + _PATIENCE * duration_s)
@@ -206,7 +206,7 @@ def _end_of_descent_m(flight: FlightContext, view: FlightView) -> float:
         return min(flight.ground_z_m, own_m) - _UNDER_GROUND_M
 
     reported_m = _UNSURE_SIGMAS * view.snapshot.height_accuracy_m
-    unsure_m = min(max(reported_m, _LEAST_UNSURE_M), _MOST_UNSURE_M)
+    unsure_m = min(max(reported_m, _MIN_UNSURE_M), _MAX_UNSURE_M)
     return min(flight.ground_z_m + unsure_m, own_m)
 
 
@@ -312,7 +312,7 @@ def _climb_above(
     x, y, _ = position_enu_m
     _, _, own_z_m = view.position_enu_m
     up_s = climb_duration_s(top_m - own_z_m, flight.vehicle.max_speed_m_s)
-    _set_goal(flight, (x, y, top_m), max(_LEAST_CLIMB_S, up_s))
+    _set_goal(flight, (x, y, top_m), max(_MIN_CLIMB_S, up_s))
 
 
 def _ordered_yaw_rad(order: Order) -> float:

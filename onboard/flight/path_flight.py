@@ -223,7 +223,7 @@ def part_refusal(
 
     The whole path is checked when its last part arrives.
     """
-    most_parts = 1 + paths.MOST_BYTES // paths.PART_BYTES
+    most_parts = 1 + paths.MAX_BYTES // paths.PART_BYTES
     if order is None or not 0 <= order.part < order.parts <= most_parts:
         return (
             "An order to load a path needs one of its parts: "
@@ -360,8 +360,8 @@ def _path_refusal(path: Path, vehicle: Vehicle, fleet: FleetConfig) -> str | Non
         return "The path does not begin and end at rest."
 
     jump_m, jump_m_s = paths.jumps(path).max(axis=1, initial=0.0)
-    if jump_m > _JUMP_ROOM * paths.MOST_JUMP_M:
+    if jump_m > _JUMP_ROOM * paths.MAX_JUMP_M:
         return f"The position jumps by {jump_m:.2f} m from one piece of the path to the next."
-    if jump_m_s > _JUMP_ROOM * paths.MOST_JUMP_M_S:
+    if jump_m_s > _JUMP_ROOM * paths.MAX_JUMP_M_S:
         return f"The velocity jumps by {jump_m_s:.2f} m/s from one piece of the path to the next."
     return None

@@ -20,7 +20,7 @@ from onboard.safety.limits import AUTOPILOT_SILENT_S
 CONFIRM_TIMEOUT_S = 5.0
 REBOOT_TIMEOUT_S = 30.0
 _STREAM_BEFORE_OFFBOARD_S = 0.3  # setpoints are sent for this time before OFFBOARD is requested
-_LEAST_OFFBOARD_S = 0.1
+_MIN_OFFBOARD_S = 0.1
 _ARM_ON_ITS_WAY_S = 0.5  # a request to arm older than this has taken effect
 _KILL_ON_ITS_WAY_S = 0.5  # a kill older than this has taken effect
 
@@ -75,7 +75,7 @@ def _is_confirmed(flight: FlightContext, view: FlightView) -> bool:
 def px4_confirms_offboard(flight: FlightContext, view: FlightView) -> bool:
     """Return whether a heartbeat since the step began says OFFBOARD."""
     is_offboard = view.snapshot.is_offboard and _is_confirmed(flight, view)
-    return is_offboard and flight.seconds(view) > _LEAST_OFFBOARD_S
+    return is_offboard and flight.seconds(view) > _MIN_OFFBOARD_S
 
 
 def px4_left_its_hold(flight: FlightContext, view: FlightView) -> bool:

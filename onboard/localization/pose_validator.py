@@ -28,7 +28,7 @@ _ON_PATH_S = 0.5
 
 _NOISE_RAD = 0.3  # noise of the attitude
 _NOISES = 6.0  # largest distance from the expected path, in multiples of the noise
-_LEAST_SPEED_2_M2_S2 = 0.01  # square of 0.1 m/s; a slower velocity has no clear direction
+_MIN_SPEED_2_M2_S2 = 0.01  # square of 0.1 m/s; a slower velocity has no clear direction
 
 # After an outage, the first sample may be an old one with a new stamp, and the vehicle may have
 # moved anywhere. So samples are accepted only once this many in a row agree with each other.
@@ -216,7 +216,7 @@ class PoseValidator:
         # once.
         squared_speed_m2_s2 = vx * vx + vy * vy + vz * vz
         share_of_path = 1.0
-        if squared_speed_m2_s2 > _LEAST_SPEED_2_M2_S2:
+        if squared_speed_m2_s2 > _MIN_SPEED_2_M2_S2:
             share_of_path = (dx * vx + dy * vy + dz * vz) / (gap_s * squared_speed_m2_s2)
         flown_s = gap_s * min(max(share_of_path, 0.0), 1.0)
         miss_m = math.hypot(dx - flown_s * vx, dy - flown_s * vy, dz - flown_s * vz)

@@ -27,7 +27,7 @@ _JUMP_M = 0.5  # a sample farther from the expected position is a jump
 _GAP_S = 0.3  # after a longer gap, the filter restarts
 # A shorter gap counts as this. Velocity and acceleration are corrected by the innovation divided by
 # the gap, so the noise of faster samples would change them too much.
-_LEAST_GAP_S = 0.01
+_MIN_GAP_S = 0.01
 _LARGEST_M = 1e4
 _FUTURE_NS = 5_000_000  # a stamp may be ahead of our clock by this time
 
@@ -48,7 +48,7 @@ def corrected(
     """
     moved_m = gap_s * (velocity_m_s + 0.5 * gap_s * acceleration_m_s2)
     innovation_m = sample_m - (position_m + moved_m)
-    divisor_s = max(gap_s, _LEAST_GAP_S)
+    divisor_s = max(gap_s, _MIN_GAP_S)
     return (
         position_m + moved_m + _POSITION_SHARE * innovation_m,
         velocity_m_s + gap_s * acceleration_m_s2 + _VELOCITY_SHARE / divisor_s * innovation_m,
@@ -104,7 +104,7 @@ class BodyTracker:
         """
         x, y, z = self.position_enu_m
         new_x, new_y, new_z = sample_enu_m
-        divisor_s = max(gap_s, _LEAST_GAP_S)
+        divisor_s = max(gap_s, _MIN_GAP_S)
         self.velocity_enu_m_s = (
             (new_x - x) / divisor_s,
             (new_y - y) / divisor_s,

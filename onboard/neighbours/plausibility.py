@@ -16,7 +16,7 @@ from onboard.tuples import Xyz
 
 _JUMP_M = 0.35  # allowed difference between a position and the position that velocities explain
 _MISS_M = 0.4  # allowed difference between a position and the mocap's
-_MOST_M_S2 = 30.0  # largest acceleration of a vehicle
+_MAX_M_S2 = 30.0  # largest acceleration of a vehicle
 # A vehicle may accelerate sideways by this for half of the time between two states, and back for
 # the other half.
 _ASIDE_M_S2 = 15.0
@@ -89,7 +89,7 @@ def physical_contradiction(before: Claim | None, claim: Claim, largest_m_s: floa
         )
 
     change_m_s = math.dist(before.velocity_enu_m_s, claim.velocity_enu_m_s)
-    if change_m_s > _NOISE_M_S + _MOST_M_S2 * dt_s:
+    if change_m_s > _NOISE_M_S + _MAX_M_S2 * dt_s:
         return "changes its velocity faster than a vehicle can"
     return ""
 
@@ -112,7 +112,7 @@ def mocap_contradiction(claim: Claim, mocap: MocapPosition) -> str:
     expected_enu_m = (x + dt_s * vx, y + dt_s * vy, z + dt_s * vz)
     miss_m = math.dist(expected_enu_m, mocap.position_enu_m)
 
-    explained_m = _MISS_M + _STDS * claim.position_std_m + 0.5 * _MOST_M_S2 * dt_s * dt_s
+    explained_m = _MISS_M + _STDS * claim.position_std_m + 0.5 * _MAX_M_S2 * dt_s * dt_s
     if miss_m <= explained_m:
         return ""
     return f"says that it is {miss_m:.1f} m from where the mocap sees it"

@@ -14,13 +14,13 @@ GAINS = ("MC_ROLL_P", "MC_PITCH_P")
 _DEFAULT_CHANGED_SINCE: Version = (1, 17)
 _DEFAULT_BEFORE_1_S = 6.5
 _DEFAULT_SINCE_1_S = 4.0
-_LEAST_GAIN_1_S = 0.1
+_MIN_GAIN_1_S = 0.1
 
 # since this version PX4 filters attitude setpoints with a critically damped filter
 _FILTERED_SINCE: Version = (1, 18)
 _FILTER_RAD_S = 50.0  # default of MC_REF_W_N, the filter's natural frequency
 _FILTER_RAD = 2.2  # the filter's delay times its natural frequency (measured)
-_LEAST_FILTER_RAD_S = 1.0
+_MIN_FILTER_RAD_S = 1.0
 
 
 def lag_s(version: Version, px4_params: Mapping[str, float]) -> float:
@@ -34,9 +34,9 @@ def lag_s(version: Version, px4_params: Mapping[str, float]) -> float:
     if version < _DEFAULT_CHANGED_SINCE:
         default_1_s = _DEFAULT_BEFORE_1_S
     slowest_1_s = min(float(px4_params.get(name, default_1_s)) for name in GAINS)
-    control_s = 1.0 / max(_LEAST_GAIN_1_S, slowest_1_s)
+    control_s = 1.0 / max(_MIN_GAIN_1_S, slowest_1_s)
     if version < _FILTERED_SINCE:
         return control_s
 
     filter_rad_s = float(px4_params.get("MC_REF_W_N", _FILTER_RAD_S))
-    return control_s + _FILTER_RAD / max(_LEAST_FILTER_RAD_S, filter_rad_s)
+    return control_s + _FILTER_RAD / max(_MIN_FILTER_RAD_S, filter_rad_s)

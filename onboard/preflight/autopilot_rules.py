@@ -18,7 +18,7 @@ from onboard.px4.required_params import weakened
 from onboard.safety.failsafe_table import TABLE, Action, Condition, Situation, in_order
 from onboard.safety.limits import AUTOPILOT_SILENT_S
 
-LEAST_ATTITUDE_HZ = 20.0  # a lower rate of PX4's attitude refuses a take-off
+MIN_ATTITUDE_HZ = 20.0  # a lower rate of PX4's attitude refuses a take-off
 USUAL_ATTITUDE_HZ = 35.0  # a lower rate is reported as advice
 
 # reasons for refusing a packet that occur only if the vehicle signs
@@ -116,7 +116,7 @@ def _link(facts: PreflightFacts, fleet: FleetConfig, vehicle: Vehicle) -> Judgem
         return SKIP, {"reason": "in the first second"}
 
     words = {"rate": facts.attitude_hz}
-    if facts.attitude_hz < LEAST_ATTITUDE_HZ:
+    if facts.attitude_hz < MIN_ATTITUDE_HZ:
         return "too slow", words
     if facts.attitude_hz < USUAL_ATTITUDE_HZ:
         return "slower than usual", words
@@ -240,7 +240,7 @@ AUTOPILOT_RULES = rules(
     },
     AUTOPILOT_SILENT_S=AUTOPILOT_SILENT_S,
     HEARTBEAT_SILENT_S=HEARTBEAT_SILENT_S,
-    LEAST_ATTITUDE_HZ=LEAST_ATTITUDE_HZ,
+    MIN_ATTITUDE_HZ=MIN_ATTITUDE_HZ,
     USUAL_ATTITUDE_HZ=USUAL_ATTITUDE_HZ,
     LAG_ERROR_MS=1e3 * LAG_ERROR_S,
 )

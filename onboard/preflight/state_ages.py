@@ -9,7 +9,7 @@ from onboard.preflight.preflight_facts import RadioMeasured
 
 # number of samples kept for each neighbour; there are eleven a second
 _SAMPLES = 120
-_LEAST_SAMPLES = 60  # delay and loss are known from this number of samples on
+_MIN_SAMPLES = 60  # delay and loss are known from this number of samples on
 _MISSING_S = 1.0  # a neighbour that is silent for longer is missing and does not count here
 # if an age exceeds the delay by this many periods, a state was lost or is late
 _LATE_PERIODS = 0.99
@@ -40,7 +40,7 @@ class StateAges:
         delays_s: dict[str, float] = {}
         losses: dict[str, float] = {}
         for name, ages_s in self._ages_s.items():
-            if len(ages_s) < _LEAST_SAMPLES:
+            if len(ages_s) < _MIN_SAMPLES:
                 continue
             delay_s = min(ages_s)
             late_age_s = delay_s + _LATE_PERIODS * self._period_s

@@ -31,7 +31,7 @@ _SWITCH_S = 0.002
 
 _REALTIME_PRIORITY = 10  # priority of the control loop's thread
 _HELPERS_PRIORITY = 5  # priority of the other threads
-_LEAST_FREE_BYTES = 50_000_000  # a disk with less free space is full
+_MIN_FREE_BYTES = 50_000_000  # a disk with less free space is full
 _HUNG_US = 1_000_000  # longest computation without a pause; the control loop pauses at each tick
 
 
@@ -96,7 +96,7 @@ def is_disk_full() -> bool:
             disk = os.statvfs(".")
     except OSError:
         return False
-    return disk.f_bavail * disk.f_frsize < _LEAST_FREE_BYTES
+    return disk.f_bavail * disk.f_frsize < _MIN_FREE_BYTES
 
 
 def set_realtime_priority() -> str:

@@ -24,7 +24,7 @@ _TARGET_AT = {
     119: 10,  # LOG_REQUEST_DATA
     122: 0,  # LOG_REQUEST_END
 }
-_MOST_BYTES = 255  # largest payload; MAVLink removes zeros at its end
+_MAX_BYTES = 255  # largest payload; MAVLink removes zeros at its end
 
 # offsets in a file transfer payload
 _OPERATION_AT = 6
@@ -52,7 +52,7 @@ def is_allowed(packet: Packet, system_id: int) -> bool:
     if packet.number not in LOG_REQUESTS or not packet.has_right_checksum:
         return False
 
-    payload = packet.payload.ljust(_MOST_BYTES, b"\0")
+    payload = packet.payload.ljust(_MAX_BYTES, b"\0")
     target_at = _TARGET_AT[packet.number]
     target = tuple(payload[target_at : target_at + 2])
     if target != (system_id, AUTOPILOT_COMPONENT):

@@ -19,7 +19,7 @@ from onboard.px4 import modes
 # id has the next uid. The number comes from the letters SIMULATIONID0000: BOARD_OVERRIDE_UUID of
 # PX4's board px4_sitl.
 _SIMULATION_UID = 0x4954414C44494E4F
-_MOST_SYSTEM_IDS = 255
+_MAX_SYSTEM_IDS = 255
 _FIX_3D = 3  # GPS_FIX_TYPE of a three-dimensional fix; larger values are better fixes
 _SATELLITES_UNKNOWN = 255
 _NO_CELL_MV = 65535  # marks an absent cell
@@ -148,7 +148,7 @@ def _version(fields: dict[str, Any], _: int) -> dict[str, Any]:
     system_index = int(fields["uid"]) - _SIMULATION_UID
     return {
         "px4_version": version,
-        "is_simulated": 0 <= system_index < _MOST_SYSTEM_IDS,
+        "is_simulated": 0 <= system_index < _MAX_SYSTEM_IDS,
     }
 
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from typing import Any
 
-_MOST_PIECES = 4  # PX4's texts have up to 127 characters, three pieces
+_MAX_PIECES = 4  # PX4's texts have up to 127 characters, three pieces
 
 
 class StatusTexts:
@@ -31,7 +31,7 @@ class StatusTexts:
         number = fields["chunk_seq"]
         if number == 0 or fields["id"] != self._id or number != len(self._pieces):
             self._pieces = []
-        if len(self._pieces) < _MOST_PIECES:
+        if len(self._pieces) < _MAX_PIECES:
             self._pieces.append(piece)
         self._id = fields["id"]
         return b"".join(self._pieces)

@@ -17,7 +17,7 @@ from onboard.config.areas import Area
 from onboard.tuples import Xyz
 
 _SAMPLE_M = 0.05  # distance between two samples of a straight line
-_MOST_SAMPLES = 5000
+_MAX_SAMPLES = 5000
 
 
 def rooms_m(area: Area, positions_enu_m: Array) -> Array:
@@ -101,7 +101,7 @@ def length_beyond_m(fleet_areas: Sequence[Area], begin_enu_m: Xyz, end_enu_m: Xy
         end_enu_m: end of the line.
     """
     length_m = math.dist(begin_enu_m, end_enu_m)
-    count = min(_MOST_SAMPLES, 2 + int(length_m / _SAMPLE_M))
+    count = min(_MAX_SAMPLES, 2 + int(length_m / _SAMPLE_M))
     shares = np.linspace(0.0, 1.0, count)[:, None]
 
     begin = np.array(begin_enu_m)

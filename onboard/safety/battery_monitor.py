@@ -11,11 +11,11 @@ from dataclasses import dataclass, field
 from typing import NamedTuple
 
 _WINDOW_S = 10.0  # time over which the battery's trend is measured
-_LEAST_S = 1.0  # the trend is not judged until the window spans this time
-_LEAST_FALL_FRAC = 0.03  # a smaller loss within the window may be one step of PX4's percentage
+_MIN_S = 1.0  # the trend is not judged until the window spans this time
+_MIN_FALL_FRAC = 0.03  # a smaller loss within the window may be one step of PX4's percentage
 _RESERVE_S = 15.0  # time in the air that must be left after the descent
 _SAG_SHARE = 0.12  # a loss of this share of the voltage within the window is a fall, too
-_LEAST_VOLTAGE_V = 1.0  # a lower voltage is not a measurement
+_MIN_VOLTAGE_V = 1.0  # a lower voltage is not a measurement
 _LANDING_SHARE = 0.5  # share of the landing level that must be left after descent and reserve
 
 
@@ -73,7 +73,7 @@ class BatteryMonitor:
             oldest = past[0]
 
         over_s = time_s - oldest.time_s
-        if over_s < _LEAST_S:
+        if over_s < _MIN_S:
             return
 
         # over a short window, one step of a percentage would look like a steep fall
@@ -84,12 +84,12 @@ class BatteryMonitor:
             left_frac = max(left_frac, floor_frac)
 
         # comparisons with NaN are False, so an unreported charge does not run out
-        runs_out = left_frac < _LANDING_SHARE * land_frac and fallen_frac > _LEAST_FALL_FRAC
+        runs_out = left_frac < _LANDING_SHARE * land_frac and fallen_frac > _MIN_FALL_FRAC
         if runs_out or _sags(oldest.voltage_v, voltage_v):
             self.is_falling = True
 
 
 def _sags(before_v: float, now_v: float) -> bool:
     """Return whether the voltage has fallen by a large share."""
-    is_measured = math.isfinite(before_v) and before_v > _LEAST_VOLTAGE_V
+    is_measured = math.isfinite(before_v) and before_v > _MIN_VOLTAGE_V
     return is_measured and now_v < (1.0 - _SAG_SHARE) * before_v

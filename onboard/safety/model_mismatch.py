@@ -27,15 +27,15 @@ from onboard.frames import Quaternion, body_up
 from onboard.vectors import Vec3
 
 _FORGET_S = 30.0  # time constant of the memory
-_LEAST_S = 8.0  # time of flight before any result
+_MIN_S = 8.0  # time of flight before any result
 _ATTITUDE_AGE_S = 0.012  # mean age of PX4's attitude when it is used; it arrives at 50 to 100 Hz
 _HOVER_SHARE = 0.12  # the hover throttle may differ from the file's by this share
 _SURE_S = 0.008  # a difference of the lag counts up to this standard deviation
 _CORRELATED_S = 0.5  # correlation time of the residuals
-_LEAST_GAIN = 0.3  # with a smaller gain, the commands do not explain the motion
-_LEAST_UP = 0.3  # a sample with a smaller vertical part of the body's up is left out
+_MIN_GAIN = 0.3  # with a smaller gain, the commands do not explain the motion
+_MIN_UP = 0.3  # a sample with a smaller vertical part of the body's up is left out
 _LARGEST_CONDITION_NUMBER = 1e6  # above it, the commands varied too little for a result
-_LEAST_SQUARE = 1e-9  # avoids a division by zero, and the square root of a negative number
+_MIN_SQUARE = 1e-9  # avoids a division by zero, and the square root of a negative number
 
 
 class LagDifference(NamedTuple):
@@ -85,7 +85,7 @@ def update(
     r_x, r_y, _ = rate_enu_m_s3
     up = body_up(quaternion_wxyz)
     is_finite = math.isfinite(a_x + a_y) and math.isfinite(r_x + r_y)
-    is_upright = up.z > _LEAST_UP
+    is_upright = up.z > _MIN_UP
     if not (is_finite and is_upright):
         return memory
 
@@ -124,11 +124,11 @@ def lag_difference(memory: ResponseMemory) -> LagDifference:
         The difference of the lag. It is not known (infinite deviation) while there are too few
         samples, or while the commands vary too little.
     """
-    if memory.time_s < _LEAST_S:
+    if memory.time_s < _MIN_S:
         return _UNKNOWN
 
     # scaled to a unit diagonal, so that the condition number tells whether the commands varied
-    scale = np.sqrt(np.maximum(np.diag(memory.normal), _LEAST_SQUARE))
+    scale = np.sqrt(np.maximum(np.diag(memory.normal), _MIN_SQUARE))
     scales = np.outer(scale, scale)
     normal = memory.normal / scales
     if np.linalg.cond(normal) > _LARGEST_CONDITION_NUMBER:
@@ -137,12 +137,12 @@ def lag_difference(memory: ResponseMemory) -> LagDifference:
     inverse = np.linalg.inv(normal) / scales
     theta = inverse @ memory.right
     gain, gain_delay, _, _ = theta
-    if gain < _LEAST_GAIN:
+    if gain < _MIN_GAIN:
         return _UNKNOWN
 
     sample_count = memory.normal[2, 2]  # sum of the ones in the third column
     measurement_count = 2.0 * sample_count  # along x and y
-    residuals = max(memory.energy - float(theta @ memory.right), _LEAST_SQUARE)
+    residuals = max(memory.energy - float(theta @ memory.right), _MIN_SQUARE)
     variance = residuals / measurement_count
     gain_delay_variance = variance * inverse[1, 1]
 
@@ -179,7 +179,7 @@ def differences(
         )
 
     hover_share = hover_frac / configured_hover_frac
-    if memory.time_s >= _LEAST_S and abs(hover_share - 1.0) > _HOVER_SHARE:
+    if memory.time_s >= _MIN_S and abs(hover_share - 1.0) > _HOVER_SHARE:
         sentences["hover-differs"] = (
             f"The vehicle hovers at {hover_frac:.2f} of its throttle, "
             f"the fleet file says {configured_hover_frac:.2f}. "

@@ -37,7 +37,7 @@ from onboard.security.certificates import (
 from onboard.security.node_roles import NodeRole
 
 _CONTEXT = b"covey order 1\0"  # signed too, so that no signature for another purpose fits an order
-MOST_FALSE_PER_S = 200  # at most this many false orders per counted sender are verified per second
+MAX_FALSE_PER_S = 200  # at most this many false orders per counted sender are verified per second
 _BEGIN_FLIGHTS = ("arm", "takeoff")  # orders that are refused once the certificate has expired
 _MAX_KNOWN = 16  # number of remembered certificates, and of remembered grounds with valid orders
 _UNKNOWN_NODE = ""  # the false orders of all other senders are counted under this name
@@ -183,10 +183,10 @@ class SealCheck:
             self._second = second
             self._false_counts.clear()
 
-        if self._false_counts[claimed_node] >= MOST_FALSE_PER_S:
+        if self._false_counts[claimed_node] >= MAX_FALSE_PER_S:
             return (
                 "flood",
-                f"was not looked at: more than {MOST_FALSE_PER_S} false ones came within a second.",
+                f"was not looked at: more than {MAX_FALSE_PER_S} false ones came within a second.",
             )
 
         fault = self._fault(key_expression, order, seal, now)

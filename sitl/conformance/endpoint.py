@@ -29,11 +29,11 @@ NAMES = {number: name for name, number in IDS.items()}
 _EVENT = struct.Struct("<IIHBBB")
 _ATTITUDE = IDS["ATTITUDE"]
 _PACE_AFTER_S = 1.0  # time between the first stamp and the first estimate of the pace
-_LEAST_PACE = 0.05
-_MOST_PACE = 50.0
+_MIN_PACE = 0.05
+_MAX_PACE = 50.0
 _RESTART_S = 0.5  # a stamp that goes back by more than this means that the vehicle has restarted
 _RECEIVE_BUFFER_BYTES = 1 << 21
-_MOST_DATAGRAMS = 256  # datagrams read in one batch
+_MAX_DATAGRAMS = 256  # datagrams read in one batch
 _LARGEST_DATAGRAM = 4096
 _ANY_ADDRESS = ("", 0)
 
@@ -95,7 +95,7 @@ class UdpPort:
         """Return the datagrams that have arrived; wait for the first up to `timeout_s`."""
         select.select([self._socket], [], [], max(0.0, timeout_s))
         datagrams: list[bytes] = []
-        while len(datagrams) < _MOST_DATAGRAMS:
+        while len(datagrams) < _MAX_DATAGRAMS:
             try:
                 datagram, sender = self._socket.recvfrom(_LARGEST_DATAGRAM)
             except OSError:
@@ -195,7 +195,7 @@ class VehicleClock:
         elapsed_s = port_s - first_port_s
         if elapsed_s > _PACE_AFTER_S:
             pace = (boot_s - first_boot_s) / elapsed_s
-            self.pace = min(_MOST_PACE, max(_LEAST_PACE, pace))
+            self.pace = min(_MAX_PACE, max(_MIN_PACE, pace))
 
         self.boot_s = boot_s
         self._port_s = port_s

@@ -30,9 +30,9 @@ _DRAG_1_S = 1.0
 _ESTIMATE_BELOW_M_S = 0.4
 _ESTIMATE_GAIN_1_M = 0.04  # change of the thrust per second, for each m/s of error
 _SIH_HOVER_THRUST = 0.49
-_LEAST_HOVER_THRUST = 0.2
-_MOST_HOVER_THRUST = 0.8
-_LEAST_THRUST = 0.12
+_MIN_HOVER_THRUST = 0.2
+_MAX_HOVER_THRUST = 0.8
+_MIN_THRUST = 0.12
 
 # A vehicle within these limits has come to rest in the air.
 _CALM_HEIGHT_M = 0.3
@@ -108,11 +108,11 @@ class Hover:
         lift_m_s2 = _GRAVITY + _HEIGHT_GAIN_1_S * excess_m_s
         if abs(position.vz) < _ESTIMATE_BELOW_M_S:
             estimate = self.thrust + _ESTIMATE_GAIN_1_M * _PERIOD_S * excess_m_s
-            self.thrust = min(_MOST_HOVER_THRUST, max(_LEAST_HOVER_THRUST, estimate))
+            self.thrust = min(_MAX_HOVER_THRUST, max(_MIN_HOVER_THRUST, estimate))
 
         # A tilted vehicle lifts with the cosine of its tilt.
         thrust = self.thrust * lift_m_s2 / _GRAVITY / (math.cos(roll) * math.cos(pitch))
-        return quaternion(roll, pitch, self.yaw_rad), min(1.0, max(_LEAST_THRUST, thrust))
+        return quaternion(roll, pitch, self.yaw_rad), min(1.0, max(_MIN_THRUST, thrust))
 
     def _tilt_to_goal(self, position: Any) -> tuple[float, float]:
         """Return roll and pitch that lead to the goal, from a LOCAL_POSITION_NED."""

@@ -22,8 +22,8 @@ _READY_BEFORE_S = 1.3  # a vehicle ready before this may have been ready before 
 _FRESH_S = 1.8  # a vehicle whose first ATTITUDE is stamped no later than this has just started
 _RATE_SLACK_SHARE = 0.06
 _CLOCK_STEP_MS = 4
-_LEAST_PACE = 0.9  # limits of the pace of a vehicle in real time
-_MOST_PACE = 1.1
+_MIN_PACE = 0.9  # limits of the pace of a vehicle in real time
+_MAX_PACE = 1.1
 # Positions of the diagonal in the upper triangle of a 6 x 6 matrix, row by row.
 _DIAGONAL = (0, 6, 11, 15, 18, 20)
 _RATES_HZ = {
@@ -204,7 +204,7 @@ def _message_layout(client: VehicleClient, report: FactReport, since_s: float) -
 
 
 def _clock(client: VehicleClient, report: FactReport, since_s: float) -> None:
-    if _LEAST_PACE < client.clock.pace < _MOST_PACE:
+    if _MIN_PACE < client.clock.pace < _MAX_PACE:
         report.add("clock.pace", client.clock.pace)
     else:
         pace = f"it runs at {client.clock.pace:.1f} times real time"

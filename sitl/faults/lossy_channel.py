@@ -15,7 +15,7 @@ import numpy as np
 
 Load = TypeVar("Load")
 # A link with more loads in transit loses the newest, as a full buffer does.
-_MOST_IN_TRANSIT = 10_000
+_MAX_IN_TRANSIT = 10_000
 _TIME_TOLERANCE_S = 1e-9  # times that differ by less count as equal
 
 
@@ -69,7 +69,7 @@ class LossyChannel(Generic[Load]):
         if self._happens(faults.duplicate):
             copies = 2
         for _ in range(copies):
-            if len(self._in_transit) >= _MOST_IN_TRANSIT:
+            if len(self._in_transit) >= _MAX_IN_TRANSIT:
                 return
 
             jitter_s = 0.0

@@ -24,19 +24,19 @@ from msgspec import Struct
 from onboard.bus.codec import encode
 from onboard.bus.schema import Message
 from onboard.config.radio import RadioConfig
-from onboard.feasibility.airtime import MOST_IN_TURN, OFDM, OVERHEAD_BYTES, message_packets, turn_s
+from onboard.feasibility.airtime import MAX_IN_TURN, OFDM, OVERHEAD_BYTES, message_packets, turn_s
 from sitl.physics.random_streams import Stream
 
 _ACCESS_POINT = ""  # the station name of the access point; no node has this name
 _SMALL_BYTES = 100  # size of a liveliness token, and of a call without a message
 # A LATEST message is dropped after waiting this long.
-_MOST_WAITING_NS = 300_000_000
+_MAX_WAITING_NS = 300_000_000
 
 FIRST_WINDOW = 16  # slots
 
 # A station's window doubles with each consecutive collision, at most this many times.
-MOST_DOUBLED = 6
-_MOST_DOUBLED_ACCESS_POINT = 2
+MAX_DOUBLED = 6
+_MAX_DOUBLED_ACCESS_POINT = 2
 
 
 class _Packet(NamedTuple):
@@ -203,9 +203,9 @@ class Channel:
 
     def _draw(self, station: str) -> int:
         """Return the free slots that a station waits for before it sends."""
-        most_doubled = MOST_DOUBLED
+        most_doubled = MAX_DOUBLED
         if station == _ACCESS_POINT:
-            most_doubled = _MOST_DOUBLED_ACCESS_POINT
+            most_doubled = _MAX_DOUBLED_ACCESS_POINT
 
         doubled = min(self._collisions_in_a_row.get(station, 0), most_doubled)
         return int(self._rng.integers(FIRST_WINDOW * 2**doubled))
@@ -217,7 +217,7 @@ class Channel:
         """
         queues = self._queues[station]
         next_station = min(queues, key=lambda name: queues[name][0].sent_ns)
-        packets = list(islice(queues[next_station], MOST_IN_TURN))
+        packets = list(islice(queues[next_station], MAX_IN_TURN))
 
         count = sum(message_packets(packet.message_bytes) for packet in packets)
         size_bytes = sum(packet.message_bytes for packet in packets) + count * OVERHEAD_BYTES
@@ -243,7 +243,7 @@ class Channel:
 
     def _drop_old(self, queues: dict[str, deque[_Packet]]) -> None:
         """Drop packets that have waited too long, and then queues that are empty."""
-        oldest_ns = self._now_ns() - _MOST_WAITING_NS
+        oldest_ns = self._now_ns() - _MAX_WAITING_NS
         for next_station in list(queues):
             queue = queues[next_station]
             while queue and queue[0].is_latest and queue[0].sent_ns < oldest_ns:

@@ -17,7 +17,7 @@ from typing import Any
 _LONGEST_WAIT_S = 3600.0
 # A coroutine that polls with ``asyncio.sleep(0)`` waits for no time. After this number of rounds of
 # the loop without a step of the simulation, it advances by one; nothing else takes as many.
-_MOST_ROUNDS = 1000
+_MAX_ROUNDS = 1000
 
 
 class StalledError(RuntimeError):
@@ -58,7 +58,7 @@ class VirtualLoop(asyncio.BaseEventLoop):
         self._rounds += 1
         if timeout_s is None or timeout_s > 0.0:
             self._wait(timeout_s)
-        elif self._rounds > _MOST_ROUNDS:
+        elif self._rounds > _MAX_ROUNDS:
             self._advance()
 
         while self.time() < self._stands_until_s:

@@ -27,9 +27,9 @@ _REQUEST_PROTOCOL_VERSION = 519
 FOR_EVERYBODY = frozenset({_REQUEST_MESSAGE, _REQUEST_PROTOCOL_VERSION})
 
 # Parameters of larger magnitude are ignored.
-_MOST_INTEGER = 2**31
-_MOST_ALTITUDE_M = 1e5
-_MOST_POSITION_M = 1e4  # from the local origin, per axis
+_MAX_INTEGER = 2**31
+_MAX_ALTITUDE_M = 1e5
+_MAX_POSITION_M = 1e4  # from the local origin, per axis
 
 
 class CommandedLink(Protocol):
@@ -70,7 +70,7 @@ class ReceivedCommand:
     def integer(self, index: int) -> int:
         """Return parameter 1 to 7 as the nearest whole number; -1 when it is too large."""
         value = self[index]
-        if abs(value) >= _MOST_INTEGER:
+        if abs(value) >= _MAX_INTEGER:
             return -1
         return round(value)
 
@@ -122,7 +122,7 @@ def _enter(mode: Mode, text: str | None = None) -> Handler:
 def _take_off(link: CommandedLink, command: ReceivedCommand) -> Answer:
     *_, altitude_m = command.numbers  # above the sea, since PX4 ignores the frame
     height_m = math.nan
-    if abs(altitude_m) < _MOST_ALTITUDE_M:
+    if abs(altitude_m) < _MAX_ALTITUDE_M:
         height_m = altitude_m - link.view.home_altitude_m
     return link.autopilot.request_takeoff(link.view.now_s, height_m), []
 
@@ -178,7 +178,7 @@ def _reposition(link: CommandedLink, command: ReceivedCommand) -> Answer:
 
     # A coordinate that is too far away counts as missing. Without a height the vehicle stays at its
     # present height. With a height or a heading alone it keeps its goal. Without anything it stops.
-    is_usable = np.abs(position) < _MOST_POSITION_M
+    is_usable = np.abs(position) < _MAX_POSITION_M
     position[~is_usable] = math.nan
     present = np.array(link.emulator.estimator.local(link.index).position_ned_m)
     if not is_usable.any() and not math.isfinite(yaw_rad):

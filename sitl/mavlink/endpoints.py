@@ -32,7 +32,7 @@ VIEWER_PORT = 19410
 SIMULATOR_INSTANCES = 40
 
 _ENDPOINT = re.compile(r"(?P<scheme>udpin|udpout)://(?P<host>[^:/]*|\[[^\]]*\]):(?P<port>\d{1,5})")
-_MOST_DATAGRAMS = 64  # datagrams read in one batch from one socket
+_MAX_DATAGRAMS = 64  # datagrams read in one batch from one socket
 _LARGEST_DATAGRAM = 65535
 _RECEIVE_BUFFER_BYTES = 1 << 20
 
@@ -277,7 +277,7 @@ class Socket:
     def read(self) -> None:
         """Pass the datagrams that have arrived to the endpoint."""
         # The number is limited, so that a client that floods the socket does not stop the vehicles.
-        for _ in range(_MOST_DATAGRAMS):
+        for _ in range(_MAX_DATAGRAMS):
             try:
                 data, sender = self._sock.recvfrom(_LARGEST_DATAGRAM)
             except OSError:

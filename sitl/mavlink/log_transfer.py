@@ -22,7 +22,7 @@ from sitl.px4.flight_log import FOLDER, FlightLogs, LogFile
 PAYLOAD_BYTES = 251
 _HEAD = struct.Struct("<HBBBBBxI")
 _SIZE_BYTE = 4  # index of the size in a payload
-_MOST_DATA = PAYLOAD_BYTES - _HEAD.size
+_MAX_DATA = PAYLOAD_BYTES - _HEAD.size
 LOG_DATA_BYTES = 90
 # An answer with at most this much data is stored and sent again for a repeated request. A repeated
 # request with a larger answer is carried out again.
@@ -110,7 +110,7 @@ class FileServer:
         self._end_idle_session(now_s)
         self._used_s = now_s
 
-        data = payload[_HEAD.size : _HEAD.size + min(size, _MOST_DATA)]
+        data = payload[_HEAD.size : _HEAD.size + min(size, _MAX_DATA)]
         request = _Request(
             sequence=sequence,
             session=session,
@@ -146,7 +146,7 @@ class FileServer:
             burst = self._burst
             content = b""
             if self._file is not None:
-                content = bytes(self._file.content[burst.offset : burst.offset + _MOST_DATA])
+                content = bytes(self._file.content[burst.offset : burst.offset + _MAX_DATA])
             if self._reaches_limit(len(content)):
                 break
 
@@ -215,7 +215,7 @@ class FileServer:
 
         listed = b""
         for entry in entries[request.offset :]:
-            if len(listed) + len(entry) > _MOST_DATA:
+            if len(listed) + len(entry) > _MAX_DATA:
                 break
             listed += entry
         return listed
@@ -248,7 +248,7 @@ class FileServer:
         file = self._file_of(request)
         if request.offset >= len(file.content):
             raise _Refused(_END_OF_FILE)
-        end = request.offset + min(request.size, _MOST_DATA)
+        end = request.offset + min(request.size, _MAX_DATA)
         content = bytes(file.content[request.offset : end])
         if self._reaches_limit(len(content)):
             raise _Refused(_INVALID_SESSION)

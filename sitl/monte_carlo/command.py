@@ -19,7 +19,7 @@ from sitl.monte_carlo import campaign_settings, flight_plans, process_chunks, re
 
 _PICTURES = (".png", ".svg", ".pdf")
 _TABLE_WIDTH = 135  # in a narrower terminal, the numbers are lines of text
-_MOST_FAILURES = 10  # number of failed flights that are listed
+_MAX_FAILURES = 10  # number of failed flights that are listed
 
 
 def run(
@@ -228,10 +228,10 @@ def _print_table(
         )
 
     failed = [values for values in records if not results.is_flawless(values)]
-    for values in failed[:_MOST_FAILURES]:
+    for values in failed[:_MAX_FAILURES]:
         console.print(f"{values['scenario']} seed {values['seed']}: {_reason(values)}")
-    if len(failed) > _MOST_FAILURES:
-        console.print(f"... and {len(failed) - _MOST_FAILURES} more")
+    if len(failed) > _MAX_FAILURES:
+        console.print(f"... and {len(failed) - _MAX_FAILURES} more")
 
 
 def _reason(values: results.FlightRecord) -> str:

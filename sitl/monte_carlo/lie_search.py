@@ -38,7 +38,7 @@ _RESTARTS = 2  # restarts for each kind of lie
 _FIRST_SHARE = 0.3  # share of the flights of a restart whose lies are random
 _GENERATION = 25  # lies in a generation
 _KEPT = 6  # best lies, from which the next generation is drawn
-_LEAST_SPREAD = 0.03  # smallest standard deviation of a generation, as a share of the range
+_MIN_SPREAD = 0.03  # smallest standard deviation of a generation, as a share of the range
 _FIRST_SEED = 7000
 
 
@@ -132,7 +132,7 @@ def search(
             # each pass draws and flies one generation
             while len(points) < tries_of_restart:
                 best = points[np.argsort(distances_m)[:_KEPT]]
-                spread = np.maximum(best.std(axis=0), _LEAST_SPREAD)
+                spread = np.maximum(best.std(axis=0), _MIN_SPREAD)
                 drawn = rng.normal(best.mean(axis=0), spread, (_GENERATION, len(BOUNDS) + 1))
                 # The first coordinate is the member. It has no mean, so take it from one of the
                 # best lies.

@@ -18,7 +18,7 @@ from sitl.monte_carlo.vehicles import TICK_S
 _REQUEST_S = 0.04  # from the request for a vehicle's mocap poses to the first of them
 _TRACKED_AFTER_S = OVERDUE_S + _REQUEST_S  # after a silence of this, a pose replaces a message
 _TRACKED_AGE_S = 0.04  # age of a motion from mocap poses when the law uses it
-_MOST_SENDERS = 32  # nearest senders that a receiver gathers; the law uses fewer
+_MAX_SENDERS = 32  # nearest senders that a receiver gathers; the law uses fewer
 
 
 class Radio:
@@ -137,7 +137,7 @@ class Radio:
     def _senders(self) -> IntArray:
         """Return the senders that each receiver gathers: all, or the nearest of a large fleet."""
         count = self._inbox.shape[1]
-        if count - 1 <= _MOST_SENDERS:
+        if count - 1 <= _MAX_SENDERS:
             return self._all_others
 
         position = self._inbox["position_enu_m"][..., :2]  # (F, receiver, sender, 2)
@@ -147,7 +147,7 @@ class Radio:
 
         itself = np.arange(count)
         distance_2[:, itself, itself] = np.inf
-        nearest = np.argpartition(distance_2, _MOST_SENDERS, axis=-1)[..., :_MOST_SENDERS]
+        nearest = np.argpartition(distance_2, _MAX_SENDERS, axis=-1)[..., :_MAX_SENDERS]
         return np.sort(nearest, axis=-1)
 
     def keep(self, flights: IntArray) -> None:

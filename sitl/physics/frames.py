@@ -22,7 +22,7 @@ _Q_FRD_FLU = np.array([0.0, 1.0, 0.0, 0.0])
 # A vector changes between ENU and NED by this order of its axes and these signs.
 _SWAPPED = [1, 0, 2]
 _SWAP_SIGNS = np.array([1.0, 1.0, -1.0])
-_LEAST_SINE = 1e-9  # below this sine of a tilt the angle is taken to equal its sine
+_MIN_SINE = 1e-9  # below this sine of a tilt the angle is taken to equal its sine
 
 
 def multiply(a: Array, b: Array) -> Array:
@@ -94,8 +94,8 @@ def tilt_from_down(down: Array) -> Array:
     y = down[..., 1]
     horizontal = np.hypot(x, y)
     angle = np.arctan2(horizontal, down[..., 2])
-    divisor = np.maximum(horizontal, _LEAST_SINE)
-    scale = np.where(horizontal > _LEAST_SINE, angle / divisor, 1.0)
+    divisor = np.maximum(horizontal, _MIN_SINE)
+    scale = np.where(horizontal > _MIN_SINE, angle / divisor, 1.0)
     return np.stack([-y * scale, x * scale], axis=-1)
 
 

@@ -113,7 +113,7 @@ _TWO_PI = 2.0 * math.pi
 _NOISE_BLEND = STEP_S / THRUST_NOISE_CORRELATION_S
 _NOISE_SPREAD = math.sqrt(2.0 * _NOISE_BLEND)
 # Below this sine or angle of a tilt the two are taken as equal, and their quotient is not computed.
-_LEAST_TILT = 1e-9
+_MIN_TILT = 1e-9
 _Quaternion = tuple[float, float, float, float]
 
 
@@ -147,7 +147,7 @@ def _commanded_tilt(q: Array, yaw: float) -> tuple[float, float]:
     # Angle of the tilt over its sine.
     horizontal = math.sqrt(ahead * ahead + right * right)
     scale = 1.0
-    if horizontal > _LEAST_TILT:
+    if horizontal > _MIN_TILT:
         scale = math.atan2(horizontal, down) / horizontal
     return -right * scale, ahead * scale
 
@@ -230,7 +230,7 @@ def _turned(
     # Angle of the tilt over the sine of half that angle.
     sine = math.sqrt(tilt_x * tilt_x + tilt_y * tilt_y)
     scale = 2.0
-    if sine > _LEAST_TILT:
+    if sine > _MIN_TILT:
         scale = 2.0 * math.atan2(sine, tilt_w) / sine
     return scale * tilt_x, scale * tilt_y, yaw
 
@@ -293,7 +293,7 @@ def _attitude(roll: float, pitch: float, yaw: float) -> _Quaternion:
     # Quaternion of the tilt.
     angle = math.sqrt(roll * roll + pitch * pitch)
     scale = 0.5
-    if angle > _LEAST_TILT:
+    if angle > _MIN_TILT:
         scale = math.sin(0.5 * angle) / angle
     w = math.cos(0.5 * angle)
     x = scale * roll

@@ -59,10 +59,10 @@ _LONGEST_FILTER_S = 0.2  # largest delay of PX4's filter of attitude setpoints
 _FILTER_RAD = 2.2
 
 # The damping with gains that differ from those of the measurement.
-_LEAST_RATIO = 0.1  # limits of the ratio of the gains
-_MOST_RATIO = 10.0
+_MIN_RATIO = 0.1  # limits of the ratio of the gains
+_MAX_RATIO = 10.0
 _LAG_POWER = 0.9  # the lag is inversely proportional to this power of the ratio
-_LEAST_ZETA = 0.05
+_MIN_ZETA = 0.05
 
 
 @dataclass(frozen=True, slots=True)
@@ -114,10 +114,10 @@ class VehicleProfile:
         if attitude_p_1_s == measured_p_1_s:
             return self.attitude_zeta
 
-        ratio = min(_MOST_RATIO, max(_LEAST_RATIO, attitude_p_1_s / measured_p_1_s))
+        ratio = min(_MAX_RATIO, max(_MIN_RATIO, attitude_p_1_s / measured_p_1_s))
         measured_lag_s = self.attitude_delay_s + 2.0 * self.attitude_zeta / self.attitude_wn_rad_s
         lag_s = measured_lag_s / float(ratio**_LAG_POWER)
-        return max(_LEAST_ZETA, 0.5 * self.attitude_wn_rad_s * (lag_s - self.attitude_delay_s))
+        return max(_MIN_ZETA, 0.5 * self.attitude_wn_rad_s * (lag_s - self.attitude_delay_s))
 
     def filter_delay_s(self, setpoint_filter_rad_s: float) -> float:
         """Return the delay that a filter of setpoints adds to that of the measurement's filter.

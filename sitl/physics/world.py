@@ -20,7 +20,7 @@ from sitl.physics.frames import Array
 from sitl.physics.vehicle import STEP_S, Commands, VehicleProfile, Vehicles
 from sitl.physics.wind import Wind, WindSettings
 
-_MOST_COLLISIONS = 64  # collisions reported in one step
+_MAX_COLLISIONS = 64  # collisions reported in one step
 
 
 class SpawnError(ValueError):
@@ -66,7 +66,7 @@ class World:
         self._downwash = downwash or Downwash()
         self._body_diameter_m = body_diameter_m
         self._touched: NDArray[np.bool_] = np.zeros((n, n), dtype=np.bool_)
-        self._pairs = np.zeros((_MOST_COLLISIONS, 2), dtype=np.int64)
+        self._pairs = np.zeros((_MAX_COLLISIONS, 2), dtype=np.int64)
 
     @property
     def time_s(self) -> float:
@@ -113,7 +113,7 @@ class World:
         )
 
         collisions: list[Collision] = []
-        for first, second in self._pairs[: min(count, _MOST_COLLISIONS)].tolist():
+        for first, second in self._pairs[: min(count, _MAX_COLLISIONS)].tolist():
             offset = states.position_ned_m[first] - states.position_ned_m[second]
             collision = Collision(
                 first=first,

@@ -15,7 +15,7 @@ from sitl.px4.parameters import Parameters
 FULL_MV = 16200
 EMPTY_MV = 14400
 _REFILL_S = 4.0  # time to fill an empty battery
-_LEAST_DRAIN_S = 1e-3  # lower limit of the time in which a whole charge is used
+_MIN_DRAIN_S = 1e-3  # lower limit of the time in which a whole charge is used
 
 
 class ChargeState(Enum):
@@ -65,7 +65,7 @@ class Battery:
         # A charge that is already below the floor does not change.
         floor_frac = min(1.0, max(0.0, floor_pct / 100.0))
         if self.remaining_frac > floor_frac:
-            used_frac = dt_s / max(drain_s, _LEAST_DRAIN_S)
+            used_frac = dt_s / max(drain_s, _MIN_DRAIN_S)
             self.remaining_frac = max(floor_frac, self.remaining_frac - used_frac)
 
     def left_s(self, params: Parameters) -> float:

@@ -24,7 +24,7 @@ from sitl.px4.modes import Mode
 from sitl.px4.parameters import Parameters
 
 FLIGHT_TERMINATION_OFF = 121212.0  # value of CBRK_FLIGHTTERM that forbids the termination
-_LEAST_SPEED_M_S = 1e-3  # lower limit of the speeds of a return
+_MIN_SPEED_M_S = 1e-3  # lower limit of the speeds of a return
 
 
 class FailsafeAction(IntEnum):
@@ -158,9 +158,9 @@ def _return_s(inputs: FailsafeInputs, params: Parameters) -> float:
     if distance_m > params["RTL_MIN_DIST"]:
         top_m = max(height_m, params["RTL_RETURN_ALT"])
 
-    climb_s = (top_m - height_m) / max(params["MPC_Z_V_AUTO_UP"], _LEAST_SPEED_M_S)
-    cruise_s = distance_m / max(params["MPC_XY_CRUISE"], _LEAST_SPEED_M_S)
-    descent_s = max(0.0, top_m) / max(params["MPC_LAND_SPEED"], _LEAST_SPEED_M_S)
+    climb_s = (top_m - height_m) / max(params["MPC_Z_V_AUTO_UP"], _MIN_SPEED_M_S)
+    cruise_s = distance_m / max(params["MPC_XY_CRUISE"], _MIN_SPEED_M_S)
+    descent_s = max(0.0, top_m) / max(params["MPC_LAND_SPEED"], _MIN_SPEED_M_S)
     flight_s = climb_s + cruise_s + descent_s
     return params["RTL_TIME_FACTOR"] * flight_s + params["RTL_TIME_MARGIN"]
 

@@ -24,8 +24,8 @@ from sitl.px4.signals import AutopilotInputs, StatusText
 FOLDER = "/fs/microsd/log"
 _MAGIC = b"ULog\x01\x12\x35"
 _VERSION = 1
-_MOST_LOGS = 5
-_MOST_BYTES = 8_000_000  # largest size of one log
+_MAX_LOGS = 5
+_MAX_BYTES = 8_000_000  # largest size of one log
 _LEVEL_ZERO = ord("0")  # the level of a logged text is the digit of its severity
 _CELLS = 4
 _ARMING_TEXT_S = 0.1  # a log includes texts from this long before its start
@@ -130,7 +130,7 @@ class LogWriter:
     @property
     def is_full(self) -> bool:
         """Whether the log has reached its largest size."""
-        return len(self.content) >= _MOST_BYTES
+        return len(self.content) >= _MAX_BYTES
 
     def sample(self, topic: LogTopic, time_us: int, *values: float) -> None:
         """Append a sample of a topic.
@@ -211,7 +211,7 @@ class FlightLogs:
         writer = LogWriter(time_us, infos, dict(autopilot.params.values))
         self._open = LogFile(path=f"{FOLDER}/{date}.ulg", unix_s=unix_s, writer=writer)
         self.files.append(self._open)
-        del self.files[:-_MOST_LOGS]
+        del self.files[:-_MAX_LOGS]
         self._ticks = 0
 
         # The texts about the arming belong to this flight.

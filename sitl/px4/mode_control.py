@@ -26,7 +26,7 @@ from sitl.px4.sticks import Axes
 TICK_S = 0.02
 _SPOOL_S = 1.0  # time from arming until a take-off begins
 _FIRST_SHARE = 0.25  # share of the climb speed with which the ramp of a take-off begins
-_LEAST_RAMP_S = 0.1  # lower limit of the duration of that ramp
+_MIN_RAMP_S = 0.1  # lower limit of the duration of that ramp
 
 # A take-off ends within the first distance of its height. After this time since arming it ends
 # within the larger second distance.
@@ -34,14 +34,14 @@ _TAKEOFF_REACHED_M = 0.1
 _TAKEOFF_NEAR_M = 0.4
 _TAKEOFF_LATE_S = 6.5
 
-_MOST_TILT_DEG = 89.0  # upper limit of the tilt, whatever MPC_TILTMAX_AIR allows
+_MAX_TILT_DEG = 89.0  # upper limit of the tilt, whatever MPC_TILTMAX_AIR allows
 _RTL_NEAR_M = 0.5  # horizontal distance from home at which a return becomes a landing
 
 # The hover thrust is estimated below this vertical speed, with this time constant, within limits.
 _HOVER_TIME_S = 2.0
 _HOVER_SPEED_M_S = 0.5
-_LEAST_HOVER_THRUST = 0.1
-_MOST_HOVER_THRUST = 0.9
+_MIN_HOVER_THRUST = 0.1
+_MAX_HOVER_THRUST = 0.9
 
 # Share of full deflection below which a stick counts as centred (MPC_HOLD_DZ).
 _STICK_REST = 0.1
@@ -215,7 +215,7 @@ class ModeControl:
         position = np.array([north_m, east_m, self._takeoff_down_m(params)])
         # The speed grows from a share of the climb speed, so that the vehicle leaves the ground at
         # once.
-        ramp_s = max(params["MPC_TKO_RAMP_T"], _LEAST_RAMP_S)
+        ramp_s = max(params["MPC_TKO_RAMP_T"], _MIN_RAMP_S)
         speed_share = min(1.0, _FIRST_SHARE + climbing_s / ramp_s)
         up_m_s = speed_share * params["MPC_TKO_SPEED"]
         self._fly(inputs, PositionGoal(position, _ZERO, yaw_rad), params, up_m_s=up_m_s)
@@ -412,7 +412,7 @@ class ModeControl:
             speed_m_s=max(0.0, min(speed_m_s, params["MPC_XY_VEL_MAX"])),
             up_m_s=up_m_s,
             down_m_s=params["MPC_Z_VEL_MAX_DN"],
-            tilt_rad=math.radians(min(_MOST_TILT_DEG, max(0.0, params["MPC_TILTMAX_AIR"]))),
+            tilt_rad=math.radians(min(_MAX_TILT_DEG, max(0.0, params["MPC_TILTMAX_AIR"]))),
         )
 
         attitude, thrust_frac = self._control.step(
@@ -478,7 +478,7 @@ class ModeControl:
         lift_frac = self.actuation.thrust_frac * frames.uprightness(inputs.attitude)
         error_frac = lift_frac - self._hover_thrust_frac
         estimate_frac = self._hover_thrust_frac + TICK_S / _HOVER_TIME_S * error_frac
-        self._hover_thrust_frac = min(_MOST_HOVER_THRUST, max(_LEAST_HOVER_THRUST, estimate_frac))
+        self._hover_thrust_frac = min(_MAX_HOVER_THRUST, max(_MIN_HOVER_THRUST, estimate_frac))
 
 
 _MODE_STEPS: dict[Mode, Callable[[ModeControl, AutopilotInputs, Parameters], None]] = {

@@ -24,8 +24,8 @@ _INTEGRAL_GAIN_1_S2 = (0.4, 0.4, 2.0)
 _INTEGRAL_LIMIT_M_S2 = (2.0, 2.0, 8.0)
 
 _THRUST_MIN = 0.12  # MPC_THR_MIN
-_LEAST_LIFT = 0.2  # minimum lift in units of the weight, because the tilt is undefined without lift
-_MOST_ACCELERATION_M_S2 = 20.0  # largest acceleration that a setpoint adds, per axis
+_MIN_LIFT = 0.2  # minimum lift in units of the weight, because the tilt is undefined without lift
+_MAX_ACCELERATION_M_S2 = 20.0  # largest acceleration that a setpoint adds, per axis
 
 
 def _unset() -> Array:
@@ -106,7 +106,7 @@ class PositionControl:
 
         # Body z is opposite to the thrust, which balances the weight and accelerates the vehicle.
         north_m_s2, east_m_s2, down_m_s2 = acceleration_m_s2
-        lift_m_s2 = max(GRAVITY_M_S2 - down_m_s2, _LEAST_LIFT * GRAVITY_M_S2)
+        lift_m_s2 = max(GRAVITY_M_S2 - down_m_s2, _MIN_LIFT * GRAVITY_M_S2)
 
         # Limit the tilt by reducing the horizontal acceleration, never the lift.
         horizontal_m_s2 = math.hypot(north_m_s2, east_m_s2)
@@ -143,7 +143,7 @@ class PositionControl:
                 acceleration_m_s2[axis] = _VELOCITY_GAIN_1_S[axis] * error_m_s + integral_m_s2
 
             if math.isfinite(feedforward_m_s2[axis]):
-                most_m_s2 = _MOST_ACCELERATION_M_S2
+                most_m_s2 = _MAX_ACCELERATION_M_S2
                 acceleration_m_s2[axis] += min(most_m_s2, max(-most_m_s2, feedforward_m_s2[axis]))
 
         return acceleration_m_s2

@@ -34,8 +34,8 @@ _FRAGMENT_BYTES = 180
 _FRAGMENTS = 4
 _ASSEMBLY_S = 1.0  # largest time between two fragments of one frame
 _CRC_POLYNOMIAL = 0x1864CFB
-_LEAST_FRAME_BYTES = 8
-_MOST_FRAME_BYTES = 1029
+_MIN_FRAME_BYTES = 8
+_MAX_FRAME_BYTES = 1029
 _FRAME_OVERHEAD_BYTES = 6  # header and checksum
 _PREAMBLE = 0xD3
 _BASE_FRAME_BYTES = 25
@@ -203,7 +203,7 @@ class SatelliteReceiver:
 
 def _is_right(frame: bytes) -> bool:
     """Return whether bytes are one frame with a correct checksum."""
-    if not _LEAST_FRAME_BYTES <= len(frame) <= _MOST_FRAME_BYTES:
+    if not _MIN_FRAME_BYTES <= len(frame) <= _MAX_FRAME_BYTES:
         return False
     # preamble, then 6 reserved bits that are 0 and 10 bits of length
     if frame[0] != _PREAMBLE or frame[1] & 0xFC:

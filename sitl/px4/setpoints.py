@@ -45,8 +45,8 @@ _RATES: tuple[tuple[int, float], ...] = (
     (_IGNORE_PITCH_RATE, 3.84),  # MC_PITCHRATE_MAX, 220 deg/s
     (_IGNORE_YAW_RATE, 3.49),  # MC_YAWRATE_MAX, 200 deg/s
 )
-_LEAST_NORM = 1e-6  # a shorter quaternion counts as zero
-_MOST_VALUE = 1e6  # larger numbers are ignored
+_MIN_NORM = 1e-6  # a shorter quaternion counts as zero
+_MAX_VALUE = 1e6  # larger numbers are ignored
 
 
 def from_attitude(
@@ -88,7 +88,7 @@ def from_attitude(
         )
 
     norm = math.nan
-    if all(abs(part) < _MOST_VALUE for part in attitude_wxyz):
+    if all(abs(part) < _MAX_VALUE for part in attitude_wxyz):
         norm = math.sqrt(sum(part * part for part in attitude_wxyz))
 
     if math.isnan(norm):
@@ -99,7 +99,7 @@ def from_attitude(
             thrust_frac=thrust_frac,
             is_rotation=False,
         )
-    if norm < _LEAST_NORM:
+    if norm < _MIN_NORM:
         return Setpoint(
             kind=SetpointKind.ATTITUDE,
             time_s=now_s,
@@ -172,7 +172,7 @@ def _axes(fields: Mapping[str, Any], names: tuple[str, str, str], mask: int) -> 
     for bit, name in enumerate(names):
         is_ignored = bool(mask >> bit & 1)
         # Too large numbers are ignored before they overflow.
-        is_usable = abs(fields[name]) < _MOST_VALUE
+        is_usable = abs(fields[name]) < _MAX_VALUE
         if is_ignored or not is_usable:
             values.append(math.nan)
         else:
@@ -217,6 +217,6 @@ def _setpoint(
 
 def _angle(fields: Mapping[str, Any], name: str, is_ignored: bool) -> float:
     """Return a heading or its rate; NaN when it is ignored, NaN or too large."""
-    if is_ignored or not abs(fields[name]) < _MOST_VALUE:
+    if is_ignored or not abs(fields[name]) < _MAX_VALUE:
         return math.nan
     return float(fields[name])

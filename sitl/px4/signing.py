@@ -15,7 +15,7 @@ KEY_BYTES = 32
 _LOWEST_48_BITS = 2**48 - 1
 _TIMESTAMP_BYTES = 6
 _HASH_BYTES = 6
-_MOST_STREAMS = 16  # largest number of stored senders
+_MAX_STREAMS = 16  # largest number of stored senders
 _NEW_STREAM_LAG = 60 * 100_000  # largest lag of the first timestamp of a sender [10 us]
 # HEARTBEAT, RADIO_STATUS, ADSB_VEHICLE and COLLISION are accepted with any or no signature.
 _ACCEPTED_UNSIGNED = frozenset({0, 109, 246, 247})
@@ -100,7 +100,7 @@ class LinkSigning:
         if stream in streams:
             if timestamp <= streams[stream]:
                 return False
-        elif len(streams) >= _MOST_STREAMS or timestamp + _NEW_STREAM_LAG < self._timestamp:
+        elif len(streams) >= _MAX_STREAMS or timestamp + _NEW_STREAM_LAG < self._timestamp:
             return False
 
         streams[stream] = timestamp

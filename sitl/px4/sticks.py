@@ -15,7 +15,7 @@ CENTRED: Axes = (0.0, 0.0, 0.5, 0.0)
 
 _FILTER_S = 0.05  # time constant of the low-pass on the speed of a stick
 # Number of samples in one direction that make a movement. Noise and a single step have fewer.
-_LEAST_SAMPLES = 3
+_MIN_SAMPLES = 3
 
 
 @dataclass(slots=True)
@@ -49,7 +49,7 @@ class _StickAxis:
     def is_moving(self, faster_than_1_s: float) -> bool:
         """Return whether the stick moves faster than a speed, for several samples."""
         is_fast = abs(self.speed_1_s) > faster_than_1_s
-        is_steady = self.samples >= _LEAST_SAMPLES and self.direction != 0
+        is_steady = self.samples >= _MIN_SAMPLES and self.direction != 0
         return is_fast and is_steady
 
 

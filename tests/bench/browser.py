@@ -30,7 +30,7 @@ OPTIONS = (
     "--enable-unsafe-swiftshader",
 )
 _START_S = 60.0
-_MOST_BYTES = 64_000_000  # of a message: a picture
+_MAX_BYTES = 64_000_000  # of a message: a picture
 
 
 class Browser:
@@ -106,7 +106,7 @@ async def browser_at(address: str, size: str) -> AsyncIterator[Browser | None]:
             port = await _port_of(Path(profile))
             async with aiohttp.ClientSession() as session:
                 tools = await _tools_of(session, port, address)
-                async with session.ws_connect(tools, max_msg_size=_MOST_BYTES) as socket:
+                async with session.ws_connect(tools, max_msg_size=_MAX_BYTES) as socket:
                     yield Browser(socket)
         finally:
             process.terminate()

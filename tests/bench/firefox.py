@@ -20,7 +20,7 @@ from typing import Any
 import aiohttp
 
 _START_S = 60.0
-_MOST_BYTES = 64_000_000  # of a message: a picture
+_MAX_BYTES = 64_000_000  # of a message: a picture
 _ADDRESS = re.compile(r"WebDriver BiDi listening on (ws://127\.0\.0\.1:\d+)")
 _PREFERENCES = """
 user_pref("remote.active-protocols", 1);
@@ -126,7 +126,7 @@ async def firefox_at(address: str) -> AsyncIterator[Firefox | None]:
             socket_address = await _socket_of(process)
             async with (
                 aiohttp.ClientSession() as session,
-                session.ws_connect(f"{socket_address}/session", max_msg_size=_MOST_BYTES) as socket,
+                session.ws_connect(f"{socket_address}/session", max_msg_size=_MAX_BYTES) as socket,
             ):
                 browser = Firefox(socket)
                 await browser.open(address)

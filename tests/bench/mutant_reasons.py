@@ -125,16 +125,16 @@ ACCEPTED = (
         (
             (
                 "runs_out = left_frac < _LANDING_SHARE * land_frac and "
-                "fallen_frac > _LEAST_FALL_FRAC",
+                "fallen_frac > _MIN_FALL_FRAC",
                 _SMALLER,
             ),
             (
                 "runs_out = left_frac < _LANDING_SHARE * land_frac and "
-                "fallen_frac > _LEAST_FALL_FRAC",
+                "fallen_frac > _MIN_FALL_FRAC",
                 _LARGER,
             ),
             (
-                "is_measured = math.isfinite(before_v) and before_v > _LEAST_VOLTAGE_V",
+                "is_measured = math.isfinite(before_v) and before_v > _MIN_VOLTAGE_V",
                 _LARGER,
             ),
             ("return is_measured and now_v < (1.0 - _SAG_SHARE) * before_v", _SMALLER),
@@ -182,7 +182,7 @@ ACCEPTED = (
         "safety/area_room.py",
         (
             (
-                "count = min(_MOST_SAMPLES, 2 + int(length_m / _SAMPLE_M))",
+                "count = min(_MAX_SAMPLES, 2 + int(length_m / _SAMPLE_M))",
                 "2 becomes larger",
             ),
         ),
@@ -190,15 +190,15 @@ ACCEPTED = (
     Accepted(
         "more samples of a line beyond 250 m take longer, and find no less",
         "safety/area_room.py",
-        (("_MOST_SAMPLES = 5000", "5000 becomes larger"),),
+        (("_MAX_SAMPLES = 5000", "5000 becomes larger"),),
     ),
     Accepted(
         _MEASURED,
         "safety/model_mismatch.py",
         (
-            ("is_upright = up.z > _LEAST_UP", _LARGER),
+            ("is_upright = up.z > _MIN_UP", _LARGER),
             ("if np.linalg.cond(normal) > _LARGEST_CONDITION_NUMBER:", _LARGER),
-            ("if gain < _LEAST_GAIN:", _SMALLER),
+            ("if gain < _MIN_GAIN:", _SMALLER),
             (
                 "if std_s < _SURE_S and abs(slower_s) - 2.0 * std_s > LAG_ERROR_S:",
                 _SMALLER,
@@ -208,7 +208,7 @@ ACCEPTED = (
                 _LARGER,
             ),
             (
-                "if memory.time_s >= _LEAST_S and abs(hover_share - 1.0) > _HOVER_SHARE:",
+                "if memory.time_s >= _MIN_S and abs(hover_share - 1.0) > _HOVER_SHARE:",
                 _LARGER,
             ),
         ),
@@ -217,9 +217,9 @@ ACCEPTED = (
         _ONE_TICK,
         "safety/model_mismatch.py",
         (
-            ("if memory.time_s < _LEAST_S:", _SMALLER),
+            ("if memory.time_s < _MIN_S:", _SMALLER),
             (
-                "if memory.time_s >= _LEAST_S and abs(hover_share - 1.0) > _HOVER_SHARE:",
+                "if memory.time_s >= _MIN_S and abs(hover_share - 1.0) > _HOVER_SHARE:",
                 "GtE becomes Gt",
             ),
         ),
@@ -790,7 +790,7 @@ ACCEPTED = (
     Accepted(
         "a lead of a millisecond is none",
         "avoidance/prediction.py",
-        (("_LEAST_LEAD_S = 1e-3", "0.001 becomes larger"),),
+        (("_MIN_LEAD_S = 1e-3", "0.001 becomes larger"),),
     ),
     Accepted(
         "a command of nothing changes nothing, however long it lasts",
@@ -815,7 +815,7 @@ ACCEPTED = (
     Accepted(
         "it only keeps zero out of a division: no fleet keeps a distance of a centimetre",
         "avoidance/pairs.py",
-        (("_LEAST_DISTANCE_M = 0.01", "0.01 becomes larger"),),
+        (("_MIN_DISTANCE_M = 0.01", "0.01 becomes larger"),),
     ),
     Accepted(
         "a row without strength asks for no more than the thrust gives",
@@ -861,9 +861,9 @@ ACCEPTED = (
         "a lead of a millisecond is none",
         "avoidance/prediction.py",
         (
-            ("per_lead_1_s = 1.0 / lead_s if lead_s > _LEAST_LEAD_S else 0.0", _LARGER),
+            ("per_lead_1_s = 1.0 / lead_s if lead_s > _MIN_LEAD_S else 0.0", _LARGER),
             (
-                "per_lead_1_s = 1.0 / lead_s if lead_s > _LEAST_LEAD_S else 0.0",
+                "per_lead_1_s = 1.0 / lead_s if lead_s > _MIN_LEAD_S else 0.0",
                 "0.0 becomes larger",
             ),
         ),

@@ -29,7 +29,7 @@ EXIT_WRONG_INPUT = 2
 LIMITS_PCT = {3: 4.0, 50: 1.8}
 _SPACING_M = 3.0
 _WARM_UP_S = 1.5
-_MOST_STEPS_AT_ONCE = 70
+_MAX_STEPS_AT_ONCE = 70
 
 
 @dataclass(frozen=True, slots=True)
@@ -152,7 +152,7 @@ async def _fly(
     cpu_s = time.thread_time()
     while (now_s := loop.time() - start_s) < duration_s:
         due = int(now_s / STEP_S) - (emulator.world.vehicles.steps - first_step)
-        for _ in range(min(due, _MOST_STEPS_AT_ONCE)):
+        for _ in range(min(due, _MAX_STEPS_AT_ONCE)):
             read_all(ready)
             emulator.step()
             for each in sockets:

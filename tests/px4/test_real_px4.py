@@ -65,7 +65,7 @@ do = "land"
 _VERTICAL_M = 1.2  # of the fleet that passes on two heights
 _CROSSING_S = 3.0  # into the formation of the paper's mission
 _STATION = 14550
-_LEAST_M = 0.80  # the promise
+_MIN_M = 0.80  # the promise
 _TOLD_WITHIN_S = 1.0
 
 
@@ -203,7 +203,7 @@ def test_after_a_fault_in_the_crossing_nobody_touches_and_all_come_down(
         has_ground = what != "the ground stopped"
         told_s, sentence = told(flight, "formation", _CROSSING_S) if has_ground else (0.0, "")
         table.add(what, row + (f"; after {told_s:.1f} s: {sentence}" if has_ground else ""))
-        assert closest_m >= _LEAST_M, flight.log
+        assert closest_m >= _MIN_M, flight.log
         assert math.isfinite(down_s), flight.log
         assert told_s <= _TOLD_WITHIN_S, flight.log
 

@@ -16,7 +16,7 @@ from groundstation.console.widgets.fleet_table import FleetTable
 
 HELP = files(__package__).joinpath("help.txt").read_text(encoding="utf-8").rstrip()
 REPLAY_HELP = files(__package__).joinpath("replay_help.txt").read_text(encoding="utf-8").rstrip()
-_MOST_NAMED = 6
+_MAX_NAMED = 6
 
 
 class HelpScreen(Dialog[None]):
@@ -94,8 +94,8 @@ class QuitScreen(Dialog[str]):
             return ["All are down.", "", "[b]y[/b]    quit", "[b]esc[/b]  stay"]
 
         count = len(names)
-        shown = ", ".join(names[:_MOST_NAMED])
-        if count > _MOST_NAMED:
+        shown = ", ".join(names[:_MAX_NAMED])
+        if count > _MAX_NAMED:
             shown += " …"
 
         flies = "fly"

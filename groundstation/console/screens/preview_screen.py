@@ -32,9 +32,9 @@ from onboard.config.fleet import FleetConfig
 CHECK_S = 0.2  # period at which the shown order is checked
 # Time for which keys are ignored after the preview has opened: they were meant for the order line.
 SETTLE_S = 0.3
-_MOST_NAMED = 8
-_MOST_BODY = 16  # largest height of paths and words, in rows
-_LEAST_BODY = 3
+_MAX_NAMED = 8
+_MAX_BODY = 16  # largest height of paths and words, in rows
+_MIN_BODY = 3
 _ANSWER_ROWS = 5  # rows of the answer and of the border around everything
 
 
@@ -98,8 +98,8 @@ class PreviewScreen(Dialog[PlannedOrder | None]):
 
     def on_resize(self, event: events.Resize) -> None:
         """Leave room for the answer; Textual also calls the dialog's own ``on_resize``."""
-        most_rows = max(_LEAST_BODY, self.room_height(event.size.height) - _ANSWER_ROWS)
-        self._body.styles.max_height = min(most_rows, _MOST_BODY)
+        most_rows = max(_MIN_BODY, self.room_height(event.size.height) - _ANSWER_ROWS)
+        self._body.styles.max_height = min(most_rows, _MAX_BODY)
         self._paths.styles.max_height = most_rows
 
     def _start_computing(self, preview: OrderPreview) -> None:
@@ -161,7 +161,7 @@ class PreviewScreen(Dialog[PlannedOrder | None]):
         numbers = self.prepared.fleet.numbers
 
         lines = []
-        for name in preview.intent.names[:_MOST_NAMED]:
+        for name in preview.intent.names[:_MAX_NAMED]:
             line = f"{numbers.get(name, '?')} {name}"
             leg = preview.legs.get(name)
             if leg is not None and leg.is_by_this_order:
@@ -170,7 +170,7 @@ class PreviewScreen(Dialog[PlannedOrder | None]):
                 line += f"  → {x_m:.2f} {y_m:.2f} {z_m:.2f} m  ({distance_m:.1f} m away)"
             lines.append(line)
 
-        hidden = len(preview.intent.names) - _MOST_NAMED
+        hidden = len(preview.intent.names) - _MAX_NAMED
         if hidden > 0:
             lines.append(f"and {hidden} more")
         return lines

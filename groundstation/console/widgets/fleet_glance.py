@@ -7,7 +7,7 @@ from textual.strip import Strip
 from groundstation.console.widgets.fleet_table import FleetTable
 from groundstation.console.widgets.lines import Lines
 
-_LEAST_ROWS = 3  # smallest height, with the heading
+_MIN_ROWS = 3  # smallest height, with the heading
 _SHARE = 0.4  # largest share of the terminal's height
 
 
@@ -32,7 +32,7 @@ class FleetGlance(Lines):
         Args:
             height: height of the terminal, in cells.
         """
-        most_rows = max(_LEAST_ROWS, round(_SHARE * height))
+        most_rows = max(_MIN_ROWS, round(_SHARE * height))
         return min(self._table.row_count + 1, most_rows)
 
     def show(self) -> None:

@@ -27,13 +27,13 @@ from onboard.config.fleet import FleetConfig
 _Span = tuple[float, float]  # least and greatest coordinate in metres
 _Middle = tuple[float, float]  # x and y in metres, ENU
 _MARGIN_M = 1.0  # margin around the outermost vehicle, up to the fence
-_LEAST_SPAN_M = 2.0
+_MIN_SPAN_M = 2.0
 _PAN = 0.15  # share of the picture by which a key moves it
 _WHOLE_FLEET = "*"  # value of `follows` for the middle of the fleet
-_LEAST_ZOOM = 0.25
+_MIN_ZOOM = 0.25
 _LARGEST_ZOOM = 64.0
 _WHEEL_ZOOM = 1.25  # factor for a step of the mouse wheel
-_LEAST_SCALE = 1e-3  # dots per metre, in a picture that is too small for its border
+_MIN_SCALE = 1e-3  # dots per metre, in a picture that is too small for its border
 _WIDTH_OF_WORDS = 44  # width from which the circles are explained in words
 
 
@@ -118,7 +118,7 @@ class PlanView(Lines, can_focus=True):
 
     def change_zoom(self, factor: float) -> None:
         """Zoom by a factor."""
-        self.zoom = min(_LARGEST_ZOOM, max(_LEAST_ZOOM, self.zoom * factor))
+        self.zoom = min(_LARGEST_ZOOM, max(_MIN_ZOOM, self.zoom * factor))
         self.redraw()
 
     def action_whole(self) -> None:
@@ -242,7 +242,7 @@ class PlanView(Lines, can_focus=True):
         # middle of the last but one, three dots less than the whole picture.
         scale_x = (DOTS_ACROSS * width - 3) / (east_m - west_m)
         scale_y = (DOTS_DOWN * height - 3) / (north_m - south_m)
-        scale = max(_LEAST_SCALE, min(scale_x, scale_y))
+        scale = max(_MIN_SCALE, min(scale_x, scale_y))
 
         middle = self._middle
         if middle is None:
@@ -310,7 +310,7 @@ def _span(coordinates_m: list[float], fence: _Span) -> _Span:
     high_m = max(coordinates_m)
     if high_m < fence_high_m:
         high_m = min(fence_high_m, high_m + _MARGIN_M)
-    return low_m, max(high_m, low_m + _LEAST_SPAN_M)
+    return low_m, max(high_m, low_m + _MIN_SPAN_M)
 
 
 def _within(value_m: float, span: _Span) -> float:

@@ -15,7 +15,7 @@ from groundstation.console import theme
 from groundstation.console.theme import FAINT, TEXT, WARN, clean
 from groundstation.orders.result import OrderResult, VehicleResult
 
-_MOST_FAILURES_SHOWN = 3
+_MAX_FAILURES_SHOWN = 3
 _LONGEST_TITLE = 34  # cells
 _ADVICE = {
     "no answer": "Is its agent running? ctrl+l lands everybody, past silent agents too.",
@@ -48,10 +48,10 @@ class ResultLines(Static):
         # A result with advice is a failure, or a landing past a silent agent.
         failed = [result for result in order.results.values() if result.phase in _ADVICE]
         lines = [line]
-        for result in failed[:_MOST_FAILURES_SHOWN]:
+        for result in failed[:_MAX_FAILURES_SHOWN]:
             lines.append(_failure(result))
 
-        hidden = len(failed) - _MOST_FAILURES_SHOWN
+        hidden = len(failed) - _MAX_FAILURES_SHOWN
         if hidden > 0:
             lines[-1].append(f" (+{hidden} more: see the events)", theme.style(FAINT))
         self._put(Text("\n").join(lines))

@@ -26,10 +26,10 @@ _LOWEST_TOP_FACTOR = 2.5
 _HIGHEST_TOP_FACTOR = 6.0
 _MARGIN = 5  # cells for the scale at the left
 
-_LEAST_NAME = 3  # cells of a vehicle's name
+_MIN_NAME = 3  # cells of a vehicle's name
 _LONGEST_NAME = 24
 _CELLS_BESIDE_NAMES = 24  # cells of a pair's line before and between its two names
-_LEAST_WITH_TIMING = 8  # rows from which the timing is shown: with two pairs and a low chart
+_MIN_WITH_TIMING = 8  # rows from which the timing is shown: with two pairs and a low chart
 _CHART_ROWS = 5  # of a chart with its axis
 _JOINED_COLUMNS = 8  # a line joins two samples that are less than this apart
 # Values that fill a spark: two periods of the control loop, and a message that is too old.
@@ -72,7 +72,7 @@ class SeparationView(Lines, can_focus=True):
         the chart and the timing follow as far as the height allows.
         """
         timing = []
-        if height >= _LEAST_WITH_TIMING:
+        if height >= _MIN_WITH_TIMING:
             timing = self._timing(width)
 
         # Half of the rows that a chart with its axis does not need are for further pairs.
@@ -111,7 +111,7 @@ class SeparationView(Lines, can_focus=True):
         distance = f"{sign} {number(pair.distance_m, 2)} m "
 
         name_room = (width - _CELLS_BESIDE_NAMES) // 2
-        name_width = max(_LEAST_NAME, min(_LONGEST_NAME, name_room))
+        name_width = max(_MIN_NAME, min(_LONGEST_NAME, name_room))
         first = theme.fit_name(clean(pair.first, 80), name_width).rstrip()
         second = theme.fit_name(clean(pair.second, 80), name_width).rstrip()
         segments = [

@@ -26,7 +26,7 @@ from onboard.bus.topics import Topic
 from onboard.config.fleet import ConfigError, FleetConfig
 from onboard.corrections import rtcm
 from onboard.corrections.base_watch import BaseWatch
-from onboard.corrections.fragments import MOST_BYTES
+from onboard.corrections.fragments import MAX_BYTES
 from onboard.corrections.relay.framing import FrameCutter
 from onboard.corrections.relay.source_error import SourceError
 from onboard.corrections.relay.sources import words_of
@@ -38,7 +38,7 @@ from onboard.security.node_roles import NodeRole
 NODE = NodeRole.CORRECTIONS.value
 NAME = "base"  # last part of the key under which frames are published
 
-MOST_BYTES_S = 6000.0  # greatest rate of the published frames; a base sends 1 kB each second
+MAX_BYTES_S = 6000.0  # greatest rate of the published frames; a base sends 1 kB each second
 _FIRST_PAUSE_S = 1.0  # pause before a source that has ended is reopened for the first time
 _LONGEST_PAUSE_S = 30.0  # limit of this growing pause
 _REFUSED_PAUSE_S = 60.0  # pause before a source is reopened after a refusal
@@ -193,7 +193,7 @@ class CorrectionsRelay:
 
         if rtcm.is_observation(number):
             self._observed_s = now_ns * 1e-9
-        if rtcm.is_for_receivers(number) and len(frame) > MOST_BYTES:
+        if rtcm.is_for_receivers(number) and len(frame) > MAX_BYTES:
             self._too_long_bytes = len(frame)
 
         position = rtcm.base_of(frame)
@@ -285,7 +285,7 @@ class CorrectionsRelay:
             )
         if self._too_long_bytes:
             lines.append(
-                f"  ! A message has {self._too_long_bytes} bytes, and {MOST_BYTES} fit into four "
+                f"  ! A message has {self._too_long_bytes} bytes, and {MAX_BYTES} fit into four "
                 "fragments of MAVLink: no vehicle gives it to PX4. Let the base send MSM4 instead "
                 "of MSM7, or fewer systems."
             )
@@ -331,7 +331,7 @@ class CorrectionsRelay:
             )
         if dropped:
             lines.append(
-                f"  ! {dropped} frames more than {MOST_BYTES_S / 1000:g} kB/s: not passed on. Let "
+                f"  ! {dropped} frames more than {MAX_BYTES_S / 1000:g} kB/s: not passed on. Let "
                 "the base send fewer."
             )
         return lines
@@ -351,7 +351,7 @@ class FramePublisher:
         self._sequence = 0
         # Number of bytes that may be sent now. Frames reduce it, and within a second without frames
         # it grows to its maximum.
-        self._room_bytes = MOST_BYTES_S
+        self._room_bytes = MAX_BYTES_S
         self._last_ns: int | None = None  # arrival of the last frame
 
     def publish(self, frame: bytes, now_ns: int) -> None:
@@ -366,7 +366,7 @@ class FramePublisher:
             since_s = (now_ns - self._last_ns) * 1e-9
         self._last_ns = now_ns
 
-        self._room_bytes = min(MOST_BYTES_S, self._room_bytes + MOST_BYTES_S * since_s)
+        self._room_bytes = min(MAX_BYTES_S, self._room_bytes + MAX_BYTES_S * since_s)
         if len(frame) > self._room_bytes:
             self.dropped += 1
             return

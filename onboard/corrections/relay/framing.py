@@ -16,8 +16,8 @@ from pyrtcm import calc_crc24q
 from onboard.corrections import rtcm
 
 _CHECKS_PER_BYTE = 4  # for each byte that arrives, this many bytes may go into checksums
-_FIRST_BUDGET_BYTES = 4 * rtcm.MOST_FRAME_BYTES  # budget of such bytes at the start of a stream
-_LARGEST_BUDGET_BYTES = 8 * rtcm.MOST_FRAME_BYTES  # a stream of good frames saves at most this
+_FIRST_BUDGET_BYTES = 4 * rtcm.MAX_FRAME_BYTES  # budget of such bytes at the start of a stream
+_LARGEST_BUDGET_BYTES = 8 * rtcm.MAX_FRAME_BYTES  # a stream of good frames saves at most this
 _PREAMBLE = bytes((rtcm.PREAMBLE,))
 
 

@@ -27,8 +27,8 @@ from onboard.corrections.relay.tcp_connection import (
     reason,
 )
 
-_MOST_HEAD_BYTES = 8192
-_MOST_CHUNK_BYTES = 65_536
+_MAX_HEAD_BYTES = 8192
+_MAX_CHUNK_BYTES = 65_536
 _POSITION_S = 10.0  # from one position sent to the caster to the next
 
 _OK_OF_VERSION_1 = b"ICY 200"
@@ -165,7 +165,7 @@ async def _more(reader: asyncio.StreamReader, data: bytes) -> bytes:
     more = await reader.read(READ_BYTES)
     if not more:
         raise SourceError("What answers ends the connection before it has said anything.")
-    if len(data) + len(more) > _MOST_HEAD_BYTES:
+    if len(data) + len(more) > _MAX_HEAD_BYTES:
         raise SourceError("What answers is no caster of NTRIP: its answer has no end.")
     return data + more
 
@@ -225,7 +225,7 @@ class _Body:
         """
         while True:
             line, end, rest = self._buffer.partition(b"\r\n")
-            if not line.rstrip(b"\r").isascii() or len(line) > _MOST_HEAD_BYTES:
+            if not line.rstrip(b"\r").isascii() or len(line) > _MAX_HEAD_BYTES:
                 break  # a frame has begun
             if end:
                 self._buffer = rest
@@ -247,7 +247,7 @@ class _Body:
                 size = int(size_text.strip(), 16)
             except ValueError:
                 size = -1
-            if not 0 <= size <= _MOST_CHUNK_BYTES:
+            if not 0 <= size <= _MAX_CHUNK_BYTES:
                 raise SourceError("The caster's stream is damaged: a chunk has no size.")
             if size == 0:
                 return

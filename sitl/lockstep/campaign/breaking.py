@@ -33,7 +33,7 @@ from sitl.physics.vehicle import STEP_S
 from sitl.px4.modes import Mode
 
 _BEYOND_M = 5.0  # distance outside the fence
-_LEAST_HEIGHT_M = 0.5  # of a goal that is the position of another vehicle
+_MIN_HEIGHT_M = 0.5  # of a goal that is the position of another vehicle
 _TICK_S = 0.02  # period of the agents' ticks
 _WIND_RISES_IN_S = 20.0
 _STRONGEST_WIND_M_S = 30.0  # the most that the emulator accepts
@@ -499,7 +499,7 @@ def order_into_another(flight: Lockstep, name: str) -> None:
     other = flight.simulation.names.index(names[(names.index(name) + 1) % len(names)])
     positions, _, _ = flight.simulation.emulator.world.truth_enu()
     east_m, north_m, up_m = positions[other].tolist()
-    _order_to(flight, name, (east_m, north_m, max(up_m, _LEAST_HEIGHT_M)))
+    _order_to(flight, name, (east_m, north_m, max(up_m, _MIN_HEIGHT_M)))
 
 
 def _order_to(flight: Lockstep, name: str, goal_enu_m: tuple[float, float, float]) -> None:

@@ -36,7 +36,7 @@ from sitl.worker_pool import worker_pool
 
 _SEEDS_OF_A_ROUND = 1000  # seeds reserved for each round
 _ARMING_S = 1.0  # the earliest fault comes this long before the first vehicle is in the air
-_LEAST_UNDISTURBED = 2  # least number of undisturbed flights
+_MIN_UNDISTURBED = 2  # least number of undisturbed flights
 _NEVER_S = 1e6  # a time after the end of every flight
 _PATH_STEP_S = 0.25
 _NOTHING = Injection(NOTHING, lambda flight, name: None)
@@ -126,7 +126,7 @@ def fly_campaign(
 def undisturbed_cases(campaign: Campaign) -> list[FlightCase]:
     """Return the flights in which nothing breaks."""
     cases = []
-    for number in range(max(campaign.rounds, _LEAST_UNDISTURBED)):
+    for number in range(max(campaign.rounds, _MIN_UNDISTURBED)):
         # 1: other random numbers than in broken_cases
         rng = np.random.default_rng([number, 0, 1])
         cases.append(

@@ -27,7 +27,7 @@ SCHEMA = 1
 _PACKAGE = "sitl.monte_carlo.open_benchmark"
 _SUFFIX = ".json"
 
-_MOST_OBSTACLES = 500
+_MAX_OBSTACLES = 500
 _LARGEST_M = 1000.0  # largest coordinate
 _LARGEST_M_S = 20.0
 # key -> smallest and largest value
@@ -228,9 +228,9 @@ def _problems(scene: Scene) -> Iterator[str]:
         yield from _number_problems(scene, "within_s")
     yield from _placing_problems(scene.placing)
 
-    if len(scene.obstacles) > _MOST_OBSTACLES:
+    if len(scene.obstacles) > _MAX_OBSTACLES:
         yield (
-            f"there are {len(scene.obstacles)} obstacles; {_MOST_OBSTACLES} are the most. Join "
+            f"there are {len(scene.obstacles)} obstacles; {_MAX_OBSTACLES} are the most. Join "
             "pillars to walls."
         )
     for obstacle in scene.obstacles:

@@ -24,7 +24,7 @@ from sitl.monte_carlo.scenarios import HEIGHT_M, FlightPlan, OtherLaw
 
 _STREAM = 31  # random numbers of scenes; no other part of a flight draws from this stream
 _ATTEMPTS = 400  # attempts for each point before the square is emptied
-_MOST_ATTEMPTS = 50_000  # total attempts, which take a second
+_MAX_ATTEMPTS = 50_000  # total attempts, which take a second
 _BODY_M = 0.5  # diameter of a vehicle
 _FREE_M = 0.4  # least gap between the body of a vehicle at a drawn point and an obstacle
 
@@ -208,7 +208,7 @@ def _drawn(
     known = np.empty((0, 2)) if beside is None else beside
     points = known
     outlines = Outlines(obstacles)
-    for attempt in range(_MOST_ATTEMPTS):
+    for attempt in range(_MAX_ATTEMPTS):
         if attempt % (_ATTEMPTS * count) == 0:
             points = known
 

@@ -23,8 +23,8 @@ from unittest.mock import AsyncMock
 
 from onboard.config.fleet import ConfigError
 
-MOST_S = 25.0  # by the clock
-MOST_BYTES = 6 << 30  # of addresses: more than any machine's part for one file
+MAX_S = 25.0  # by the clock
+MAX_BYTES = 6 << 30  # of addresses: more than any machine's part for one file
 
 
 def _show(path: Path) -> None:
@@ -273,7 +273,7 @@ def outcome_of(door: str, path: Path) -> Outcome:
     return Outcome(kind, sentence, time.monotonic() - begin_s, _peak_mb() - before_mb)
 
 
-def outcome_in_process(door: str, path: Path, timeout_s: float = MOST_S) -> Outcome:
+def outcome_in_process(door: str, path: Path, timeout_s: float = MAX_S) -> Outcome:
     """Open a file in a child with limits, which has all imports of this process."""
     with tempfile.TemporaryFile("w+") as out:
         begin_s = time.monotonic()
@@ -303,7 +303,7 @@ def outcome_in_process(door: str, path: Path, timeout_s: float = MOST_S) -> Outc
 
 def _open_under_limits(door: str, path: Path, descriptor: int) -> NoReturn:
     """Open a file, write its outcome, and end this process."""
-    resource.setrlimit(resource.RLIMIT_AS, (MOST_BYTES, MOST_BYTES))
+    resource.setrlimit(resource.RLIMIT_AS, (MAX_BYTES, MAX_BYTES))
     resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
     outcome = outcome_of(door, path)
     os.write(descriptor, json.dumps(outcome).encode())

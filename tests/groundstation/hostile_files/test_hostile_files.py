@@ -12,7 +12,7 @@ from onboard.exit_status import EXIT_WRONG_INPUT
 from tests.groundstation.hostile_files.corpus import CORPUS
 from tests.groundstation.hostile_files.reading import outcome_in_process, warm_up
 
-MOST_MB = 700.0  # that one file may take; 25 million pixels or 6 million values take 400
+MAX_MB = 700.0  # that one file may take; 25 million pixels or 6 million values take 400
 
 SLOW_TO_MAKE = [name for name, hostile in CORPUS.items() if hostile.is_slow_to_make]
 FAST_TO_MAKE = [name for name in CORPUS if name not in SLOW_TO_MAKE]
@@ -52,7 +52,7 @@ def refuse(name: str, folder: Path) -> None:
     hostile = CORPUS[name]
     outcome = outcome_in_process(hostile.door, hostile.make(folder))
     assert outcome.kind == hostile.outcome, outcome
-    assert outcome.memory_mb < MOST_MB, outcome
+    assert outcome.memory_mb < MAX_MB, outcome
     if outcome.kind == "refused":
         # a sentence about one file that says what to do, and not the content of the file
         assert outcome.sentence.endswith("."), outcome

@@ -45,11 +45,11 @@ def test_bytes_beyond_the_end_do_not_count() -> None:
 
 
 def test_what_waits_behind_a_hole_is_bounded() -> None:
-    size = 10 * file_pieces._MOST_WAITING_BYTES
+    size = 10 * file_pieces._MAX_WAITING_BYTES
     pieces = Pieces(size)
 
     for offset in range(1, size, 1_000_000):
         pieces.add(offset, b"x" * 1_000_000)
 
     assert pieces.drops_more
-    assert pieces._waiting_bytes <= file_pieces._MOST_WAITING_BYTES + 1_000_000
+    assert pieces._waiting_bytes <= file_pieces._MAX_WAITING_BYTES + 1_000_000

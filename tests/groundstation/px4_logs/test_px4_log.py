@@ -219,6 +219,6 @@ def test_types_that_hold_each_other_again_and_again_are_refused(tmp_path: Path) 
     bomb = _message("F", b"a0:uint8_t[60000] x;")
     for depth in range(1, 6):
         bomb += _message("F", f"a{depth}:a{depth - 1}[60000] x;".encode())
-    assert f"more than {px4_log._MOST_FIELDS} fields" in outcome(tmp_path / "a.ulg", head + bomb)
+    assert f"more than {px4_log._MAX_FIELDS} fields" in outcome(tmp_path / "a.ulg", head + bomb)
     itself = _message("F", b"a:a x;a y;")
     assert "fields" in outcome(tmp_path / "a.ulg", head + itself)

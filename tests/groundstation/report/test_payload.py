@@ -108,7 +108,7 @@ def test_the_page_names_the_version_that_recorded(folder: Path) -> None:
 
 
 def test_a_long_flight_has_a_coarser_grid(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(payload_module, "MOST_SAMPLES", 200)
+    monkeypatch.setattr(payload_module, "MAX_SAMPLES", 200)
 
     header, curves = opened(payload(read_flight(folder), made_by="test"))
 

@@ -12,7 +12,7 @@ import pytest
 
 from groundstation.report.report_page import policy
 from groundstation.scene.ground_tiles import (
-    MOST_TILES,
+    MAX_TILES,
     GroundTiles,
     ground_message,
     read_ground_tiles,
@@ -177,4 +177,4 @@ def test_a_field_as_large_as_a_country_takes_no_more_tiles(tmp_path: Path) -> No
     for zoom in range(20):
         put(tmp_path, zoom, *tile_of(ZURICH, zoom))
     ground: GroundTiles = read_ground_tiles(tmp_path, outdoors(size_m=9000.0))
-    assert 1 <= len(ground.tiles) <= MOST_TILES
+    assert 1 <= len(ground.tiles) <= MAX_TILES

@@ -35,7 +35,7 @@ from tests.oracles.rotation import quaternion_from_yaw, quaternion_multiply
 
 DT_NS = 20_000_000
 HOVER = 0.5
-MOST_TURN_RAD = 0.06  # in a tick
+MAX_TURN_RAD = 0.06  # in a tick
 
 
 def fleet(
@@ -278,7 +278,7 @@ class Rig:
         left_rad = wrap_rad(
             yaw_from_quaternion(wanted) - yaw_from_quaternion(self.snapshot.quaternion_enu_flu_wxyz)
         )
-        missing_rad = left_rad - min(max(left_rad, -MOST_TURN_RAD), MOST_TURN_RAD)
+        missing_rad = left_rad - min(max(left_rad, -MAX_TURN_RAD), MAX_TURN_RAD)
         return quaternion_multiply(wanted, quaternion_from_yaw(-missing_rad))
 
     def move(self) -> None:

@@ -12,7 +12,7 @@ import pytest
 
 from onboard.avoidance.params import Capsule, Walls, still
 from onboard.config.fleet import fleet_from_mapping
-from onboard.control.route_map import MOST_TESTS, RouteMap
+from onboard.control.route_map import MAX_TESTS, RouteMap
 from onboard.vectors import Vec2
 from sitl.monte_carlo.clutter import Outlines, forest
 
@@ -148,7 +148,7 @@ def test_a_round_field_is_in_nobodys_way() -> None:
 
 def test_a_map_of_too_many_corners_knows_no_ways_and_says_so() -> None:
     pillars = []
-    for k in range(1 + round((MOST_TESTS / 64) ** (1 / 3))):
+    for k in range(1 + round((MAX_TESTS / 64) ** (1 / 3))):
         middle = Vec2(3.0 * k, 0.0)
         pillars.append(Capsule(middle, middle, 0.2))
     crowded = route_map(*pillars)

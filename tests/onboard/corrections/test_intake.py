@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from onboard.autopilot import Snapshot
 from onboard.bus.schema import Corrections
 from onboard.config.corrections import CorrectionsConfig
-from onboard.corrections.intake import MOST_WAITING, CorrectionsIntake
+from onboard.corrections.intake import MAX_WAITING, CorrectionsIntake
 from onboard.corrections.status import STEADY_S, BaseFault
 from tests.onboard.corrections.rtcm_frames import (
     STATION,
@@ -168,10 +168,10 @@ def test_of_a_flood_the_newest_frames_are_kept_and_one_fragment_leaves_at_a_tick
     vehicle.hear(*flood)
 
     vehicle.tick(10)
-    assert vehicle.given == [base_frame(), *flood[-MOST_WAITING:][:10]]
+    assert vehicle.given == [base_frame(), *flood[-MAX_WAITING:][:10]]
     vehicle.tick(100)
-    assert vehicle.given == [base_frame(), *flood[-MOST_WAITING:]]
-    assert vehicle.intake.counts.dropped == 60 - MOST_WAITING
+    assert vehicle.given == [base_frame(), *flood[-MAX_WAITING:]]
+    assert vehicle.intake.counts.dropped == 60 - MAX_WAITING
 
 
 def test_a_flood_never_cuts_the_frame_that_is_being_sent():

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from pyrtcm import RTCMReader
 
 from onboard.corrections import rtcm
-from onboard.corrections.fragments import MOST_BYTES, fragments_of
+from onboard.corrections.fragments import MAX_BYTES, fragments_of
 from onboard.corrections.relay.framing import FrameCutter
 from tests.onboard.corrections.rtcm_frames import (
     STATION,
@@ -166,7 +166,7 @@ def test_ten_kilobytes_of_garbage_lead_to_few_checks_of_checksums(kind):
 )
 def test_a_frame_is_cut_so_that_its_end_is_known(size, lengths):
     frame = observations(size=size - 6)
-    assert len(frame) == size <= MOST_BYTES
+    assert len(frame) == size <= MAX_BYTES
 
     fragments = fragments_of(frame, sequence=37)
 

@@ -99,7 +99,7 @@ _SINKS_M_S = -0.7
 _DOWN_AFTER_TICKS = 10  # in a landing of the obedient world
 _PATH = path_of([[1.0, *[0.0] * 32]])
 _PLACES = {id(row): place for place, row in enumerate(ROWS)}
-_MOST_EXAMPLES = 50  # states that are kept of each row and step
+_MAX_EXAMPLES = 50  # states that are kept of each row and step
 
 
 class World(NamedTuple):
@@ -222,7 +222,7 @@ def explore() -> Found:
         key = state.key
         found.states += 1
         found.steps.add(key.step)
-        if len(found.examples[key.step]) < _MOST_EXAMPLES:
+        if len(found.examples[key.step]) < _MAX_EXAMPLES:
             found.examples[key.step].append(state)
         _look_at(state, found)
 
@@ -239,7 +239,7 @@ def explore() -> Found:
 
         for row in used:
             users = found.users[row]
-            if len(users) < _MOST_EXAMPLES:
+            if len(users) < _MAX_EXAMPLES:
                 users.append(state)
     return found
 

@@ -16,7 +16,7 @@ from onboard.bus.codec import encode
 from onboard.bus.schema import Order
 from onboard.config.fleet import FleetConfig
 from onboard.security.certificates import read_certificate
-from onboard.security.order_signature import MOST_FALSE_PER_S, OrderSeal, OrderSigner, SealCheck
+from onboard.security.order_signature import MAX_FALSE_PER_S, OrderSeal, OrderSigner, SealCheck
 
 PAPER = Path(__file__).parents[3] / "configs" / "fleets" / "paper.toml"
 NOW = datetime.datetime(2026, 6, 1, tzinfo=datetime.UTC)
@@ -127,7 +127,7 @@ def test_false_orders_in_a_flood_are_not_looked_at_and_keep_no_true_ground_from_
         )
         assert false is not None
         codes[false.code] += 1
-    assert codes == {"forged": MOST_FALSE_PER_S, "flood": 1000 - MOST_FALSE_PER_S}
+    assert codes == {"forged": MAX_FALSE_PER_S, "flood": 1000 - MAX_FALSE_PER_S}
     assert check.refusal(KEY, order, seal, NOW) is None  # this ground has signed before
     new = encode(replace(LAND, node="new"))
     refused = check.refusal(KEY, new, signer.seal(KEY, new), NOW)

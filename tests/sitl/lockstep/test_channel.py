@@ -14,7 +14,7 @@ from groundstation.processes.free_ports import toml_text
 from onboard.config.fleet import ConfigError, RadioConfig, fleet_from_mapping
 from onboard.feasibility.airtime import OFDM, OVERHEAD_BYTES, airtime_finding, turn_s
 from onboard.feasibility.pair_checks import message_age_s
-from sitl.lockstep.channel import FIRST_WINDOW, MOST_DOUBLED, Channel
+from sitl.lockstep.channel import FIRST_WINDOW, MAX_DOUBLED, Channel
 from sitl.lockstep.connections import BusSettings, Losses
 from sitl.lockstep.flight import Lockstep
 from tests.bench import radio as bench_radio
@@ -58,7 +58,7 @@ def test_stations_that_always_have_something_to_send_get_what_bianchi_computes(
     equations 7 to 9.
     """
     window = FIRST_WINDOW
-    doubled = MOST_DOUBLED
+    doubled = MAX_DOUBLED
     rate = 65.0
 
     def attempts(collided: float) -> float:

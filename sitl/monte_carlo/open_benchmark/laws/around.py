@@ -18,8 +18,8 @@ SHARE_OF_PAIR = 0.5  # share of a correction that each vehicle of a cooperating 
 _GAIN_1_S = 4.0  # a velocity error times this is an acceleration
 _STUCK_M_S = 0.12  # a slower vehicle that is blocked turns to the right
 _BLOCKED_FRAC = 1.3  # as a multiple of the distance to keep: closer bodies ahead block
-_LEAST_DISTANCE_M = 1e-6  # smaller distances are raised to this one, to avoid 0
-_LEAST_BLOCKED_M_S2 = 0.3  # a vehicle whose baseline commands less is at its goal
+_MIN_DISTANCE_M = 1e-6  # smaller distances are raised to this one, to avoid 0
+_MIN_BLOCKED_M_S2 = 0.3  # a vehicle whose baseline commands less is at its goal
 _AHEAD_COS = 0.2  # cosine of the largest angle between the wanted direction and a body ahead
 # rows that cannot all hold give way by the first of these amounts that is enough
 _GIVES_WAY = (0.02, 0.05, 0.1, 0.2, 0.4, 0.8, 1.6, 3.2, 6.4)
@@ -62,7 +62,7 @@ def bodies(inputs: LawInputs) -> list[Body]:
 
 
 def _body(e_m: Vec2, w_m_s: Vec2, d_m: float, share: float) -> Body:
-    distance_m = max(length_xy(e_m), _LEAST_DISTANCE_M)
+    distance_m = max(length_xy(e_m), _MIN_DISTANCE_M)
     unit = Vec2(e_m.x / distance_m, e_m.y / distance_m)
     return Body(e_m=e_m, w_m_s=w_m_s, d_m=d_m, share=share, distance_m=distance_m, unit=unit)
 
@@ -97,7 +97,7 @@ def preferred_velocity(inputs: LawInputs, around: Sequence[Body] = ()) -> Vec2:
     x_m_s2, y_m_s2, _ = inputs.baseline.thrust_enu_m_s2
     wanted_m_s2 = Vec2(x_m_s2, y_m_s2)
     size_m_s2 = length_xy(wanted_m_s2)
-    is_stuck = length_xy(velocity) < _STUCK_M_S and size_m_s2 > _LEAST_BLOCKED_M_S2
+    is_stuck = length_xy(velocity) < _STUCK_M_S and size_m_s2 > _MIN_BLOCKED_M_S2
     for body in around:
         is_blocking = body.distance_m < _BLOCKED_FRAC * body.d_m
         is_ahead = -dot_xy(body.unit, wanted_m_s2) > _AHEAD_COS * size_m_s2

@@ -28,7 +28,7 @@ _GAMMA = 1.0
 _GAIN_1_S = 4.0  # a velocity error times this is the wanted acceleration
 # A smaller room is raised to this one, because within the distance to keep the barrier has no
 # value.
-_LEAST_ROOM_M = 0.005
+_MIN_ROOM_M = 0.005
 
 
 def law(memory: Any, inputs: LawInputs) -> tuple[Any, Thrust]:
@@ -48,7 +48,7 @@ def certificate_row(body: Body) -> HalfPlane:
     """Return the half-plane of this vehicle's accelerations that keep the barrier."""
     together_m_s2 = _BRAKE_M_S2 / body.share  # a body that does not cooperate does not brake
     radial_m_s = dot_xy(body.unit, body.w_m_s)
-    room_m = max(body.distance_m - body.d_m, _LEAST_ROOM_M)
+    room_m = max(body.distance_m - body.d_m, _MIN_ROOM_M)
     root_m_s = math.sqrt(2.0 * together_m_s2 * room_m)
     barrier = root_m_s + radial_m_s
 

@@ -21,7 +21,7 @@ _ETA_M3_S2 = 0.02
 _RHO_0_M = 1.0  # range of the force, counted from the distance to keep
 _DAMPING_1_S = 2.0
 _GAIN_1_S = 4.0  # a velocity error times this is the wanted acceleration
-_LEAST_ROOM_M = 0.05  # a smaller room is raised to this one, so that the force stays finite
+_MIN_ROOM_M = 0.05  # a smaller room is raised to this one, so that the force stays finite
 
 
 def law(memory: Any, inputs: LawInputs) -> tuple[Any, Thrust]:
@@ -33,7 +33,7 @@ def law(memory: Any, inputs: LawInputs) -> tuple[Any, Thrust]:
     y_m_s2 = _GAIN_1_S * (preferred.y - velocity.y)
 
     for body in around:
-        rho_m = max(body.distance_m - body.d_m, _LEAST_ROOM_M)
+        rho_m = max(body.distance_m - body.d_m, _MIN_ROOM_M)
         if rho_m < _RHO_0_M:
             force_m_s2 = _ETA_M3_S2 * (1.0 / rho_m - 1.0 / _RHO_0_M) / rho_m**2
             closing_m_s = min(0.0, dot_xy(body.unit, body.w_m_s))

@@ -31,7 +31,7 @@ from sitl.monte_carlo.open_benchmark.laws.cells import cell_row
 _RADIUS_M = 1.5  # sensing radius
 _GAIN_1_S = 3.0  # the centroid times this is the velocity
 _BETA_M = 0.5  # beta without the rules
-_LEAST_BETA_M = 0.1
+_MIN_BETA_M = 0.1
 _NEAR_M = 0.1  # a centroid within this distance is near the vehicle; d_1 of the paper
 _MOVED_M = 0.2  # neighbours that move the centroid further hold the vehicle up; d_2 of the paper
 _RATE_1_S = 1.0  # rate at which both rules act and end
@@ -74,7 +74,7 @@ def law(memory: Rules | None, inputs: LawInputs) -> tuple[Rules, Thrust]:
     goal_beta_m = _BETA_M
     goal_turn_rad = 0.0
     if is_held_up:
-        goal_beta_m = _LEAST_BETA_M
+        goal_beta_m = _MIN_BETA_M
         goal_turn_rad = 0.5 * math.pi
     step = _RATE_1_S * inputs.dt_s
     after = Rules(
