@@ -80,7 +80,7 @@ def test_free_ports_are_distinct_pairs_and_everything_else_stays(fleet: FleetCon
     [
         ("agent", "tcp/192.168.1.11:7460"),
         ("autopilot", "serial:///dev/ttyAMA0:921600"),
-        ("autopilot", "udpin://0.0.0.0:14540"),
+        ("autopilot", "udpin://0.0.0.0:14549"),
         ("direct", "udpout://192.168.1.21:18570"),
     ],
 )
