@@ -17,7 +17,7 @@ from __future__ import annotations
 
 import shlex
 import sys
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import fields
 from pathlib import Path
 from typing import Annotated, Any, get_args
@@ -124,12 +124,9 @@ def init(
             _ask_for_rest(answers)
         except EOFError:  # Ctrl-D ends the command as Ctrl-C does
             raise KeyboardInterrupt from None
-    if origin is not None and answers.get("position") != "gps":
-        raise ConfigError(
-            "--origin is where on Earth a fleet outdoors has its 0, 0, 0, and this fleet does not "
-            "fly by satellites. Add --position gps, or leave --origin out."
-        )
-    starter_files = starter(Answers(**answers))
+    wanted = Answers(**answers)
+    _refuse_unused(options, wanted)
+    starter_files = starter(wanted)
 
     fleet_text = starter_files.fleet_text
     if law is not None:
@@ -152,6 +149,30 @@ def init(
 
     _print_next(fleet_path, mission_path)
     return EXIT_OK
+
+
+def _refuse_unused(options: Mapping[str, object], answers: Answers) -> None:
+    """Refuse an option whose value would not be written.
+
+    Args:
+        options: value of each option by its key; None: not given.
+        answers: the answers of all questions.
+
+    Raises:
+        ConfigError: an option would be without effect.
+    """
+    is_by_mocap = answers.position not in ("gps", "bus")
+    # key of an option -> whether its value is written, and what it needs
+    needs = {
+        "origin": (answers.position == "gps", "a fleet that flies by satellites: --position gps"),
+        "mocap_host": (is_by_mocap, "a fleet that flies by a motion capture: --position optitrack"),
+        "autopilot": (answers.companions != HERE, "companion computers: --companions HOSTS"),
+        "mass_kg": (answers.type not in type_names(), "a new type of vehicle: --type NAME"),
+    }
+    for key, (is_written, need) in needs.items():
+        if options[key] is not None and not is_written:
+            option = "--" + key.removesuffix("_kg").replace("_", "-")
+            raise ConfigError(f"{option} needs {need}. Add that, or leave {option} out.")
 
 
 def _refuse_existing(*paths: Path | None) -> None:

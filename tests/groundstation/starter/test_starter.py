@@ -114,13 +114,23 @@ def test_an_answer_with_any_letters_is_in_the_file(text: str) -> None:
     assert made.fleet.mocap.hostname == text
 
 
-@pytest.mark.parametrize("words", [[], ["--position", "optitrack"]])
-def test_an_origin_that_would_not_be_written_is_refused(
-    tmp_path: Path, words: list[str], capsys: pytest.CaptureFixture[str]
+@pytest.mark.parametrize(
+    ("line", "need"),
+    [
+        ("--origin nan,0,0", "--position gps. Add that, or leave --origin out."),
+        ("--position optitrack --origin 47,8,400", "--position gps."),
+        ("--mocap-host 10.0.0.9", "--position optitrack. Add that, or leave --mocap-host out."),
+        ("--position gps --mocap-host 10.0.0.9", "--position optitrack."),
+        ("--autopilot udpin://0.0.0.0:14540", "--companions HOSTS."),
+        ("--type ardrone --mass 2.5", "--type NAME. Add that, or leave --mass out."),
+    ],
+)
+def test_an_option_that_would_be_without_effect_is_refused(
+    tmp_path: Path, line: str, need: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     folder = tmp_path / "lab"
-    assert cli.main(["init", str(folder), *words, "--origin", "nan,0,0"]) == 2
-    assert "Add --position gps, or leave --origin out." in capsys.readouterr().err
+    assert cli.main(["init", str(folder), *line.split()]) == 2
+    assert need in capsys.readouterr().err
     assert not folder.exists()
 
 
