@@ -150,7 +150,11 @@ def flight_folder(record: Path | None) -> Iterator[Path]:
         yield record
         return
 
-    folder = _create_folder(datetime.datetime.now().strftime("%Y%m%d-%H%M%S")).absolute()
+    named = Path("flights") / datetime.datetime.now().strftime("%Y%m%d-%H%M%S")
+    try:
+        folder = create_folder(named).absolute()
+    except OSError as error:
+        raise _unwritable(named, error) from None
     try:
         yield folder
     finally:
@@ -159,21 +163,24 @@ def flight_folder(record: Path | None) -> Iterator[Path]:
             folder.parent.rmdir()
 
 
-def _create_folder(name: str) -> Path:
-    """Create a folder of this name in ``flights``, with a number behind it if it is there already.
+def create_folder(named: Path) -> Path:
+    """Create a folder that nobody else gets, with a number behind its name if that is taken.
+
+    Args:
+        named: the folder, whose parents are created, too.
+
+    Returns:
+        The folder, for instance ``named`` or ``named-2``.
 
     Raises:
-        ConfigError: it cannot be created.
+        OSError: it cannot be created.
     """
-    folder = Path("flights") / name
+    named.parent.mkdir(parents=True, exist_ok=True)
+    folder = named
     number = 1
-    try:
-        folder.parent.mkdir(exist_ok=True)
-        while not _is_created(folder):
-            number += 1
-            folder = folder.with_name(f"{name}-{number}")
-    except OSError as error:
-        raise _unwritable(folder, error) from None
+    while not _is_created(folder):
+        number += 1
+        folder = named.with_name(f"{named.name}-{number}")
     return folder
 
 

@@ -58,6 +58,7 @@ def pytest_runtest_makereport(
 def lockstep(request: pytest.FixtureRequest) -> Iterator[Callable[..., Lockstep]]:
     """Make a :class:`Lockstep` with its own arguments: fleet, seed, law, bus, mocap, folder."""
     # import here, so that the plugin does not slow tests that do not use the fixture
+    from groundstation.flights.flight_settings import create_folder
     from sitl.lockstep.flight import Lockstep
 
     flights: list[Lockstep] = []
@@ -67,7 +68,8 @@ def lockstep(request: pytest.FixtureRequest) -> Iterator[Callable[..., Lockstep]
     def make(*args: Any, **options: Any) -> Lockstep:
         folder: Path | None = options.pop("folder", None)
         if folder is None and records_folder is not None:
-            folder = _new_folder(Path(records_folder), request.node.name)
+            test_name = re.sub(r"[^\w.-]+", "-", request.node.name).strip("-")
+            folder = create_folder(Path(records_folder) / test_name)
             records.append(folder)
 
         flight = Lockstep(*args, folder=folder, **options)
@@ -89,19 +91,3 @@ def lockstep(request: pytest.FixtureRequest) -> Iterator[Callable[..., Lockstep]
         for folder in records:
             shutil.rmtree(folder)
     assert not hard, f"{'. '.join(hard)}."
-
-
-def _new_folder(parent: Path, test_name: str) -> Path:
-    """Make a folder for a flight of a test, with a number from the second flight on."""
-    name = re.sub(r"[^\w.-]+", "-", test_name).strip("-")
-    number = 1
-    while True:
-        folder = parent / name
-        if number > 1:
-            folder = parent / f"{name}-{number}"
-        try:
-            folder.mkdir(parents=True)
-        except FileExistsError:
-            number += 1
-        else:
-            return folder
