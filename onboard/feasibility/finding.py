@@ -18,9 +18,9 @@ Relation = Literal["at least", "at most"]
 # cannot fix it.
 ORDER: tuple[Status, ...] = ("refused", "warning", "note", "ok")
 
-# Because of rounding, a value counts as within its bound if it exceeds it by no more than this.
+# Because of rounding, a value counts as within its bound if it exceeds it by no more than this, and
+# as a rounded number.
 _ROUNDING = 1e-9
-_MIN_STEP = 1e-9  # a smaller excess over a rounded number is a rounding error
 _DIGITS = 3  # of a number in a sentence
 _MAX_DIGITS = 6
 
@@ -164,7 +164,7 @@ def rounded_up(value: float, decimals: int) -> float:
         decimals: number of digits after the point.
     """
     scale = 10.0**decimals
-    return math.ceil(scale * value - _MIN_STEP) / scale
+    return math.ceil(scale * value - _ROUNDING) / scale
 
 
 def rounded_down(value: float, decimals: int) -> float:
@@ -175,7 +175,7 @@ def rounded_down(value: float, decimals: int) -> float:
         decimals: number of digits after the point.
     """
     scale = 10.0**decimals
-    return math.floor(scale * value + _MIN_STEP) / scale
+    return math.floor(scale * value + _ROUNDING) / scale
 
 
 def _finding(
