@@ -43,20 +43,6 @@ class WaitCondition(NamedTuple):
     lost: Callable[[FleetMoment], Mapping[str, str]] = lambda _: {}
 
 
-def refuse_other(condition: object) -> None:
-    """Refuse anything but a condition, such as a function.
-
-    Raises:
-        ConfigError: it is no condition.
-    """
-    if not isinstance(condition, WaitCondition):
-        raise ConfigError(
-            f"{type(condition).__name__!r} is no condition. Use one of"
-            " groundstation.missions.conditions, for instance separation_above(1.0), or make one:"
-            " WaitCondition(words, holds, value)."
-        )
-
-
 class ConditionTimeout(TimeoutError):
     """A condition did not come true in time; the text describes the situation at the timeout."""
 

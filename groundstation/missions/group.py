@@ -30,7 +30,6 @@ from groundstation.missions.conditions import (
     ConditionTimeout,
     FleetMoment,
     WaitCondition,
-    refuse_other,
 )
 from groundstation.missions.following import follow, present_offsets
 from groundstation.missions.ground import MissionGround
@@ -98,6 +97,16 @@ def check_timeout(timeout_s: object, verb: str) -> None:
     """
     if not isinstance(timeout_s, Real) or math.isnan(timeout_s):
         raise ConfigError(f"{verb}: {timeout_s!r} is no timeout. Give a number of seconds.")
+
+
+def _check_condition(condition: object) -> None:
+    """Refuse anything but a condition, such as a function."""
+    if not isinstance(condition, WaitCondition):
+        raise ConfigError(
+            f"{type(condition).__name__!r} is no condition. Use one of"
+            " groundstation.missions.conditions, for instance separation_above(1.0), or make one:"
+            " WaitCondition(words, holds, value)."
+        )
 
 
 def _done_by(results: Results) -> list[str]:
@@ -758,7 +767,7 @@ class Group:
             ConditionTimeout: the condition does not hold in time.
             ConfigError: it is no condition.
         """
-        refuse_other(condition)
+        _check_condition(condition)
         client = self.client
         begin_ns = client.now_ns()
 
@@ -800,7 +809,7 @@ class Group:
                 is raised.
             ends: whether the block is cancelled before the reaction; the mission goes on after it.
         """
-        refuse_other(condition)
+        _check_condition(condition)
         body = asyncio.current_task()  # runs the block
         assert body is not None
         has_begun = False  # whether the condition has held, and the reaction has begun
