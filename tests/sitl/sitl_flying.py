@@ -116,6 +116,12 @@ class Client:
             if m.name == "COMMAND_ACK" and m.fields["command"] == number
         ]
 
+    def turn_satellites_off(self) -> None:
+        """Let PX4 use external positions only."""
+        self.send(
+            "PARAM_SET", param_id=b"EKF2_GPS_CTRL", param_value=0.0, param_type=6, target_system=1
+        )
+
     def collect(
         self, duration_s: float, each: Callable[[], None] | None = None
     ) -> list[MavlinkMessage]:

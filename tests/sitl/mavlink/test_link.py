@@ -322,9 +322,7 @@ def test_vision_moves_the_local_frame_when_satellites_are_off() -> None:
 def test_odometry_is_fused_in_each_local_frame(frame: int, x: float, y: float, z: float) -> None:
     emu = emulator()
     client = Client(emu)
-    client.send(
-        "PARAM_SET", param_id=b"EKF2_GPS_CTRL", param_value=0.0, param_type=6, target_system=1
-    )
+    client.turn_satellites_off()
 
     def send() -> None:
         if emu.world.vehicles.steps % 5 == 0:
@@ -337,9 +335,7 @@ def test_odometry_is_fused_in_each_local_frame(frame: int, x: float, y: float, z
 def test_another_reset_counter_in_odometry_is_followed_at_once_in_height_too() -> None:
     emu = emulator()
     client = Client(emu)
-    client.send(
-        "PARAM_SET", param_id=b"EKF2_GPS_CTRL", param_value=0.0, param_type=6, target_system=1
-    )
+    client.turn_satellites_off()
 
     def send(height_m: float, resets: int) -> Callable[[], None]:
         def once() -> None:
@@ -370,9 +366,7 @@ def test_another_reset_counter_in_odometry_is_followed_at_once_in_height_too() -
 def test_with_vision_only_hold_can_be_armed_in_once_an_origin_is_given() -> None:
     emu = emulator()
     client = Client(emu)
-    client.send(
-        "PARAM_SET", param_id=b"EKF2_GPS_CTRL", param_value=0.0, param_type=6, target_system=1
-    )
+    client.turn_satellites_off()
 
     def send() -> None:
         if emu.world.vehicles.steps % 5 == 0:

@@ -275,13 +275,19 @@ def test_a_ground_station_that_knows_the_parameters_stops_the_list() -> None:
     assert "PARAM_VALUE" not in [m.name for m in client.collect(0.5)]
 
 
-def test_a_reposition_command_moves_hold_to_a_position_on_earth() -> None:
+def in_hold() -> tuple[Emulator, Client]:
+    """A vehicle that has taken off and holds, and its client."""
     emu = emulator()
     client = Client(emu)
     run_for(emu, 5.0)
     assert client.command(22) == [ACCEPTED]
     assert client.command(400, 1) == [ACCEPTED]
     until(emu, lambda: emu.autopilots[0].mode is Mode.LOITER, 15.0)
+    return emu, client
+
+
+def test_a_reposition_command_moves_hold_to_a_position_on_earth() -> None:
+    emu, client = in_hold()
     latitude, longitude, _ = client.link.view.to_global((4.0, 0.0, -2.5))
     answers = client.send(
         "COMMAND_INT",
@@ -300,12 +306,7 @@ def test_a_reposition_command_moves_hold_to_a_position_on_earth() -> None:
 
 
 def test_a_reposition_command_turns_hold_to_its_heading_and_flies_at_its_speed() -> None:
-    emu = emulator()
-    client = Client(emu)
-    run_for(emu, 5.0)
-    assert client.command(22) == [ACCEPTED]
-    assert client.command(400, 1) == [ACCEPTED]
-    until(emu, lambda: emu.autopilots[0].mode is Mode.LOITER, 15.0)
+    emu, client = in_hold()
     control = emu.autopilots[0].mode_control
 
     place = client.link.view.to_global((8.0, 0.0, -2.5))
@@ -330,12 +331,7 @@ def test_a_reposition_command_turns_hold_to_its_heading_and_flies_at_its_speed()
 
 
 def test_a_reposition_command_without_a_position_stops_a_vehicle_on_its_way() -> None:
-    emu = emulator()
-    client = Client(emu)
-    run_for(emu, 5.0)
-    assert client.command(22) == [ACCEPTED]
-    assert client.command(400, 1) == [ACCEPTED]
-    until(emu, lambda: emu.autopilots[0].mode is Mode.LOITER, 15.0)
+    emu, client = in_hold()
 
     place = client.link.view.to_global((40.0, 0.0, -8.0))
     assert client.command(192, -1, 1, 0, math.nan, *place) == [ACCEPTED]
@@ -375,9 +371,7 @@ def test_a_vehicle_that_holds_stays_where_it_is_when_its_origin_gets_another_alt
 def reported_place(emu: Emulator, **origin: int) -> dict[str, dict[str, Any]]:
     """Return what a vehicle by vision alone reports of its place after it received an origin."""
     client = Client(emu)
-    client.send(
-        "PARAM_SET", param_id=b"EKF2_GPS_CTRL", param_value=0.0, param_type=6, target_system=1
-    )
+    client.turn_satellites_off()
     client.command(511, ID_BY_NAME["HIL_STATE_QUATERNION"], 100_000)
 
     def see() -> None:
@@ -486,13 +480,8 @@ def heights_m(emu: Emulator) -> tuple[float, float]:
 
 
 def test_a_speed_command_holds_for_the_mode_and_changes_no_parameter() -> None:
-    emu = emulator()
-    client = Client(emu)
+    emu, client = in_hold()
     px4 = emu.autopilots[0]
-    run_for(emu, 5.0)
-    assert client.command(22) == [ACCEPTED]
-    assert client.command(400, 1) == [ACCEPTED]
-    until(emu, lambda: px4.mode is Mode.LOITER, 15.0)
     cruise_m_s = px4.params["MPC_XY_CRUISE"]
     assert client.command(178, 1, 0.3) == [ACCEPTED]
     px4.mode_control.hold_at(np.array([4.0, 0.0, math.nan]))
