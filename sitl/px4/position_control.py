@@ -18,10 +18,13 @@ from sitl.physics.vehicle import GRAVITY_M_S2
 
 _POSITION_GAIN_1_S = 0.95
 
+_DOWN = 2  # index of the vertical axis
+
 # For north, east, down.
 _VELOCITY_GAIN_1_S = (1.8, 1.8, 4.0)
 _INTEGRAL_GAIN_1_S2 = (0.4, 0.4, 2.0)
-_INTEGRAL_LIMIT_M_S2 = (2.0, 2.0, 8.0)
+_VERTICAL_INTEGRAL_LIMIT_M_S2 = GRAVITY_M_S2
+_UNWIND_GAIN = 2.0 / _VELOCITY_GAIN_1_S[0]  # gain of PX4's tracking anti-windup [s]
 
 _THRUST_MIN = 0.12  # MPC_THR_MIN
 _MIN_LIFT = 0.2  # minimum lift in units of the weight, because the tilt is undefined without lift
@@ -84,6 +87,9 @@ class PositionControl:
     ) -> tuple[Array, float]:
         """Advance the controller by one step.
 
+        The horizontal integral has no limit of its own, as in PX4, because it has to balance the
+        drag. What the tilt cannot give unwinds it.
+
         Args:
             goal: goal to fly to.
             position_ned_m: estimated position (3,).
@@ -114,6 +120,9 @@ class PositionControl:
         share = 1.0
         if horizontal_m_s2 > most_m_s2:
             share = most_m_s2 / horizontal_m_s2
+            unwind_m_s = _UNWIND_GAIN * (1.0 - share)
+            self._integrate(0, -unwind_m_s * north_m_s2, dt_s)
+            self._integrate(1, -unwind_m_s * east_m_s2, dt_s)
         body_z_m_s2 = (-share * north_m_s2, -share * east_m_s2, lift_m_s2)
 
         thrust_frac = hover_thrust_frac * math.hypot(*body_z_m_s2) / GRAVITY_M_S2
@@ -133,20 +142,24 @@ class PositionControl:
         for axis in range(3):
             if math.isfinite(setpoint_m_s[axis]):
                 error_m_s = setpoint_m_s[axis] - velocity_m_s[axis]
-
-                limit_m_s2 = _INTEGRAL_LIMIT_M_S2[axis]
-                gain_1_s2 = _INTEGRAL_GAIN_1_S2[axis]
-                integral_m_s2 = self.integral_m_s2[axis] + gain_1_s2 * error_m_s * dt_s
-                integral_m_s2 = min(limit_m_s2, max(-limit_m_s2, integral_m_s2))
-
-                self.integral_m_s2[axis] = integral_m_s2
-                acceleration_m_s2[axis] = _VELOCITY_GAIN_1_S[axis] * error_m_s + integral_m_s2
+                self._integrate(axis, error_m_s, dt_s)
+                acceleration_m_s2[axis] = (
+                    _VELOCITY_GAIN_1_S[axis] * error_m_s + self.integral_m_s2[axis]
+                )
 
             if math.isfinite(feedforward_m_s2[axis]):
                 most_m_s2 = _MAX_ACCELERATION_M_S2
                 acceleration_m_s2[axis] += min(most_m_s2, max(-most_m_s2, feedforward_m_s2[axis]))
 
         return acceleration_m_s2
+
+    def _integrate(self, axis: int, error_m_s: float, dt_s: float) -> None:
+        """Add an error of the velocity to the integral of an axis."""
+        integral_m_s2 = self.integral_m_s2[axis] + _INTEGRAL_GAIN_1_S2[axis] * error_m_s * dt_s
+        if axis == _DOWN:
+            limit_m_s2 = _VERTICAL_INTEGRAL_LIMIT_M_S2
+            integral_m_s2 = min(limit_m_s2, max(-limit_m_s2, integral_m_s2))
+        self.integral_m_s2[axis] = integral_m_s2
 
 
 def _velocity_setpoint(
