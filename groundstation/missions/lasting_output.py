@@ -37,6 +37,21 @@ def end_signals() -> tuple[signal.Signals, ...]:
     return signal.SIGTERM, signal.SIGHUP
 
 
+@contextlib.contextmanager
+def end_signals_as_ctrl_c() -> Iterator[None]:
+    """Let the other signals that ask a flight to end do what Ctrl-C does, while the block runs."""
+    previous_handlers = {}
+    for number in end_signals():
+        previous_handlers[number] = signal.signal(
+            number, lambda *_: signal.raise_signal(signal.SIGINT)
+        )
+    try:
+        yield
+    finally:
+        for number, handler in previous_handlers.items():
+            signal.signal(number, handler)
+
+
 class _LastingStream:
     """A stream that goes to the null device once it cannot be written any more.
 

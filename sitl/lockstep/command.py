@@ -2,16 +2,13 @@
 
 from __future__ import annotations
 
-import contextlib
-import signal
 import time
-from collections.abc import Iterator
 from pathlib import Path
 
 from groundstation.flights.left_tasks import leave_process
 from groundstation.flights.simulation_settings import SimulationSettings
 from groundstation.mission_files.mission import Mission
-from groundstation.missions.lasting_output import end_signals, lasting_output
+from groundstation.missions.lasting_output import end_signals_as_ctrl_c, lasting_output
 from onboard.bus.schema import Event
 from onboard.plain_text import listed
 from sitl.lockstep.reflight import record_digests
@@ -36,7 +33,7 @@ def fly_mission(mission: Mission, folder: Path, simulation: SimulationSettings) 
         flush=True,
     )
 
-    with _end_signals_as_ctrl_c(), open_flight(mission.fleet, simulation, folder) as flight:
+    with end_signals_as_ctrl_c(), open_flight(mission.fleet, simulation, folder) as flight:
         begin_s = time.perf_counter()
         record_digests(flight, folder)
 
@@ -67,18 +64,3 @@ def fly_mission(mission: Mission, folder: Path, simulation: SimulationSettings) 
     if flight.has_stubborn_tasks:
         leave_process(verdict.exit_status)
     return verdict.exit_status
-
-
-@contextlib.contextmanager
-def _end_signals_as_ctrl_c() -> Iterator[None]:
-    """Let the other signals that ask a flight to end land the fleet, as Ctrl-C does."""
-    previous_handlers = {}
-    for number in end_signals():
-        previous_handlers[number] = signal.signal(
-            number, lambda *_: signal.raise_signal(signal.SIGINT)
-        )
-    try:
-        yield
-    finally:
-        for number, handler in previous_handlers.items():
-            signal.signal(number, handler)

@@ -90,6 +90,11 @@ def test_a_closed_terminal_lands_a_flight_as_ctrl_c_does(ignored: None, tmp_path
     assert main(["fly", str(mission), "--lockstep", "--record", str(folder)]) == 130
     assert written_verdict(folder)["summary"].startswith("INTERRUPTED: ")
 
+    again = tmp_path / "again"
+    what_if = ["--what-if", "wind=1,0", "--record", str(again)]
+    assert main(["replay", str(folder), *what_if]) == 130
+    assert written_verdict(again)["summary"].startswith("INTERRUPTED: ")
+
 
 def test_a_flight_that_is_ended_while_it_starts_ends_as_by_ctrl_c(
     ignored: None, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
