@@ -305,14 +305,18 @@ class Fleet(Group):
 
         Args:
             timeout_s: longest wait [s], in addition to twice the time of the descent from the
-                vehicles' heights.
+                vehicles' heights; it may be infinite.
             is_by_person: whether a person, and not only the mission, has ordered the landing. Then,
                 while this ground hears no agent, the order goes straight to the PX4s.
             names: vehicles to land; None: all of the fleet.
 
         Returns:
             Whether all of them are landed and disarmed.
+
+        Raises:
+            ConfigError: the timeout is no number.
         """
+        check_timeout(timeout_s, "land_all")
         superseded = []  # vehicles whose last order another ground has replaced
         if self.steps:
             last_phases = self.steps[-1].vehicles

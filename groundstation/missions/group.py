@@ -765,9 +765,10 @@ class Group:
 
         Raises:
             ConditionTimeout: the condition does not hold in time.
-            ConfigError: it is no condition.
+            ConfigError: it is no condition, or the timeout is no number.
         """
         _check_condition(condition)
+        check_timeout(timeout_s, "until")
         client = self.client
         begin_ns = client.now_ns()
 

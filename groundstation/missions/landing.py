@@ -30,6 +30,7 @@ _LAST_TELEMETRY_S = 1.0  # longest wait for telemetry after all orders are done
 # Factor on the time of the descent, because a landing vehicle may wait for others below it, and may
 # have to avoid others.
 _DESCENT_FACTOR = 2.0
+_EVER_S = 1e9  # wait in place of an infinite one
 _MAY_FLY_STATES = ("armed", "taking off", "flying", "holding", "landing")
 
 
@@ -71,7 +72,8 @@ async def land_all(
     for name in flown_by_hand(client):
         say(f"{name} is flown by hand: `land {name}` takes it.")
     descent_s = longest_descent_s(client.fleet, client.state)
-    end_ns = client.now_ns() + int((timeout_s + _DESCENT_FACTOR * descent_s) * 1e9)
+    wait_s = min(timeout_s + _DESCENT_FACTOR * descent_s, _EVER_S)
+    end_ns = client.now_ns() + int(wait_s * 1e9)
 
     if superseded:
         # The next telemetry shows whether the new order is to land.

@@ -11,7 +11,7 @@ from typing import NamedTuple
 from groundstation.fleet.state import FleetState, VehicleView
 from groundstation.missions import conditions
 from groundstation.missions.conditions import ARRIVED_M, FleetMoment
-from groundstation.missions.group import Group
+from groundstation.missions.group import Group, check_timeout
 from onboard.bus.schema import Telemetry
 from onboard.tuples import Xyz
 
@@ -112,7 +112,11 @@ class MissionVehicle(Group):
 
         Returns:
             Whether the vehicle arrived in time.
+
+        Raises:
+            ConfigError: the timeout is no number.
         """
+        check_timeout(timeout_s, "reached")
         client = self.client
         arrival = conditions.reached({self.name: position_enu_m}, within_m)
 

@@ -19,6 +19,7 @@ from groundstation.fleet.touchdown import Touchdown
 from groundstation.mission_files.loading import load_mission, mission_from_mapping
 from groundstation.mission_files.steps import FormationStep
 from groundstation.missions.api import Fleet
+from groundstation.missions.conditions import flying
 from groundstation.missions.runner import MissionRun
 from groundstation.orders.result import Results
 from groundstation.recording.writer import RecordWriter
@@ -275,7 +276,7 @@ async def test_a_mission_that_leaves_vehicles_in_the_air_has_not_passed_unless_i
     again = await MissionRun(make(fleet, HOP, expect={"all_landed": False}), client).run()
     assert again.exit_status == 2, "its take-off is refused while they fly"
 
-    assert await MissionRun(make(fleet, HOP), client).fleet.land_all()
+    assert await MissionRun(make(fleet, HOP), client).fleet.land_all(math.inf)
     declared = await MissionRun(make(fleet, HOP, expect={"all_landed": False}), client).run()
     assert declared.passed, declared.summary
 
@@ -650,6 +651,9 @@ async def test_an_order_with_a_value_that_makes_no_sense_is_refused_in_words_and
         lambda flown: flown.takeoff(1.0, timeout_s="40"),
         lambda flown: flown.follow_path({}, timeout_s=math.nan),
         lambda flown: flown.ready(math.nan),
+        lambda flown: flown.until(flying(), "40"),
+        lambda flown: flown.land_all(math.nan),
+        lambda flown: flown["mav0"].reached((0.0, 0.0, 1.0), timeout_s="40"),
         lambda flown: flown.wait("3"),
         lambda flown: flown.follow("mav0", "3"),
     ],
