@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Literal
 
 import msgspec
@@ -50,6 +50,7 @@ from onboard.feasibility.vehicle_checks import (
     thrust_reserve,
     wind,
 )
+from onboard.plain_text import listed
 from onboard.tuples import Xyz
 from onboard.types import TICK_S
 
@@ -90,6 +91,10 @@ def fleet_findings(fleet: FleetConfig, *, errors: ErrorClass | None = None) -> t
     findings = []
     if fleet.own_law is not None:
         findings.append(_own_law(fleet, fleet.own_law))
+
+    without_mocap = [vehicle.name for vehicle in vehicles if not vehicle.mocap_required]
+    if without_mocap and fleet.fleet.global_origin is None:
+        findings.append(_no_origin(without_mocap))
 
     if len(vehicles) > 1:
         findings += pair_findings(fleet, kinds, accuracy)
@@ -150,6 +155,26 @@ def _own_law(fleet: FleetConfig, law: OwnLaw) -> Finding:
     )
     return Finding(
         name=OWN_LAW,
+        status="warning",
+        value=1.0,
+        bound=0.0,
+        unit="",
+        relation="at most",
+        sentence=sentence,
+        remedy=remedy,
+    )
+
+
+def _no_origin(names: Sequence[str]) -> Finding:
+    """Return the warning that vehicles without a mocap have no frame in common but their spots."""
+    remedy = "Give the fleet an origin with latitude, longitude and altitude, if it flies outdoors."
+    sentence = (
+        f"Without a mocap, {listed(names)} flies by PX4's own position, and the fleet has no "
+        "origin on Earth: each must stand on its take-off spot when PX4 and its agent start, and "
+        f"has no position after a restart elsewhere. {remedy}"
+    )
+    return Finding(
+        name="no origin",
         status="warning",
         value=1.0,
         bound=0.0,

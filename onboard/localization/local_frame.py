@@ -3,9 +3,12 @@
 The local frame of each PX4 has its origin where PX4's estimator started. An offset converts local
 positions to the fleet frame. Outdoors, PX4 sends the latitude and longitude of its origin, and the
 fleet file contains those of the fleet's origin. Their difference is the horizontal offset. Heights
-are measured from the ground under the vehicle, since satellite heights differ by metres. If the
-fleet file has no origin, the vehicle is assumed to stand on its take-off spot before its first
-flight.
+are measured from the ground under the vehicle, since satellite heights differ by metres.
+
+If the fleet file has no origin, the vehicle is assumed to stand on its take-off spot before its
+first flight, and PX4's local frame to begin there. A PX4 or an agent that restarts elsewhere does
+not know where the vehicle stands. It then has no position until it has been put on its spot, and
+PX4 and the agent have been restarted.
 
 PX4's estimate may jump ("reset"). In the air the offset absorbs a jump, so that the position in the
 fleet frame stays continuous. With an origin on Earth the true horizontal offset is known, and the
@@ -31,6 +34,13 @@ from onboard.tuples import Xyz
 _JUMP_M = 0.3
 _JUMP_M_S2 = 3.0
 
+# PX4's local frame has begun on the take-off spot if an agent that starts finds the vehicle within
+# this distance of the frame's origin, plus some standard deviations of PX4's position.
+_BEGAN_WITHIN_M = 1.0
+_BEGAN_SIGMAS = 3.0
+# A vehicle as near to its spot when PX4 restarts counts as standing on it.
+_ON_SPOT_M = 0.5
+
 _RETURN_M_S = 0.2  # speed at which the offset returns to the true one after a horizontal jump
 
 
@@ -49,14 +59,22 @@ class LocalFrame:
     start_enu_m: Xyz  # the vehicle's take-off spot in the fleet file
     origin: Origin | None  # fleet's origin on Earth; None if only take-off spots are known
     jumps: int = 0  # number of absorbed jumps
+    # Distance from the take-off spot at a restart after which it is not known where the vehicle
+    # stands; 0: it is known.
+    displaced_m: float = 0.0
     _offset_enu_m: Xyz | None = None  # fleet frame minus local frame; None while not known
     _last: _LocalPosition | None = None  # newest local position
     _has_flown: bool = False
+    _restarts: int = 0  # how often PX4 had restarted at the newest local position
+    _has_px4_lost_it: bool = False  # whether PX4 has restarted away from the take-off spot
 
     def take(self, snapshot: Snapshot) -> Xyz | None:
         """Return the newest local position in the fleet frame; None if no offset is known.
 
         An offset is found on the ground only.
+
+        Args:
+            snapshot: newest snapshot of PX4, with a new local position.
         """
         local = _LocalPosition(
             snapshot.local_position_ns,
@@ -65,6 +83,11 @@ class LocalFrame:
         )
         last = self._last
         self._last = local
+
+        if self.origin is None:
+            self._look_where_it_began(snapshot, last, local)
+            if self.displaced_m > 0.0:
+                return None
 
         if snapshot.is_armed:
             self._has_flown = True
@@ -113,6 +136,41 @@ class LocalFrame:
             height_m=local_m + age_s * climbing_m_s + offset_m,
             climbing_m_s=climbing_m_s,
         )
+
+    def _look_where_it_began(
+        self, snapshot: Snapshot, last: _LocalPosition | None, local: _LocalPosition
+    ) -> None:
+        """Find out whether PX4's local frame begins on the take-off spot.
+
+        Args:
+            snapshot: newest snapshot of PX4.
+            last: previous local position.
+            local: newest local position.
+        """
+        has_restarted = snapshot.restarts != self._restarts
+        self._restarts = snapshot.restarts
+        if self._has_px4_lost_it:
+            return
+
+        if self._offset_enu_m is None:
+            # this agent has just started; PX4 may have flown before
+            x, y, _ = local.position_m
+            began_within_m = _BEGAN_WITHIN_M + _BEGAN_SIGMAS * snapshot.position_accuracy_m
+            away_m = math.hypot(x, y)
+            self.displaced_m = away_m if away_m > began_within_m else 0.0
+            return
+
+        if not has_restarted or not self._has_flown or last is None:
+            return
+        x, y, _ = last.position_m
+        offset_x, offset_y, _ = self._offset_enu_m
+        away_m = math.dist((x + offset_x, y + offset_y), self.start_enu_m[:2])
+        self._offset_enu_m = None
+        if away_m > _ON_SPOT_M:
+            self.displaced_m = away_m
+            self._has_px4_lost_it = True
+        else:
+            self._has_flown = False
 
     def _anchored_offset_m(self, local_m: Xyz, snapshot: Snapshot) -> Xyz | None:
         """Return the offset from the origins on Earth, or without them from the take-off spot.

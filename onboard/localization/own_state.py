@@ -356,6 +356,14 @@ class OwnState:
         return AttitudeSetpoint(quaternion_wxyz, setpoint.thrust_frac)
 
     @property
+    def displaced_m(self) -> float:
+        """Distance from the take-off spot at a restart that has lost its place [m]; else 0.
+
+        Only a vehicle without a mocap in a fleet without an origin on Earth can lose its place.
+        """
+        return self._local_frame.displaced_m
+
+    @property
     def jumps(self) -> int:
         """Number of impossible samples in a row."""
         if self._memory is None:

@@ -54,6 +54,8 @@ def _position(facts: PreflightFacts, fleet: FleetConfig, vehicle: Vehicle) -> Ju
         return SKIP, {"reason": "before the clocks agree"}
     if facts.conditions & _REJECTED:
         return SKIP, {"reason": "while the mocap's samples are rejected"}
+    if facts.displaced_m > 0.0:
+        return "displaced", {"away": facts.displaced_m}
     if not vehicle.mocap_required:
         return "silent", {}
     if facts.source_problem:

@@ -72,6 +72,9 @@ class PreflightFacts:
     fuses_position: bool = False  # whether PX4, by required parameters, uses the mocap's position
     fuses_heading: bool = False  # whether PX4, by required parameters, uses the mocap's heading
 
+    # distance from the take-off spot at a restart after which its place is not known; 0: it is
+    displaced_m: float = 0.0
+
     # satellites
     fix_type: int | None = None  # fix of PX4's receiver; None: not reported recently
     corrections: CorrectionsStatus | None = None  # None: the vehicle uses no corrections

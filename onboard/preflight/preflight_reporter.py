@@ -244,6 +244,7 @@ class PreflightReporter:
             spots_seen_enu_m=self._spots_seen(view),
             stands_in_for=stands_in_for,
             position_std_m=own.position_std_m,
+            displaced_m=self._own.displaced_m,
             heading_miss_rad=own.heading_offset_rad,
             tilt_miss_rad=self._tilt.difference_rad,
             differed_when_tilted=self._tilt.differed_when_tilted,

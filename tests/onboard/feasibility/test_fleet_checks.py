@@ -506,3 +506,15 @@ def test_a_value_that_misses_its_bound_by_little_is_written_so_that_they_differ(
 ) -> None:
     finding = at_least("x", value, 0.9181, "m", "It is <value> of <bound>", "Move.")
     assert finding.sentence.startswith(words)
+
+
+def test_vehicles_by_px4s_position_in_a_fleet_without_an_origin_on_earth_are_warned_of() -> None:
+    without_mocap = {"vehicles.mav1.mocap_required": False}
+    finding = named(fleet_with(without_mocap), "no origin")
+    assert finding.status == "warning"
+    assert finding.sentence.startswith("Without a mocap, mav1 flies by PX4's own position")
+
+    origin = {"latitude_deg": 47.4, "longitude_deg": 8.5, "altitude_m": 489.0}
+    names = [f.name for f in fleet_findings(fleet_with({**without_mocap, "fleet.origin": origin}))]
+    assert "no origin" not in names
+    assert "no origin" not in [f.name for f in fleet_findings(fleet_with())]

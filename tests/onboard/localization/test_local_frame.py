@@ -126,3 +126,63 @@ def test_fast_flight_and_a_gap_in_the_stream_are_no_jump() -> None:
         )
     assert frame.jumps == 0
     assert found == pytest.approx((2.4, 0.0, 0.0), abs=0.01)
+
+
+# -- restarts in a fleet without an origin on Earth ------------------------------------------------
+
+_SPOT = (2.0, 1.0, 0.0)
+
+
+def flown(*, lands_at_ned: tuple[float, float, float]) -> LocalFrame:
+    """Return the frame of a vehicle that has flown and landed."""
+    frame = LocalFrame(_SPOT, None)
+    frame.take(parked(0.0, (0.0, 0.0, 0.0)))
+    frame.take(flying(1.0, (0.0, 0.0, -1.0), velocity_local_ned_m_s=(0.0, 0.0, -1.0)))
+    assert frame.take(parked(60.0, lands_at_ned)) is not None
+    return frame
+
+
+def test_without_a_fleet_origin_px4_that_restarts_away_from_the_spot_leaves_no_position() -> None:
+    frame = flown(lands_at_ned=(0.0, 4.0, 0.0))
+    for seconds in (70.0, 71.0):
+        assert frame.take(parked(seconds, (0.0, 0.0, 0.0), restarts=1)) is None
+        assert frame.displaced_m == pytest.approx(4.0)
+
+    # Another restart of PX4 says nothing about where it stands now.
+    assert frame.take(parked(80.0, (0.0, 0.0, 0.0), restarts=2)) is None
+
+
+def test_without_a_fleet_origin_px4_may_restart_on_the_spot() -> None:
+    frame = flown(lands_at_ned=(0.3, 0.2, 0.0))
+    restarted = frame.take(parked(70.0, (0.1, 0.0, 0.0), restarts=1))
+    assert restarted == pytest.approx(_SPOT)
+    assert frame.displaced_m == 0.0
+
+    # PX4 restarts before a flight, too.
+    assert frame.take(parked(80.0, (0.0, 0.0, 0.0), restarts=2)) == pytest.approx(_SPOT)
+
+
+def test_without_a_fleet_origin_an_agent_that_starts_beside_a_moved_vehicle_has_no_position() -> (
+    None
+):
+    frame = LocalFrame(_SPOT, None)
+    assert frame.take(parked(0.0, (0.0, 4.0, 0.0))) is None
+    assert frame.displaced_m == pytest.approx(4.0)
+
+    # PX4 restarts on the spot.
+    assert frame.take(parked(60.0, (0.0, 0.0, 0.0), restarts=1)) == pytest.approx(_SPOT)
+    assert frame.displaced_m == 0.0
+
+
+def test_a_position_that_wanders_by_its_accuracy_before_the_agent_starts_is_taken() -> None:
+    frame = LocalFrame(_SPOT, None)
+    wandered = parked(0.0, (1.5, 2.0, 0.0), position_accuracy_m=0.6)
+    assert frame.take(wandered) == pytest.approx(_SPOT)
+
+
+def test_with_a_fleet_origin_a_restart_moves_nothing() -> None:
+    frame = LocalFrame((0.0, 0.0, 0.0), ORIGIN)
+    frame.take(parked(0.0, (0.0, 0.0, 0.0), global_origin=place(0.0, 0.0)))
+    frame.take(flying(1.0, (0.0, 4.0, -1.0), global_origin=place(0.0, 0.0)))
+    restarted = frame.take(parked(60.0, (0.0, 0.0, 0.0), global_origin=place(4.0, 0.0), restarts=1))
+    assert restarted == pytest.approx((4.0, 0.0, 0.0), abs=0.01)

@@ -184,6 +184,10 @@ CASES: dict[tuple[str, str], tuple[dict[str, Any], str]] = {
         {"position_age_s": math.inf, "source_problem": "OptiTrack at 127.0.0.9 does not answer."},
         "mocap body 'mav1': OptiTrack at 127.0.0.9 does not answer.",
     ),
+    ("position", "displaced"): (
+        {"position_age_s": 0.3, "vehicle": BARE, "displaced_m": 4.2},
+        "restarted 4.2 m from the take-off spot",
+    ),
     ("position", "silent"): ({"position_age_s": 0.3, "vehicle": BARE}, "no fresh local position"),
     ("clock", "wrong stamps"): (
         {"sample_delay_s": -3.0, "position_age_s": math.inf},
