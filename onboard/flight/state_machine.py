@@ -181,6 +181,7 @@ def begin_failsafe(
 
     if row.to is not None:
         _finish(flight, view, outcome, cause)
+        flight.follow.stop(cause)
         flight.is_slow = False
     _apply(flight, view, row, cause)
 

@@ -8,6 +8,9 @@ from onboard.agent.core import AgentCore
 from onboard.bus.control_token import ControlToken, ControlTokens
 from onboard.bus.schema import Order
 from onboard.flight.follow_flight import FollowFlight
+from onboard.flight.state_machine import begin_failsafe
+from onboard.flight.types import FlightView
+from onboard.safety.failsafe_table import Action
 from tests.onboard.agent.rig import Rig, fleet
 
 
@@ -104,3 +107,22 @@ def test_everybody_may_pause_and_only_who_operates_goes_on_from_a_second_ground(
         assert tokens.refusal(of_another_ground(kind, "Ada L", **changes)) is None
         assert "operates this fleet" in str(tokens.refusal(of_another_ground(kind, "Bob")))
     assert tokens.refusal(of_another_ground("move", "Ada L")) is not None
+
+
+def test_a_failsafe_that_holds_it_ends_the_following_until_another_order() -> None:
+    rig = following()
+    view = FlightView(rig.now_ns, (0.5, 0.0, 1.0), (0.0, 0.0, 0.0), True, rig.snapshot)
+    begin_failsafe(rig.core.flight, view, Action.HOLD, "Loop stalled: holding.")
+    rig.run(1.0)
+    assert rig.core.flight.state == "holding"
+    assert rig.telemetry is not None
+    assert rig.telemetry.follows == ""
+    answer = goal(rig, 1.6)
+    assert not answer.is_accepted
+    assert answer.reason == (
+        "It follows mav1 no longer (Loop stalled: holding): order hold before it follows again."
+    )
+
+    assert rig.order("hold").is_accepted
+    rig.run(0.3)
+    assert goal(rig, 1.6).is_accepted

@@ -427,7 +427,7 @@ def test_two_goals_in_the_air_are_as_far_apart_as_two_vehicles(
     ],
 )
 def test_goals_of_a_following_that_is_paused_or_ended_are_refused(
-    follows: str, leader: str, changes: dict[str, bool], words: str
+    follows: str, leader: str, changes: dict[str, Any], words: str
 ) -> None:
     flight = _flight(follow=FollowFlight(leader=leader, **changes))
     _check(_refused(_order("move", position_enu_m=_GOAL, follows=follows), flight), words)
@@ -438,7 +438,12 @@ def test_goals_of_a_following_that_is_paused_or_ended_are_refused(
 
 
 def test_a_refusal_cuts_off_a_name_that_anybody_may_have_written() -> None:
-    for changes in ({"is_paused": True}, {"is_skipped": True}):
+    ways: tuple[dict[str, Any], ...] = (
+        {"is_paused": True},
+        {"is_skipped": True},
+        {"stopped_by": "Loop stalled: holding."},
+    )
+    for changes in ways:
         flight = _flight(follow=FollowFlight(leader="m" * 60, **changes))
         refused = _refused(_order("move", position_enu_m=_GOAL, follows="m" * 60), flight)
         assert refused.count("m" * 40) == 1
