@@ -4,11 +4,12 @@ All vehicles of a show have the same path time. Each vehicle integrates its own 
 it with the clocks in the telemetry of the others. So a show continues without the ground:
 
     A vehicle that falls behind its path requests more time. All clocks then run at half the rate.
+    So they do while a failsafe requests slow flight.
 
     A clock that is ahead of the slowest clock slows down.
 
-    A vehicle gets PATIENCE_S of time. If it has used up that time and is still behind, it leaves
-    the show, and the others no longer wait for it.
+    A vehicle that is behind gets PATIENCE_S of time. If it has used up that time and is still
+    behind, it leaves the show, and the others no longer wait for it. A pause uses up no time.
 
     A pause stops the clock of the vehicle that was ordered to pause. The other vehicles of the show
     see this in its telemetry, and stop their clocks, too. Each vehicle brakes along its own path.
@@ -92,9 +93,13 @@ class PathFlight:
 
     @property
     def is_behind(self) -> bool:
-        """Whether the vehicle requests more time from the others."""
-        has_reason = self.is_lagging or self.slow_until_ns > 0
-        return has_reason and self.used_s < PATIENCE_S
+        """Whether the vehicle requests more time from the others.
+
+        It gets time for its lag only while it has patience left. A failsafe's request lasts as long
+        as its cause.
+        """
+        has_time_left = self.used_s < PATIENCE_S
+        return (self.is_lagging and has_time_left) or self.slow_until_ns > 0
 
     @property
     def is_lost(self) -> bool:
@@ -159,11 +164,11 @@ class PathFlight:
         if self.slow_until_ns < now_ns:
             self.slow_until_ns = 0
 
-        if self.is_behind or self.is_lost:
-            used_s = self.used_s + dt_s
-        else:
-            used_s = self.used_s - _RECOVERY * dt_s
-        self.used_s = max(used_s, 0.0)
+        is_stopped = self.target_rate == 0.0
+        if not self.is_lagging:
+            self.used_s = max(self.used_s - _RECOVERY * dt_s, 0.0)
+        elif not is_stopped:
+            self.used_s += dt_s
 
     def _advance_clock(self, now_ns: int, dt_s: float, others: Sequence[OtherClock] | None) -> None:
         """Before the start, set the path time. Afterwards, integrate the rate of the clock."""

@@ -125,7 +125,7 @@ def test_it_lags_beyond_one_distance_and_has_caught_up_within_another(
     [
         (5.0, 1.0, 0.0, 5.1),
         (12.0, 1.0, 0.0, 12.1),
-        (5.0, 0.0, 1.0, 5.1),
+        (5.0, 0.0, 1.0, 4.99),
         (12.0, 0.0, 1.0, 11.99),
         (5.0, 0.0, 0.0, 4.99),
         (0.0, 0.0, 0.0, 0.0),
@@ -140,13 +140,24 @@ def test_patience_is_used_while_it_is_behind_and_comes_back_slowly(
     assert flight.used_s == pytest.approx(later_s)
 
 
+@pytest.mark.parametrize("is_own", [True, False])
+def test_a_pause_uses_up_no_patience(is_own: bool) -> None:
+    flight = _flight(used_s=9.0, is_paused=is_own)
+    others = [OtherClock(10.0, is_behind=False, is_paused=not is_own)]
+    for tick in range(20):
+        flight.advance(_ns(10.0 + 0.1 * tick), 0.1, (1.0, 0.0, 1.0), others)
+    assert flight.is_lagging
+    assert flight.used_s == pytest.approx(9.0)
+    assert not flight.is_lost
+
+
 @pytest.mark.parametrize(
     ("is_lagging", "slow_until_ns", "used_s", "is_behind", "is_lost"),
     [
         (True, 0, 9.99, True, False),
         (True, 0, 10.0, False, True),
         (False, 1, 9.99, True, False),
-        (False, 1, 10.0, False, False),
+        (False, 1, 10.0, True, False),
         (False, 0, 0.0, False, False),
     ],
 )
