@@ -29,7 +29,7 @@ class _BatterySample(NamedTuple):
 class BatteryMonitor:
     """Memory of one battery.
 
-    Call :meth:`update` a few times a second in flight, and :meth:`reset` on the ground.
+    Call :meth:`update` a few times a second in flight, and :meth:`reset` before it.
 
     The battery counts as falling if, at the present rate, less than half of the landing level would
     be left after the descent and a reserve. PX4's simulated battery falls fast, but only down to a

@@ -53,6 +53,8 @@ _TRACKED_BLIND_ABOVE_M = 0.5  # by dead reckoning: the estimated height may be t
 _TRACKED_SATELLITES_ABOVE_M = 1.0
 _LONGEST_TICK_S = 0.1  # the tracking limits a longer tick to this
 
+_LOAD_KNOWN_S = 1.0  # the battery's reports show the load of flight after this time of a climb
+
 _HEARTBEAT_DUE_NS = 1_300_000_000  # a heartbeat at 1 Hz is lost if none has arrived for longer
 
 _WITHOUT_POSITION = FenceStatus(is_near=False, is_outside=False, is_above=False)
@@ -314,12 +316,22 @@ class TickObserver:
             "corrections_old_s": corrections_old_s,
         }
 
+    def _carries_its_weight(self, view: FlightView) -> bool:
+        """Return whether the motors carry the vehicle, and the battery reports that load.
+
+        The voltage falls from its idle value when the vehicle takes off.
+        """
+        step = self._flight.step
+        if step.situation in (Situation.GROUND, Situation.ARMED, Situation.LIFTOFF):
+            return False
+        return step is not FlightStep.CLIMB or self._flight.seconds(view) > _LOAD_KNOWN_S
+
     def _slow_facts(self, view: FlightView, context: TickContext, height_m: float) -> SlowFacts:
         now_ns = view.now_ns
         neighbours = self._neighbours.update_slowly(view)
         battery_frac, battery_voltage_v = view.snapshot.battery(now_ns)
 
-        if self._flight.step.situation in (Situation.GROUND, Situation.ARMED):
+        if not self._carries_its_weight(view):
             self._battery.reset()
         else:
             self._battery.update(

@@ -687,3 +687,16 @@ def test_without_corrections_nothing_is_said_of_satellites() -> None:
         observed.context["corrections"] = status
         slow = observed.run(0.1).slow
         assert (slow.fix_below, slow.corrections_old_s) == ("", 0.0)
+
+
+def test_the_voltage_that_falls_when_a_vehicle_takes_off_is_no_falling_battery() -> None:
+    observed = Observed(FlightStep.LIFTOFF)
+    observed.snapshot["battery_voltage_v"] = 16.8
+    observed.run(1.0)
+    observed.flies(step=FlightStep.CLIMB, step_ns=observed.now_ns)
+    observed.run(0.5)
+    observed.snapshot["battery_voltage_v"] = 14.2  # 15 % less, under the load of flight
+    assert not observed.run(4.0).slow.is_battery_falling
+
+    observed.snapshot["battery_voltage_v"] = 12.4
+    assert observed.run(2.0).slow.is_battery_falling
