@@ -32,6 +32,9 @@ from onboard.safety.failsafe_table import Situation
 _REPEAT_S = 5.0  # time until the next check while there are problems
 _LOOK_S = 1.0  # time until the next check while there are no problems
 _RESTARTED = "PX4 has restarted: its parameters are being read again."
+# Sets of parameters are sent at most this often after a start of PX4. One is not always enough: an
+# answer may be lost, and PX4 may be armed, or its version unknown, at first.
+_MAX_SETTINGS = 3
 # time after which parameters are read again, because somebody may have changed them
 _READ_AGAIN_NS = 15_000_000_000
 _NO_ORIGIN = (
@@ -71,6 +74,7 @@ class LinkUpkeep:
         self._notify = notify
         self._applies_params = applies_params
         self._absent: set[str] = set()  # optional parameters that this PX4 does not know
+        self._settings_left = 0  # how often parameters may still be set
         self._blocking = ThreadPoolExecutor(1, thread_name_prefix="link")
         self._task: asyncio.Task[None] | None = None
 
@@ -113,7 +117,7 @@ class LinkUpkeep:
                 await asyncio.sleep(_REPEAT_S)
 
     async def _prepare(self) -> None:
-        """Request rates, and on the ground set parameters."""
+        """Request rates, and wait for a heartbeat."""
         self._link.withholds_poses = self._vehicle.mocap_required
         self._link.request_rates()
         requested_ns = time.monotonic_ns()
@@ -123,15 +127,7 @@ class LinkUpkeep:
         # PX4 was armed by an earlier run of this agent or by a pilot; nothing is changed in flight
         if self._link.snapshot().is_armed:
             log.warning("PX4 is armed already: its origin and its parameters are left as they are")
-            return
-        if self._applies_params:
-            await self._apply_params()
-
-    async def _apply_params(self) -> None:
-        """Set the required parameters that differ."""
-        required = self._required()
-        actual = await self._in_thread(self._link.read_params, _values(required))
-        await self._in_thread(self._link.apply_params, _values(unmet(required, actual)))
+        self._settings_left = _MAX_SETTINGS if self._applies_params else 0
 
     def _required(self) -> list[RequiredParam]:
         """Return the required parameters for PX4's version, except unknown optional ones."""
@@ -140,7 +136,11 @@ class LinkUpkeep:
         return [param for name, param in required.items() if name not in self._absent]
 
     async def _watch(self, beginnings: int) -> None:
-        """Check parameters, origin and disk until PX4 restarts or returns after a silence."""
+        """Check parameters, origin and disk until PX4 restarts or returns after a silence.
+
+        Parameters are set until all have once been as required; what a person changes later is only
+        reported.
+        """
         problems: tuple[str, ...] | None = None  # None: the parameters have not been read yet
         read_ns = 0  # when the parameters were last read
         read_for: Version | None = None  # PX4's version at that time
@@ -183,12 +183,16 @@ class LinkUpkeep:
         if px4.is_simulated:
             values[BATTERY_FLOOR] = 0.0  # any float, because only its type matters for the reading
         actual = await self._in_thread(self._link.read_params, values)
+        if self._may_set() and await self._set_params(unmet(required, actual)):
+            actual = await self._in_thread(self._link.read_params, values)
 
         for param in required:
             if param.is_optional and actual.get(param.name) is None:
                 self._absent.add(param.name)
 
         problems = differences(required, actual)
+        if not problems and px4.px4_version is not None:
+            self._settings_left = 0
         if not has_origin:
             problems = (*problems, _NO_ORIGIN)
         battery_floor_pct = actual.get(BATTERY_FLOOR)
@@ -198,6 +202,19 @@ class LinkUpkeep:
         for sentence in problems:
             log.warning("%s", sentence)
         return problems
+
+    def _may_set(self) -> bool:
+        """Return whether parameters may be set now: on the ground, disarmed, and not too often."""
+        is_on_ground = self._flight.step.situation is Situation.GROUND
+        return self._settings_left > 0 and is_on_ground and not self._link.snapshot().is_armed
+
+    async def _set_params(self, wrong: list[RequiredParam]) -> bool:
+        """Set parameters; return whether there was one to set."""
+        if not wrong:
+            return False
+        self._settings_left -= 1
+        await self._in_thread(self._link.apply_params, _values(wrong))
+        return True
 
     async def _in_thread(self, function: Callable[..., Any], *args: Any) -> Any:
         return await asyncio.get_running_loop().run_in_executor(self._blocking, function, *args)

@@ -56,7 +56,9 @@ class MuteLink:
         return values
 
 
-async def events_until(link: MuteLink, reads: int) -> list[agent_inputs.AgentInput]:
+async def events_until(
+    link: MuteLink, reads: int, *, applies_params: bool = False
+) -> list[agent_inputs.AgentInput]:
     """What the upkeep tells until it has read parameters so often."""
     vehicle = CONFIG.vehicles["mav0"]
     told = asyncio.Queue[agent_inputs.AgentInput]()
@@ -67,7 +69,7 @@ async def events_until(link: MuteLink, reads: int) -> list[agent_inputs.AgentInp
         link=link,  # type: ignore[arg-type]
         flight=flight,
         notify=told.put_nowait,
-        applies_params=False,
+        applies_params=applies_params,
     )
     events: list[agent_inputs.AgentInput] = []
     upkeep.start()
@@ -141,3 +143,93 @@ async def test_only_a_simulated_px4_is_asked_where_its_battery_stops(
     assert event == agent_inputs.ParamsRead((), event.battery_floor_frac)
     assert event.battery_floor_frac == pytest.approx(floor_frac)
     assert ("SIM_BAT_MIN_PCT" in link.read[0]) == is_simulated
+
+
+class DriftedLink(MuteLink):
+    """PX4 whose COM_OF_LOSS_T differs, and which takes what is set."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.requests = 3  # its version is known
+        self.values: dict[str, float | int] = {"COM_OF_LOSS_T": 1.0}
+        self.lost: list[str] = []  # parameters whose next answer is lost
+        self.armed_reads = 0  # PX4 is armed until parameters have been read this often
+        self.applied: list[dict[str, float | int]] = []
+
+    def snapshot(self) -> Snapshot:
+        is_armed = len(self.read) < self.armed_reads
+        return replace(super().snapshot(), is_armed=is_armed)
+
+    def read_params(self, names: Mapping[str, float | int]) -> dict[str, float | int | None]:
+        values = super().read_params(names) | self.values
+        for name in self.lost:
+            values[name] = None
+        self.lost = []
+        return values
+
+    def apply_params(self, values: Mapping[str, float | int]) -> None:
+        self.applied.append(dict(values))
+        self.values.update(values)
+
+
+@pytest.fixture
+def quick(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(link_upkeep, "_LOOK_S", 0.01)
+    monkeypatch.setattr(link_upkeep, "_REPEAT_S", 0.01)
+
+
+def last_problems(events: list[agent_inputs.AgentInput]) -> tuple[str, ...]:
+    return [event.problems for event in events if isinstance(event, agent_inputs.ParamsRead)][-1]
+
+
+async def test_a_parameter_whose_answer_got_lost_is_set_after_the_next_reading(quick: None) -> None:
+    link = DriftedLink()
+    link.lost = ["COM_OF_LOSS_T"]
+    events = await events_until(link, 3, applies_params=True)
+    assert [set(values) for values in link.applied] == [{"COM_OF_LOSS_T"}]
+    assert not last_problems(events)
+
+
+async def test_parameters_are_set_once_px4_is_disarmed_and_not_before(quick: None) -> None:
+    link = DriftedLink()
+    link.armed_reads = 2
+    events = await events_until(link, 3, applies_params=True)
+    assert [set(values) for values in link.applied] == [{"COM_OF_LOSS_T"}]
+    assert not last_problems(events)
+
+
+async def test_parameters_that_depend_on_the_version_are_set_when_it_is_known(quick: None) -> None:
+    link = DriftedLink()
+    link.requests = 0
+    link.values["MAN_OVERRIDE_SPD"] = 2.0
+    events = await events_until(link, 4, applies_params=True)
+    assert [set(values) for values in link.applied] == [{"COM_OF_LOSS_T"}, {"MAN_OVERRIDE_SPD"}]
+    assert not last_problems(events)
+
+
+async def test_what_a_person_changes_later_is_reported_and_not_set(
+    quick: None, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(link_upkeep, "_READ_AGAIN_NS", 0)
+    link = DriftedLink()
+    del link.values["COM_OF_LOSS_T"]
+
+    def change(names: Mapping[str, float | int]) -> dict[str, float | int | None]:
+        if len(link.read) == 2:
+            link.values["COM_OF_LOSS_T"] = 1.0
+        return DriftedLink.read_params(link, names)
+
+    monkeypatch.setattr(link, "read_params", change)
+    events = await events_until(link, 5, applies_params=True)
+    assert not link.applied
+    assert "COM_OF_LOSS_T is 1" in last_problems(events)[0]
+
+
+async def test_a_px4_that_does_not_take_what_is_set_is_not_told_for_ever(
+    quick: None, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    link = DriftedLink()
+    monkeypatch.setattr(link, "apply_params", link.applied.append)
+    events = await events_until(link, 12, applies_params=True)
+    assert len(link.applied) == 3
+    assert "COM_OF_LOSS_T is 1" in last_problems(events)[0]
