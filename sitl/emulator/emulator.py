@@ -124,8 +124,9 @@ class Emulator:
         disturbances: present and future faults, see :meth:`inject`.
         has_global_origin: whether each vehicle has received the position of its local frame on
             Earth.
-        local_origins: latitude and longitude of the local frame of each vehicle: its start, or as
-            received. The altitude is that of the ground; the estimator has the one of the frame.
+        local_origins: latitude and longitude of the local frame of each vehicle: where its
+            autopilot started, or as received. The altitude is that of the ground; the estimator has
+            the one of the frame.
         key_stores: store of the key of MAVLink signing, per vehicle.
         flight_logs: logs on the card of each vehicle; None unless :meth:`keep_logs` was called.
         outside: function that begins and ends faults of bus and agents; None where there is neither
@@ -202,6 +203,10 @@ class Emulator:
     def start_on_earth(self, index: int) -> EarthPoint:
         """Return the point on Earth where a vehicle started."""
         east_m, north_m, _ = self.specs[index].start_enu_m
+        return self._on_earth(north_m, east_m)
+
+    def _on_earth(self, north_m: float, east_m: float) -> EarthPoint:
+        """Return a point of the ground on Earth."""
         latitude_deg, longitude_deg = degrees_at(self.origin, north_m, east_m)
         return EarthPoint(latitude_deg, longitude_deg, self.origin.altitude_m)
 
@@ -256,7 +261,8 @@ class Emulator:
         self.autopilots[index] = new
 
         self.has_global_origin[index] = False
-        self.local_origins[index] = self.start_on_earth(index)
+        north_m, east_m, _ = self.world.vehicles.states.position_ned_m[index].tolist()
+        self.local_origins[index] = self._on_earth(north_m, east_m)
         self.estimator.restart(index, self.time_s, self.world.vehicles.states.position_ned_m[index])
         self.key_stores[index].restart()
         if self.flight_logs is not None:

@@ -15,6 +15,7 @@ from sitl.emulator.mocap import Mocap, MocapSettings, Pose
 from sitl.faults.catalogue import FAULT_KINDS, Fault, FaultError, check, listing, parse
 from sitl.mavlink.lossy_link import LossyLink
 from sitl.mavlink.streams import SIMULATOR_RATES_HZ
+from sitl.physics.earth import metres_from
 from sitl.physics.vehicle import STEP_S
 from sitl.physics.wind import WindSettings
 from sitl.px4.estimator_errors import Source
@@ -471,3 +472,14 @@ def test_the_readme_names_every_fault() -> None:
         encoding="utf-8"
     )
     assert [name for name in FAULT_KINDS if f"`{name}`" not in readme] == []
+
+
+def test_the_local_frame_begins_where_a_vehicle_by_satellites_is_rebooted() -> None:
+    emu = emulator()
+    run_for(emu, 1.0)
+    emu.world.vehicles.states.position_ned_m[0] = (30.0, 40.0, 0.0)
+    emu.inject(parse("v0 autopilot_reboot"))
+    run_for(emu, 1.0)
+
+    north_m, east_m = metres_from(emu.origin, *emu.local_origins[0][:2])
+    assert (north_m, east_m) == pytest.approx((30.0, 40.0), abs=0.01)
