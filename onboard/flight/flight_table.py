@@ -114,10 +114,11 @@ ORDERS = (
     Row(_STARTING, E.HOLD, when=p.px4_is_armed, to=S.DISARMING, request=Disarm(), reason=""),
     Row(_STARTING, E.HOLD, to=S.DISARMED, request=Disarm(), reason=""),
 
-    Row((S.LIFTOFF, *_FREE, *_DOWN), E.LAND, to=S.DESCENT,
-        effect=effects.descend, reason="ordered"),
+    Row((S.LIFTOFF, *_FREE), E.LAND, to=S.DESCENT, effect=effects.descend, reason="ordered"),
+    Row((S.DESCENT,), E.LAND, to=S.DESCENT, effect=effects.descend_here, reason="ordered"),
     Row((S.COASTING,), E.LAND, to=S.SINKING, reason="ordered"),
-    Row((S.SINKING, S.PX4_LANDING), E.LAND),  # it lands already, so nothing changes
+    # It lands already, so nothing changes. A vehicle that stands gets no thrust again.
+    Row((S.SINKING, S.CONTACT, S.PX4_LANDING), E.LAND),
     # These orders are done at once, because the vehicle already stands on the ground.
     Row((S.LANDED,), E.LAND, ends=("done", sentences.STANDS)),
     # Only the move `home` gets here, and only for a vehicle on its take-off spot.
@@ -160,6 +161,8 @@ ORDERS = (
 
 FAILSAFES = (
     Row((S.LEG,), E.FAILSAFE_SLOW, when=p.not_slowed_yet, effect=effects.slow_down, reason=CAUSE),
+    Row((S.CLIMB,), E.FAILSAFE_SLOW, when=p.not_slowed_yet, effect=effects.slow_climb,
+        reason=CAUSE),
     Row((S.PATH,), E.FAILSAFE_SLOW, effect=effects.slow_path),
 
     Row((S.ARRIVED,), E.FAILSAFE_HOLD, when=p.at_goal, to=S.HOLDING, reason=CAUSE),
@@ -289,7 +292,11 @@ FLYING = (
 
     Row((S.TAKEOVER,), E.TICK, when=p.px4_left_its_hold, to=S.FAILED,
         reason=sentences.left_its_hold, ends=("failed", sentences.left_its_hold)),
-    Row((S.TAKEOVER,), E.TICK, when=p.px4_confirms_offboard, to=S.HOLDING,
+    Row((S.TAKEOVER,), E.TICK, when=p.px4_confirms_disarmed, to=S.FAILED,
+        effect=effects.note_fall, reason=sentences.MOTORS_STOPPED,
+        ends=("failed", sentences.MOTORS_STOPPED),
+        says=("critical", "disarmed-in-flight", sentences.MOTORS_STOPPED)),
+    Row((S.TAKEOVER,), E.TICK, when=p.px4_is_taken_over, to=S.HOLDING,
         reason="ordered", ends=("done", "Taken over from PX4's hold; holding.")),
     Row((S.TAKEOVER,), E.TICK, when=p.px4_has_not_confirmed_in_time, to=S.FAILED,
         reason=_STILL_FLIES, ends=("failed", _STILL_FLIES)),
@@ -308,6 +315,11 @@ LANDING = (
         effect=effects.note_fall, reason=sentences.MOTORS_STOPPED,
         ends=("failed", sentences.MOTORS_STOPPED),
         says=("critical", "disarmed-in-flight", sentences.MOTORS_STOPPED)),
+    # Without poses only PX4 knows. This agent sends thrust until it sees the contact.
+    Row((S.SINKING,), E.TICK, when=p.stopped_while_sinking, to=S.FAILED,
+        effect=effects.note_fall, reason=sentences.MOTORS_STOPPED,
+        ends=("failed", sentences.MOTORS_STOPPED),
+        says=("critical", "disarmed-in-flight", sentences.MOTORS_STOPPED)),
 
     Row((S.DESCENT,), E.TICK, when=p.touched_down, to=S.CONTACT, effect=effects.look_for_ground),
     Row((S.CONTACT,), E.TICK, when=p.falls, to=S.DESCENT, effect=effects.descend),
@@ -315,9 +327,9 @@ LANDING = (
     Row((S.DESCENT,), E.TICK, when=p.feels_for_ground, effect=effects.feel_for_ground),
     Row((S.DESCENT,), E.TICK, when=p.floor_is_lower, to=S.DESCENT, effect=effects.descend_further),
 
-    Row((S.CONTACT, S.PX4_LANDING), E.TICK, when=p.landed_by_order, to=S.LANDED,
+    Row((S.SINKING, S.CONTACT, S.PX4_LANDING), E.TICK, when=p.landed_by_order, to=S.LANDED,
         ends=("done", sentences.landed_as_ordered)),
-    Row((S.CONTACT, S.PX4_LANDING), E.TICK, when=p.landed, to=S.LANDED,
+    Row((S.SINKING, S.CONTACT, S.PX4_LANDING), E.TICK, when=p.landed, to=S.LANDED,
         ends=("failed", sentences.why_landed), says=("info", "landed", sentences.LANDED)),
     Row((S.CONTACT,), E.TICK, when=p.px4_should_have_disarmed, request=Disarm()),
 

@@ -56,6 +56,7 @@ _DISARM_AFTER_S = 4.0  # PX4 disarms by itself within this time after the contac
 _DISARM_AFTER_SEEN_S = 0.5  # it disarms within this time if it reports the ground
 
 # landing by dead reckoning
+_DISARMED_KNOWN_S = 1.5  # longest time from PX4's disarming to the heartbeat that says so
 _BLIND_BEGUN_S = 0.6  # contact is checked only after this time
 
 # PX4's own landing
@@ -76,6 +77,11 @@ def px4_confirms_offboard(flight: FlightContext, view: FlightView) -> bool:
     """Return whether a heartbeat since the step began says OFFBOARD."""
     is_offboard = view.snapshot.is_offboard and _is_confirmed(flight, view)
     return is_offboard and flight.seconds(view) > _MIN_OFFBOARD_S
+
+
+def px4_is_taken_over(flight: FlightContext, view: FlightView) -> bool:
+    """Return whether a heartbeat since the step began says OFFBOARD and armed."""
+    return view.snapshot.is_armed and px4_confirms_offboard(flight, view)
 
 
 def px4_left_its_hold(flight: FlightContext, view: FlightView) -> bool:
@@ -399,6 +405,16 @@ def falls_disarmed(flight: FlightContext, view: FlightView) -> bool:
     if flight.was_killed:
         return False
     return not view.snapshot.is_armed and _is_sinking(view, _FREE_FALL_M_S)
+
+
+def stopped_while_sinking(flight: FlightContext, view: FlightView) -> bool:
+    """Return whether PX4 has disarmed in a descent by dead reckoning, before it saw the ground.
+
+    PX4 reports the ground as soon as it is disarmed, and its heartbeat says disarmed up to a second
+    later. If it has reported the ground for longer than that, it has disarmed after a landing.
+    """
+    reported_s = 1e-9 * (view.now_ns - flight.contact.reported_ns)
+    return px4_confirms_disarmed(flight, view) and reported_s < _DISARMED_KNOWN_S
 
 
 def _is_sinking(view: FlightView, least_m_s: float) -> bool:

@@ -11,6 +11,7 @@ import pytest
 from msgspec.structs import replace
 
 from onboard import agent_commands
+from onboard.autopilot import Landed
 from onboard.flight.state_machine import begin_failsafe
 from onboard.flight.types import FlightStep, FlightView
 from onboard.safety.failsafe_table import Action
@@ -234,3 +235,31 @@ def test_from_the_first_moment_that_it_seems_to_stand_it_says_that_it_does_not_m
     rig.until("landed")
     assert rig.now_ns - touched_ns > 250_000_000
     assert np.linalg.norm(np.array(rig.state.position_enu_m[:2]) - said_m) < 0.01
+
+
+def test_motors_that_stop_in_a_descent_without_poses_are_said_and_are_no_landing() -> None:
+    rig = lost()
+    while rig.core.flight.step is not FlightStep.SINKING:
+        rig.step()
+    rig.is_armed = False
+    rig.until("failed", 2.0)
+    critical = [event.code for event in rig.events if event.severity == "critical"]
+    assert "disarmed-in-flight" in critical
+    rig.until("landed")
+    assert "fell" in rig.order("land").reason
+
+
+def test_px4_that_disarms_after_a_while_on_the_ground_ends_a_descent_without_poses() -> None:
+    rig = lost()
+    assert rig.order("land", order_id="down").is_accepted
+    while rig.core.flight.step is not FlightStep.SINKING:
+        rig.step()
+    rig.height_error_m = 1.0  # so it does not know that it has come down
+    while rig.position[2] > 0.0:
+        rig.step()
+    rig.landed_report = Landed.ON_GROUND
+    rig.run(1.6)
+    assert rig.core.flight.step is FlightStep.SINKING
+    rig.is_armed = False
+    rig.until("landed", 1.5)
+    assert rig.outcomes()["down"] == "done"

@@ -123,3 +123,33 @@ def test_on_ground_of_any_height_it_is_level_at_once_and_disarmed_within_three_s
     rig.until("landed")
     assert rig.outcomes()["land"] == "done"
     assert rig.count(agent_commands.Px4Land) == 0
+
+
+def test_an_order_to_land_gives_a_vehicle_that_stands_no_thrust_again() -> None:
+    rig = _hover(1.0)
+    rig.order("land", order_id="first")
+    _sink(rig, lambda: rig.core.flight.step is FlightStep.CONTACT)
+    contact_ns = rig.now_ns
+    for number in range(4):
+        rig.run(0.4)
+        assert rig.order("land", order_id=f"again{number}").is_accepted
+    rig.until("landed")
+
+    thrusts = {
+        command.setpoint.thrust_frac
+        for stamp_ns, command in rig.sent
+        if isinstance(command, agent_commands.SendAttitude) and stamp_ns > contact_ns
+    }
+    assert thrusts == {0.0}
+    assert rig.now_ns - contact_ns < 5e9
+    assert rig.outcomes()["again3"] == "done"
+
+
+def test_an_order_to_land_again_in_the_air_does_not_put_off_the_end_of_the_landing() -> None:
+    rig = _hover(1.0)
+    rig.order("land")
+    deadline_ns = rig.core.flight.deadline_ns
+    rig.run(0.5)
+    rig.order("land")
+    assert rig.core.flight.step is FlightStep.DESCENT
+    assert rig.core.flight.deadline_ns == deadline_ns

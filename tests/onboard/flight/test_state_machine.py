@@ -20,7 +20,7 @@ from onboard.agent_commands import (
 from onboard.autopilot import Landed, Snapshot
 from onboard.bus.schema import Event, Order, OrderKind, PathOrder
 from onboard.control.path import path_id, path_of, to_bytes
-from onboard.flight import sentences, state_machine
+from onboard.flight import effects, sentences, state_machine
 from onboard.flight.context import FlightContext
 from onboard.flight.follow_flight import FollowFlight
 from onboard.flight.path_flight import PathFlight
@@ -41,6 +41,7 @@ def _order(kind: OrderKind, **changes: Any) -> Order:
     return Order(kind=kind, **values)
 
 
+_TAKES_OFF = _order("takeoff", order_id="t", height_m=10.0)
 _MOVES = _order("move", order_id="m", position_enu_m=(2.0, 0.0, 1.0))
 
 
@@ -448,3 +449,15 @@ def test_a_path_that_begins_keeps_the_name_of_its_show() -> None:
     flight = _flight(FlightStep.HOLDING, path=PathFlight(path=_RESTING, path_id="p"))
     state_machine.begin_order(flight, _view(), _order("follow_path", path=show))
     assert (flight.step, flight.path.show_id) == (FlightStep.PATH, "t")
+
+
+def test_a_failsafe_that_slows_makes_a_climb_take_twice_as_long() -> None:
+    usual = _flight(FlightStep.CLIMB, order=_TAKES_OFF)
+    effects.climb_on(usual, _view())
+
+    slowed = _flight(FlightStep.CLIMB, order=_TAKES_OFF)
+    effects.climb_on(slowed, _view())
+    state_machine.begin_failsafe(slowed, _view(), Action.SLOW, "Mocap late.")
+    assert (slowed.step, slowed.order, slowed.is_slow) == (FlightStep.CLIMB, _TAKES_OFF, True)
+    assert slowed.goal.position_enu_m == usual.goal.position_enu_m
+    assert slowed.goal.duration_s == pytest.approx(2.0 * usual.goal.duration_s)

@@ -210,3 +210,16 @@ def twin(rig: Rig) -> agent_inputs.NeighbourReceived:
         vehicle="mav0", boot_id=99, stamp_ns=rig.now_ns, is_airborne=False, is_cooperative=False
     )
     return agent_inputs.NeighbourReceived(message, rig.now_ns)
+
+
+def test_a_vehicle_whose_motors_stop_during_the_takeover_is_not_taken_over() -> None:
+    rig = restarted()
+    assert rig.order("hold", order_id="take").is_accepted
+    rig.run(0.1)
+    rig.is_armed = False
+    rig.run(2.0)
+    assert rig.outcomes()["take"] == "failed"
+    assert [event.code for event in rig.events if event.severity == "critical"][-1] == (
+        "disarmed-in-flight"
+    )
+    assert rig.core.flight.has_fallen
