@@ -20,7 +20,7 @@ from groundstation.recording.reader import (
     is_vector,
     of_one_flight,
 )
-from groundstation.recording.recorded_flight import at_times, has_lifted
+from groundstation.recording.recorded_flight import IN_FLIGHT, at_times, has_lifted
 from onboard.arrays import Array
 from onboard.config.flight_space import Outline
 from onboard.config.pair_separation import separations_m
@@ -30,7 +30,6 @@ from onboard.plain_text import natural_sort_key
 TOPICS = ("truth", "tick", "telemetry")
 POSES = "mocap"  # this topic is also read if the fleet has persons
 GRID_S = 0.02
-_IN_FLIGHT = ("flying", "holding")  # states of an agent whose vehicle is in the air
 _LONGEST_START_NS = 600_000_000_000  # longest time from a record's start to its first vehicle
 _LEAD_S = 1.0  # time before the start that is shown
 _SLOT_STEP_M = 0.05  # largest distance of two goals that are the same slot
@@ -286,7 +285,7 @@ def _is_up(path: list[Sample]) -> Array:
         if isinstance(is_on_ground, bool):
             is_up[index] = not is_on_ground
         else:
-            is_up[index] = has_left[index] or sample.values.get("state") in _IN_FLIGHT
+            is_up[index] = has_left[index] or sample.values.get("state") in IN_FLIGHT
     return is_up
 
 
@@ -333,7 +332,7 @@ def _slots(telemetry: list[Sample]) -> Array:
     """Return the goals (k, 3) of orders to move, in the order in which they were given."""
     slots_enu_m: list[list[float]] = []
     for sample in telemetry:
-        is_flying = sample.values.get("state") in _IN_FLIGHT
+        is_flying = sample.values.get("state") in IN_FLIGHT
         if not is_flying or sample.values.get("order_kind") != "move":
             continue
 

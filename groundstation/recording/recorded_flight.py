@@ -11,6 +11,7 @@ vehicles has no ground truth.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -23,6 +24,7 @@ from onboard.bus.schema import Event, PreflightReport
 from onboard.config.fleet import FleetConfig
 
 LIFTED_M = 0.05  # a vehicle this far above its first position has left the ground
+IN_FLIGHT = ("flying", "holding")  # states of an agent whose vehicle is in the air
 
 
 @dataclass(frozen=True, slots=True)
@@ -147,6 +149,23 @@ class VehicleFlight:
         if self.ticks.size > 1:
             return self.ticks.time_s, self.ticks.position_enu_m
         return self.telemetry.time_s, self.telemetry.position_enu_m
+
+    @property
+    def is_up(self) -> NDArray[np.bool_]:
+        """Whether the vehicle is off the ground (n,), at each time of ``path``.
+
+        Ground truth says it. Else the height above the first position counts, and so does the
+        state in the last telemetry, because a record may begin in flight.
+        """
+        if self.has_truth:
+            on_ground: NDArray[np.bool_] = self.truth.is_on_ground > 0.5
+            return ~on_ground
+
+        times_s, positions_enu_m = self.path
+        telemetry = self.telemetry
+        flies = np.array([state in IN_FLIGHT for state in telemetry.states], np.float64)
+        is_flying = at_times(telemetry.time_s, flies, times_s, max_gap_s=math.inf) > 0.5
+        return has_lifted(positions_enu_m[:, 2]) | is_flying
 
 
 @dataclass(frozen=True, slots=True)

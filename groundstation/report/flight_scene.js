@@ -9,7 +9,6 @@ globalThis.Covey ??= {};
   const TRAIL_S = 8;
   const PAIR_SHARE = 1.75; // pairs nearer than so many promised distances have a line
   const MAX_PAIR_LINES = 24;
-  const UP_M = 0.12; // who is higher flies
   const MIN_PUSH_M_S2 = 0.15; // interventions below it are not drawn
   const PUSH_M_PER_M_S2 = 0.25; // length of their arrows
   const DASH_S = 0.2; // of the way of another flight
@@ -152,7 +151,7 @@ globalThis.Covey ??= {};
       const { scene, flight } = this;
       const text = Covey.vehicleColour(vehicle);
       const colour = Covey.rgb(text);
-      const isUp = position[2] > UP_M;
+      const isUp = flight.isUp(vehicle, flight.indexAt(time_s));
 
       if (this.layers.way) {
         scene.path(this._path(vehicle), colour, { opacity: 0.35, width: 1.25 });
@@ -291,11 +290,13 @@ globalThis.Covey ??= {};
     _drawPairs(positions, time_s) {
       const flight = this.flight;
       const promise_m = this._promise_m ?? 0.8;
+      const index = flight.indexAt(time_s);
       const near = [];
       for (let first = 0; first < positions.length; first++) {
         for (let second = first + 1; second < positions.length; second++) {
           const [one, other] = [positions[first], positions[second]];
-          if (!one || !other || Math.max(one[2], other[2]) < UP_M) continue;
+          if (!one || !other) continue;
+          if (!flight.isUp(first, index) && !flight.isUp(second, index)) continue;
           const distance_m = flight.separation(one, other);
           const isChosen = this.pair?.includes(first) && this.pair?.includes(second);
           if (isChosen || distance_m < PAIR_SHARE * promise_m) {

@@ -11,7 +11,6 @@ globalThis.Covey ??= {};
 (() => {
   const FORMAT = 1;
   const NOT_KNOWN = -32768;
-  const UP_M = 0.12; // who is higher flies
 
   /* Returns the bytes of base64. */
   function bytesOf(base64) {
@@ -44,6 +43,7 @@ globalThis.Covey ??= {};
       Object.assign(this, header);
       this._data = data;
       this._curves = new Map(); // key -> values
+      this._up = []; // whether each vehicle is off the ground, at each time of the grid
 
       this._columns = new Map();
       header.columns.forEach(([key, scale, offset], index) => {
@@ -115,6 +115,12 @@ globalThis.Covey ??= {};
       return parts.map((part) => part / length);
     }
 
+    /* Returns whether a vehicle is off the ground at a time of the grid. */
+    isUp(vehicle, index) {
+      this._up[vehicle] ??= this.curve(vehicle, "is_up");
+      return this._up[vehicle][index] > 0.5;
+    }
+
     /* Returns the last text of a list of changes [time, text] that is not after a time. */
     textAt(changes, time_s) {
       let text = "";
@@ -145,8 +151,8 @@ globalThis.Covey ??= {};
       for (let index = 0; index < this.count; index++) {
         const across_m = Math.hypot(one[0][index] - other[0][index], one[1][index] - other[1][index]);
         const up_m = height_share * Math.abs(one[2][index] - other[2][index]);
-        const isDown = !(one[2][index] > UP_M || other[2][index] > UP_M);
-        values[index] = isDown ? NaN : Math.max(across_m, up_m);
+        const isOneUp = this.isUp(first, index) || this.isUp(second, index);
+        values[index] = isOneUp ? Math.max(across_m, up_m) : NaN;
       }
       this._curves.set(key, values);
       return values;

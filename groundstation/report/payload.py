@@ -138,10 +138,12 @@ def _columns(
 
 
 def _path_columns(number: int, vehicle: VehicleFlight, grid_s: Array) -> Iterator[Column]:
-    """Yield the path of one vehicle and its attitude: the true one if the record has it."""
+    """Yield one vehicle's path, when it is up, and its attitude: the true ones if recorded."""
     times_s, positions_enu_m = vehicle.path
     path_enu_m = between_times(times_s, positions_enu_m, grid_s, _PATH_GAP_S)
     yield from _axes(number, "", path_enu_m, _METRE)
+    is_up = at_times(times_s, vehicle.is_up.astype(np.float64), grid_s, _PATH_GAP_S)
+    yield packed(f"{number}/is_up", is_up, 1.0)
 
     truth = vehicle.truth
     ticks = vehicle.ticks
@@ -403,14 +405,10 @@ def _pairs(flight: Flight) -> list[list[Any]]:
         if is_known.sum() < 2:
             continue
 
-        positions_enu_m = positions_enu_m[is_known]
-        is_down = ~has_lifted(positions_enu_m[:, 2])
-        if vehicle.has_truth:
-            is_down = vehicle.truth.is_on_ground[is_known] > 0.5
         tracks[name] = TrueMotion(
             stamp_ns=np.rint(times_s[is_known] * 1e9).astype(np.int64),
-            position_enu_m=positions_enu_m,
-            is_on_ground=is_down,
+            position_enu_m=positions_enu_m[is_known],
+            is_on_ground=~vehicle.is_up[is_known],
             is_collided=False,
         )
 

@@ -38,14 +38,19 @@ def position(vehicle: int, time_s: float) -> tuple[float, float, float]:
 
 
 def rows(
-    names: tuple[str, ...] = ("mav0", "mav1"), *, length_s: float = 10.0, has_truth: bool = True
+    names: tuple[str, ...] = ("mav0", "mav1"),
+    *,
+    length_s: float = 10.0,
+    has_truth: bool = True,
+    ground_m: float = 0.0,
 ) -> list[Row]:
     """The messages of ten seconds: ticks and truth 50 times a second, telemetry 10 times."""
     told: list[Row] = []
     for step in range(round(50 * length_s)):
         at_ns = BEGIN_NS + step * SECOND // 50
         for index, name in enumerate(names):
-            place = position(index, step / 50)
+            x, y, height_m = position(index, step / 50)
+            place = (x, y, ground_m + height_m)
             own_tick = msgspec.structs.replace(
                 tick(at_ns),
                 position_enu_m=place,
@@ -61,7 +66,7 @@ def rows(
                     position_enu_m=place,
                     velocity_enu_m_s=ZERO,
                     quaternion_enu_flu_wxyz=LEVEL,
-                    is_on_ground=place[2] <= 0.0,
+                    is_on_ground=height_m <= 0.0,
                     is_collided=False,
                 )
                 told.append((at_ns, Topic.TRUTH, name, truth))

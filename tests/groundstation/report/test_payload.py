@@ -43,6 +43,28 @@ def test_the_smallest_distance_is_found_with_its_time(folder: Path) -> None:
     assert time_s == pytest.approx(5.0, abs=0.05)
 
 
+def test_distances_of_a_record_that_begins_in_flight_count(tmp_path: Path) -> None:
+    told = [row for row in rows(has_truth=False) if 3 * SECOND <= row[0] - BEGIN_NS <= 7 * SECOND]
+    header, curves = opened(payload(read_flight(write(tmp_path, told)), made_by="test"))
+
+    [[_, _, distance_m, _]] = header["pairs"]
+    assert distance_m == pytest.approx(0.9, abs=0.001)
+    assert np.nanmin(curves["0/is_up"]) == 1.0
+
+
+def test_without_truth_a_vehicle_is_up_from_its_first_height_on(tmp_path: Path) -> None:
+    told = []
+    for at_ns, topic, name, message in rows(has_truth=False, ground_m=0.6):
+        if isinstance(message, Telemetry):
+            message = msgspec.structs.replace(message, state="landed")
+        told.append((at_ns, topic, name, message))
+    _, curves = opened(payload(read_flight(write(tmp_path, told)), made_by="test"))
+
+    height_m = curves["0/z"] - 0.6
+    assert (curves["0/is_up"][height_m < 0.02] == 0.0).all()
+    assert (curves["0/is_up"][height_m > 0.09] == 1.0).all()
+
+
 def test_the_age_of_what_each_knew_is_the_largest_of_each_step(folder: Path) -> None:
     _, curves = opened(payload(read_flight(folder), made_by="test"))
 

@@ -82,6 +82,58 @@ def test_the_page_reads_what_was_packed(tmp_path: Path) -> None:
     assert found["pairs"] == [[0, 1], [1, 0], None, None, None]
 
 
+# draws a flight in the air and after the landing, in a scene that only keeps what is drawn
+SCENE = """
+Object.assign(Covey, {
+  Scene: class {
+    constructor() {
+      this.drawn = [];
+      this.camera = {};
+      return new Proxy(this, {
+        get: (own, name) => own[name] ?? ((...values) => own.drawn.push([name, ...values])),
+      });
+    }
+  },
+  Ground: class { draw() {} },
+  colour: () => "",
+  vehicleColour: () => "",
+  rgb: () => [0, 0, 0],
+  number: String,
+});
+const data = require("fs").readFileSync(process.argv[2]);
+Covey.inflated(new Uint8Array(data)).then((bytes) => {
+  const flight = Covey.flightOf(bytes);
+  const distances_m = flight.distances(0, 1);
+  console.log(JSON.stringify([5, 9.5].map((time_s) => {
+    const picture = new Covey.FlightScene(flight);
+    picture.draw(time_s);
+    return {
+      distance: distances_m[flight.indexAt(time_s)],
+      rings: picture.scene.drawn.filter(([name]) => name === "ring").length,
+      labels: picture.scene.drawn.filter(([name]) => name === "label").map(([, , text]) => text),
+    };
+  })));
+});
+"""
+
+
+@needs_node
+@pytest.mark.parametrize("ground_m", [-2.0, 0.0, 0.6])
+def test_the_page_knows_who_is_up_wherever_the_ground_is(tmp_path: Path, ground_m: float) -> None:
+    folder = write(tmp_path, rows(ground_m=ground_m))
+    (tmp_path / "data").write_bytes(payload(read_flight(folder), made_by="test"))
+
+    script = _own("payload.js") + _own("flight_scene.js") + SCENE
+    in_flight, landed = json.loads(run_node(script, str(tmp_path / "data")))
+
+    assert in_flight["distance"] == pytest.approx(0.9, abs=0.002)
+    assert landed["distance"] is None
+    # in flight each has a ring and a shadow, and there is the distance with its ages
+    assert (in_flight["rings"], landed["rings"]) == (4, 0)
+    assert in_flight["labels"][2].startswith("0.90 m")
+    assert landed["labels"] == ["mav0", "mav1"]
+
+
 @needs_node
 def test_no_script_has_a_mistake_of_syntax() -> None:
     texts = [*map(text_of, SCRIPTS), *map(_own, OWN_SCRIPTS)]
