@@ -12,6 +12,8 @@ from foxglove_schemas_protobuf.SceneUpdate_pb2 import SceneUpdate
 from groundstation.fleet.state import FleetState, VehicleView
 from groundstation.viewers.scene_messages import (
     LEVEL,
+    NO_POSITION,
+    SILENT,
     TRAIL_S,
     TRAIL_STEP_S,
     PersonLook,
@@ -53,13 +55,17 @@ class LiveScene:
             stamp_ns: timestamp of the messages.
         """
         known: dict[str, PointEnu] = {}  # positions of the vehicles that have one now
+        lost: dict[str, PointEnu] = {}  # last positions of the vehicles that have none now
         for name in self._fleet.enabled_names:
             view = state.vehicles.get(name)
             if view is None:
                 continue
             position = view.position_enu_m(now_ns)
+            sighting = view.sighting
             if position is not None and all(map(math.isfinite, position)):
                 known[name] = position
+            elif sighting is not None and all(map(math.isfinite, sighting.position_enu_m)):
+                lost[name] = sighting.position_enu_m
         people = _known_people(state)
         seen = {
             person.name: people[person.name]
@@ -77,15 +83,22 @@ class LiveScene:
         scene = SceneUpdate()
         section = self._fleet.fleet
         places = {**people, **known}
-        for name, (position, quaternion) in poses.items():
+        for name, position in {**known, **lost}.items():
+            view = state.vehicles[name]
+            why_lost = ""
+            if name in lost and view.is_fresh(now_ns):
+                why_lost = NO_POSITION
+            elif name in lost:
+                why_lost = SILENT
             look = VehicleLook(
                 number=numbers[name],
                 name=name,
                 position_enu_m=position,
-                quaternion=quaternion,
+                lost=why_lost,
+                quaternion=_attitude(view, now_ns),
                 trail_enu_m=list(self._trails[name]),
-                goal_enu_m=_goal(state.vehicles[name]),
-                avoided_enu_m=places.get(_avoided(state.vehicles[name])),
+                goal_enu_m=_goal(view),
+                avoided_enu_m=places.get(_avoided(view)),
             )
             entity = vehicle_entity(
                 look, section.safety_distance_m / 2.0, section.body_diameter_m, stamp_ns

@@ -5,7 +5,8 @@ So the scene needs no transform. A viewer that follows a vehicle finds a transfo
 message, because the first transforms have the earliest stamp of the record.
 
 A scene has an entity for each vehicle, and one for each person on a topic of its own. The next
-entity with the same id replaces it. Fence and obstacles are sent once and stay (a lifetime of 0).
+entity with the same id replaces it; one whose position is no longer known is grey and marked. Fence
+and obstacles are sent once and stay (a lifetime of 0).
 """
 
 from __future__ import annotations
@@ -30,7 +31,7 @@ from foxglove_schemas_protobuf.SceneEntity_pb2 import SceneEntity
 from foxglove_schemas_protobuf.SceneUpdate_pb2 import SceneUpdate
 from google.protobuf.timestamp_pb2 import Timestamp
 
-from groundstation.fleet.state import PERSON_STALE_NS
+from groundstation.fleet.state import PERSON_STALE_NS, TELEMETRY_STALE_NS
 from groundstation.recording.law_rows import RecordedLaw
 from groundstation.recording.recorded_flight import Flight, VehicleFlight, at_times, between_times
 from onboard.arrays import Array
@@ -68,6 +69,10 @@ _COLOURS = (
 _GREY = (0.5, 0.55, 0.6)
 _PERSON = (0.54, 0.35, 0.0)  # as on the pages
 _PERSON_STALE_S = PERSON_STALE_NS * 1e-9
+_VEHICLE_STALE_S = TELEMETRY_STALE_NS * 1e-9
+# why the position of a vehicle is not known, in its label
+SILENT = "silent"
+NO_POSITION = "no position"
 _MIN_PERSON_M = 0.1  # a person whose markers lie on the ground is drawn with this height
 _LEVELS = {
     "debug": Log.DEBUG,
@@ -113,9 +118,10 @@ class FleetMotion:
 def _attitudes(vehicle: VehicleFlight, times_s: Array) -> Array:
     if vehicle.has_truth:
         truth = vehicle.truth
-        return at_times(truth.time_s, truth.quaternion_enu_flu_wxyz, times_s, MAX_GAP_S)
+        return at_times(truth.time_s, truth.quaternion_enu_flu_wxyz, times_s, _VEHICLE_STALE_S)
     ticks = vehicle.ticks
-    return at_times(ticks.time_s, ticks.attitude_quaternion_enu_flu_wxyz, times_s, MAX_GAP_S)
+    attitudes = ticks.attitude_quaternion_enu_flu_wxyz
+    return at_times(ticks.time_s, attitudes, times_s, _VEHICLE_STALE_S)
 
 
 # -- frames ----------------------------------------------------------------------------------------
@@ -266,7 +272,8 @@ class VehicleLook(NamedTuple):
 
     number: int  # number in the fleet, which determines the colour
     name: str
-    position_enu_m: PointEnu
+    position_enu_m: PointEnu  # the last known one
+    lost: str  # SILENT or NO_POSITION if its position now is not known; else empty
     quaternion: Quaternion
     trail_enu_m: Sequence[PointEnu]
     goal_enu_m: PointEnu | None  # None if it is not known
@@ -274,7 +281,7 @@ class VehicleLook(NamedTuple):
 
 
 def vehicle_entity(look: VehicleLook, ring_m: float, body_m: float, stamp_ns: int) -> SceneEntity:
-    """Return a vehicle of the scene.
+    """Return a vehicle of the scene; of one that is lost only its body and its name, in grey.
 
     Args:
         look: everything that is drawn of the vehicle.
@@ -283,8 +290,13 @@ def vehicle_entity(look: VehicleLook, ring_m: float, body_m: float, stamp_ns: in
         stamp_ns: timestamp of the entity.
     """
     colour = _COLOURS[look.number % len(_COLOURS)]
+    words = plain_line(look.name)
+    if look.lost:
+        colour = _GREY
+        words += f", {look.lost}"
     x, y, z = look.position_enu_m
     entity = _entity(look.name, stamp_ns)
+    _add_label(entity, words, (x, y, z), colour)
 
     # The body is a flat cylinder, with an arrow for its nose.
     pose = Pose()
@@ -296,6 +308,9 @@ def vehicle_entity(look: VehicleLook, ring_m: float, body_m: float, stamp_ns: in
     body.size.x = body.size.y = body_m
     body.size.z = 0.08
     body.color.CopyFrom(_colour(colour, 0.8))
+    if look.lost:
+        return entity
+
     nose = entity.arrows.add(
         shaft_length=0.5 * body_m,
         shaft_diameter=0.03,
@@ -324,8 +339,6 @@ def vehicle_entity(look: VehicleLook, ring_m: float, body_m: float, stamp_ns: in
         line.color.CopyFrom(_colour(colour, 1.0))
         for east_m, north_m, up_m in (look.position_enu_m, look.avoided_enu_m):
             line.points.add(x=east_m, y=north_m, z=up_m)
-
-    _add_label(entity, plain_line(look.name), (x, y, z), colour)
     return entity
 
 
@@ -349,7 +362,12 @@ class VehicleScenes:
         times_s = motion.times_s
         self._goals_enu_m = {}
         self._avoided = {}
+        self._tracks: dict[str, _KnownTrack] = {}
+        self._heard_s: dict[str, Array] = {}  # time of each last message (m,); NaN while silent
         for name, vehicle in flight.vehicles.items():
+            path_s, path_enu_m = vehicle.path
+            self._tracks[name] = _KnownTrack(path_s, path_enu_m, times_s, _VEHICLE_STALE_S)
+            self._heard_s[name] = at_times(path_s, path_s, times_s, _VEHICLE_STALE_S)
             telemetry = vehicle.telemetry
             self._goals_enu_m[name] = at_times(
                 telemetry.time_s, telemetry.goal_position_enu_m, times_s, max_gap_s=3.0
@@ -362,20 +380,30 @@ class VehicleScenes:
         """Return the scene at one of the times."""
         update = SceneUpdate()
         for number, name in enumerate(self._names):
-            position = self._motion.position(name, index)
+            track = self._tracks[name]
+            position = track.last_position(index)
             if position is None:
                 continue
             look = VehicleLook(
                 number=number,
                 name=name,
                 position_enu_m=position,
+                lost=self._lost(name, index),
                 quaternion=self._motion.quaternion(name, index),
-                trail_enu_m=_trail(self._motion.positions_enu_m[name], self._motion.times_s, index),
+                trail_enu_m=_trail(track.known_enu_m, self._motion.times_s, index),
                 goal_enu_m=self._goal(name, index),
                 avoided_enu_m=self._avoided_position(name, index),
             )
             update.entities.append(vehicle_entity(look, self._ring_m, self._body_m, stamp_ns))
         return update
+
+    def _lost(self, name: str, index: int) -> str:
+        """Return why a vehicle's position is not known; empty if it is."""
+        if self._tracks[name].is_known(index):
+            return ""
+        if math.isnan(self._heard_s[name][index]):
+            return SILENT
+        return NO_POSITION
 
     def _goal(self, name: str, index: int) -> PointEnu | None:
         x, y, z = self._goals_enu_m[name][index]
@@ -389,6 +417,41 @@ class VehicleScenes:
         if not number >= 0.0:  # also true for NaN
             return None
         return self._motion.position(self._names[int(number)], index)
+
+
+class _KnownTrack:
+    """Where a vehicle or a person of a recorded flight was, and was last, at the scenes' times.
+
+    Args:
+        times_s: times (n,) of the record's positions, rising.
+        positions_enu_m: the record's positions (n, 3).
+        scenes_s: times (m,) of the scenes, evenly spaced.
+        stale_s: age from which on a position is no longer that of now.
+    """
+
+    def __init__(
+        self, times_s: Array, positions_enu_m: Array, scenes_s: Array, stale_s: float
+    ) -> None:
+        is_finite = np.isfinite(positions_enu_m).all(-1)
+        path = (times_s[is_finite], positions_enu_m[is_finite], scenes_s)
+        known_enu_m = at_times(*path, max_gap_s=stale_s)
+        between_enu_m = between_times(*path, max_gap_s=stale_s)
+        # positions (m, 3): NaN while they are not known
+        self.known_enu_m = np.where(np.isfinite(between_enu_m), between_enu_m, known_enu_m)
+        # the same, but while they are not known the last one; NaN before the first
+        last_enu_m = at_times(*path, max_gap_s=math.inf)
+        self._last_enu_m = np.where(np.isfinite(self.known_enu_m), self.known_enu_m, last_enu_m)
+
+    def is_known(self, index: int) -> bool:
+        """Return whether the position at one of the times is known."""
+        return bool(np.isfinite(self.known_enu_m[index]).all())
+
+    def last_position(self, index: int) -> PointEnu | None:
+        """Return the last position known at one of the times [m] ENU; None before the first."""
+        x, y, z = self._last_enu_m[index]
+        if math.isnan(x):
+            return None
+        return float(x), float(y), float(z)
 
 
 def _trail(path_enu_m: Array, times_s: Array, index: int) -> list[PointEnu]:
@@ -459,22 +522,15 @@ class PeopleScenes:
     def __init__(self, flight: Flight, times_s: Array) -> None:
         self._times_s = times_s
         self._radii_m: dict[str, float] = {}
-        # positions of each person (m, 3): NaN while the person is not seen
-        self._seen_enu_m: dict[str, Array] = {}
-        # the same, but while the person is not seen the last known one; NaN before the first
-        self._last_enu_m: dict[str, Array] = {}
+        self._tracks: dict[str, _KnownTrack] = {}
         if flight.fleet is None:
             return
 
-        for name, track in flight.people.items():
+        for name, person in flight.people.items():
             self._radii_m[name] = flight.fleet.people[name].radius_m
-            path = (track.time_s, track.position_enu_m, times_s)
-            last_enu_m = at_times(*path, max_gap_s=math.inf)
-            seen_enu_m = at_times(*path, max_gap_s=_PERSON_STALE_S)
-            between_enu_m = between_times(*path, max_gap_s=_PERSON_STALE_S)
-            seen_enu_m = np.where(np.isfinite(between_enu_m), between_enu_m, seen_enu_m)
-            self._seen_enu_m[name] = seen_enu_m
-            self._last_enu_m[name] = np.where(np.isfinite(seen_enu_m), seen_enu_m, last_enu_m)
+            self._tracks[name] = _KnownTrack(
+                person.time_s, person.position_enu_m, times_s, _PERSON_STALE_S
+            )
 
     @property
     def has_people(self) -> bool:
@@ -485,15 +541,16 @@ class PeopleScenes:
         """Return the scene at one of the times."""
         update = SceneUpdate()
         for name, radius_m in self._radii_m.items():
-            x, y, z = self._last_enu_m[name][index]
-            if math.isnan(x):
+            track = self._tracks[name]
+            position = track.last_position(index)
+            if position is None:
                 continue
             look = PersonLook(
                 name=name,
                 radius_m=radius_m,
-                position_enu_m=(float(x), float(y), float(z)),
-                is_seen=bool(np.isfinite(self._seen_enu_m[name][index]).all()),
-                trail_enu_m=_trail(self._seen_enu_m[name], self._times_s, index),
+                position_enu_m=position,
+                is_seen=track.is_known(index),
+                trail_enu_m=_trail(track.known_enu_m, self._times_s, index),
             )
             update.entities.append(person_entity(look, stamp_ns))
         return update

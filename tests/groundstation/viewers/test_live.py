@@ -22,7 +22,7 @@ pytest.importorskip("mcap_protobuf")
 from mcap.records import Schema
 from mcap_protobuf.decoder import DecoderFactory
 
-from groundstation.fleet.state import PERSON_STALE_NS, fold
+from groundstation.fleet.state import PERSON_STALE_NS, TELEMETRY_STALE_NS, fold
 from groundstation.viewers.live_scene import LiveScene
 from groundstation.viewers.live_server import LiveServer
 from groundstation.viewers.scene_messages import static_scene
@@ -32,6 +32,7 @@ from onboard.config.people import Person
 from tests.groundstation.console.scenes import SteadyClient, crowd, fly
 
 NOW_NS = 1_700_000_000_000_000_000
+AVOIDANCE_THICKNESS = 4.0  # of a line to whom the law avoids
 
 
 def flying(people: Mapping[str, Person] = MappingProxyType({})) -> SteadyClient:
@@ -59,19 +60,51 @@ def test_a_fleet_has_frames_scene_and_points() -> None:
     assert (x, y) == pytest.approx(view.telemetry.position_enu_m[:2], abs=0.2)
 
 
-def test_a_trail_follows_and_a_vehicle_that_is_not_known_is_left_out() -> None:
+def test_a_trail_follows() -> None:
     client = flying()
     scene = LiveScene(client.fleet)
     scene_of(client, scene)
     client.clock_ns += 500_000_000
     fly(client, 1.5)
-    client.hear("mav1", position_enu_m=(math.nan, 0.0, 1.0))
     found = scene_of(client, scene)
 
     entities = {one.id: one for one in found["/scene"].entities}
-    assert set(entities) == {"mav0", "mav2"}
     trails = [line for line in entities["mav0"].lines if len(line.points) == 2]
     assert trails
+
+
+def test_a_vehicle_whose_position_was_never_known_is_left_out() -> None:
+    client = SteadyClient(crowd(2, "mav{}", 8.0))
+    client.hear("mav0")
+    client.hear("mav1", position_enu_m=(math.nan, 0.0, 1.0))
+    found = scene_of(client, LiveScene(client.fleet))
+
+    assert [one.id for one in found["/scene"].entities] == ["mav0"]
+
+
+@pytest.mark.parametrize("is_heard", [True, False])
+def test_a_vehicle_that_is_lost_is_grey_and_marked_where_it_was_last(is_heard: bool) -> None:
+    client = flying()
+    scene = LiveScene(client.fleet)
+    _, mav1, _ = scene_of(client, scene)["/scene"].entities
+    last_enu_m = mav1.cylinders[0].pose.position
+
+    client.clock_ns += TELEMETRY_STALE_NS + 1
+    client.hear("mav0", law_status="saturated", avoids="mav1")
+    if is_heard:
+        client.hear("mav1", is_position_valid=False)
+    found = scene_of(client, scene)
+
+    entities = {one.id: one for one in found["/scene"].entities}
+    lost = entities["mav1"]
+    assert lost.texts[0].text == ("mav1, no position" if is_heard else "mav1, silent")
+    assert not [*lost.lines, *lost.spheres, *lost.arrows]
+    assert lost.cylinders[0].pose.position.x == pytest.approx(last_enu_m.x, abs=0.05)
+    colour = lost.cylinders[0].color
+    assert max(colour.r, colour.g, colour.b) - min(colour.r, colour.g, colour.b) < 0.15
+    # no line to where it may no longer be
+    assert all(line.thickness < AVOIDANCE_THICKNESS for line in entities["mav0"].lines)
+    assert [one.child_frame_id for one in found["/tf"].transforms] == ["mav0"]
 
 
 @pytest.mark.parametrize(("avoids", "lines"), [("mav1", 1), ("anna", 1), ("", 0)])

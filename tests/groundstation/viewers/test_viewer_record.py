@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import contextlib
 import json
+import math
 from collections import defaultdict
 from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
+import msgspec
 import pytest
 from mcap.reader import make_reader
 
@@ -22,6 +24,7 @@ from groundstation.recording.flight_reading import read_flight
 from groundstation.recording.law_rows import RecordedLaw
 from groundstation.recording.timeline import Timeline
 from groundstation.viewers.viewer_record import write_viewer_record
+from onboard.bus.schema import TickSample
 from onboard.config.fleet import ConfigError
 from tests.groundstation.recorded import FLEET, SECOND
 from tests.groundstation.report.made_up import (
@@ -163,6 +166,45 @@ def test_a_person_who_is_not_seen_is_grey_and_marked_where_he_was_seen_last(
     colour = lost.cylinders[0].color
     assert max(colour.r, colour.g, colour.b) - min(colour.r, colour.g, colour.b) < 0.15
     assert colour != seen.cylinders[0].color
+
+
+def test_a_vehicle_that_is_silent_is_grey_and_marked_where_it_was_last(tmp_path: Path) -> None:
+    told = [row for row in rows() if row[2] == "mav0" or row[0] <= BEGIN_NS + 5 * SECOND]
+    found = read(write_viewer_record(write(tmp_path, told))[0])
+
+    _, known = _vehicles_at(found, 5.8)
+    mav0, silent = _vehicles_at(found, 6.2)
+    assert known.texts[0].text == "mav1"
+    assert silent.texts[0].text == "mav1, silent"
+    assert silent.cylinders[0].pose.position == known.cylinders[0].pose.position
+    colour = silent.cylinders[0].color
+    assert max(colour.r, colour.g, colour.b) - min(colour.r, colour.g, colour.b) < 0.15
+    assert not [*silent.lines, *silent.spheres, *silent.arrows]
+    assert mav0.texts[0].text == "mav0"
+
+
+def test_no_vehicle_is_lost_at_the_end_of_a_record(found: dict[str, list[Message]]) -> None:
+    _, _, update = found["/scene"][-1]
+    assert [entity.texts[0].text for entity in update.entities] == ["mav0", "mav1"]
+
+
+def test_a_vehicle_that_tells_no_position_is_not_said_to_be_silent(tmp_path: Path) -> None:
+    told = []
+    for at_ns, topic, name, message in rows(has_truth=False):
+        if isinstance(message, TickSample) and name == "mav1" and at_ns > BEGIN_NS + 5 * SECOND:
+            message = msgspec.structs.replace(message, position_enu_m=(math.nan,) * 3)
+        told.append((at_ns, topic, name, message))
+    found = read(write_viewer_record(write(tmp_path, told))[0])
+
+    _, lost = _vehicles_at(found, 6.2)
+    assert lost.texts[0].text == "mav1, no position"
+
+
+def _vehicles_at(found: dict[str, list[Message]], time_s: float) -> list[Any]:
+    """The vehicles' entities at a time of the flight."""
+    wanted_ns = BEGIN_NS + round(time_s * SECOND)
+    _, _, update = min(found["/scene"], key=lambda one: abs(one[0] - wanted_ns))
+    return list(update.entities)
 
 
 def test_a_flight_without_persons_has_no_topic_of_theirs(tmp_path: Path) -> None:
