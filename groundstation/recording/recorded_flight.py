@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from groundstation.recording.audit import OrderTrace
-from onboard.arrays import Array
+from onboard.arrays import Array, IntArray
 from onboard.bus.schema import Event, PreflightReport
 from onboard.config.fleet import FleetConfig
 
@@ -281,6 +281,33 @@ def between_times(times_s: Array, values: Array, wanted_s: Array, max_gap_s: flo
     return result
 
 
+def largest_indexes(times_s: Array, values: Array, edges_s: Array) -> IntArray:
+    """Return the index of the largest value in each interval of time; -1 in those without a value.
+
+    Of equal values it is the last one.
+
+    Args:
+        times_s: times (n,) of the values, rising.
+        values: values (n,).
+        edges_s: edges (m + 1,) of the intervals, rising.
+
+    Returns:
+        Indexes (m,).
+    """
+    result = np.full(edges_s.size - 1, -1, np.int64)
+    known = np.flatnonzero(np.isfinite(values))
+    cells = np.searchsorted(edges_s, times_s[known], side="right") - 1
+    is_inside = (cells >= 0) & (cells < result.size)
+    known = known[is_inside]
+    cells = cells[is_inside]
+
+    largest = np.full(result.size, -np.inf)
+    np.maximum.at(largest, cells, values[known])
+    is_largest = values[known] == largest[cells]
+    result[cells[is_largest]] = known[is_largest]
+    return result
+
+
 def largest_in_cells(times_s: Array, values: Array, edges_s: Array) -> Array:
     """Return the largest value in each interval of time; NaN in intervals without a value.
 
@@ -292,13 +319,8 @@ def largest_in_cells(times_s: Array, values: Array, edges_s: Array) -> Array:
     Returns:
         Values (m,).
     """
-    result = np.full(edges_s.size - 1, np.nan)
-    is_known = np.isfinite(values)
-    cells = np.searchsorted(edges_s, times_s[is_known], side="right") - 1
-    is_inside = (cells >= 0) & (cells < result.size)
-
-    largest = np.full(result.size, -np.inf)
-    np.maximum.at(largest, cells[is_inside], values[is_known][is_inside])
-    has_any = largest > -np.inf
-    result[has_any] = largest[has_any]
+    largest = largest_indexes(times_s, values, edges_s)
+    result = np.full(largest.size, np.nan)
+    has_any = largest >= 0
+    result[has_any] = values[largest[has_any]]
     return result

@@ -28,6 +28,7 @@ from groundstation.recording.recorded_flight import (
     between_times,
     has_lifted,
     largest_in_cells,
+    largest_indexes,
 )
 from groundstation.report.chosen_values import settings
 from groundstation.report.columns import Column, packed
@@ -182,6 +183,10 @@ def _tick_columns(
         """Return the largest value in each step, for quantities that peak for a few ticks only."""
         return largest_in_cells(ticks.time_s, values, edges_s)
 
+    # whom it avoids at the largest intervention of each step
+    strongest = largest_indexes(ticks.time_s, ticks.intervention_m_s2, edges_s)
+    avoided = np.where(strongest >= 0, ticks.avoided[strongest], np.nan)
+
     if vehicle.has_truth:
         yield from _axes(number, "estimate_", shown(ticks.position_enu_m), _METRE)
     yield from _axes(number, "setpoint_", shown(ticks.setpoint_position_enu_m), _METRE)
@@ -189,7 +194,7 @@ def _tick_columns(
     yield from _axes(number, "after_", shown(ticks.thrust_safe_enu_m_s2), _ACCELERATION)
     yield packed(f"{number}/intervention", largest(ticks.intervention_m_s2), _ACCELERATION)
     yield packed(f"{number}/slack", largest(ticks.slack_m_s2), _ACCELERATION)
-    yield packed(f"{number}/avoided", shown(ticks.avoided), 1.0)
+    yield packed(f"{number}/avoided", avoided, 1.0)
     yield packed(f"{number}/throttle", shown(ticks.setpoint_thrust_frac), _FRACTION)
     yield packed(f"{number}/period", largest(ticks.period_s), _SECOND / 10.0)
     yield packed(f"{number}/attitude_age", largest(ticks.attitude_age_s), _SECOND)

@@ -10,7 +10,7 @@ import pytest
 from groundstation.recording.flight_reading import read_flight
 from groundstation.report import payload as payload_module
 from groundstation.report.payload import FIX_NUMBERS, payload
-from onboard.bus.schema import Event, Telemetry
+from onboard.bus.schema import Event, Telemetry, TickSample
 from onboard.bus.topics import Topic
 from onboard.corrections.fix import FIX_WORDS
 from tests.groundstation.recorded import SECOND
@@ -137,6 +137,28 @@ def test_a_long_flight_has_a_coarser_grid(folder: Path, monkeypatch: pytest.Monk
     assert header["step_s"] == 0.1
     # an intervention of one tick is still there
     assert np.nanmax(curves["0/intervention"]) == pytest.approx(1.0, abs=0.01)
+
+
+def test_whom_it_avoids_is_that_of_the_largest_intervention_of_each_step(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    # at one tick of five, which is the one at the grid's time, mav0 avoids nobody to speak of
+    monkeypatch.setattr(payload_module, "MAX_SAMPLES", 200)
+    told: list[Row] = []
+    for at_ns, topic, name, message in rows():
+        if isinstance(message, TickSample) and name == "mav0":
+            is_at_grid = (at_ns - BEGIN_NS) % (SECOND // 10) == 0
+            message = msgspec.structs.replace(
+                message,
+                active_neighbour="" if is_at_grid else "mav1",
+                intervention_m_s2=0.1 if is_at_grid else 3.0,
+            )
+        told.append((at_ns, topic, name, message))
+    header, curves = opened(payload(read_flight(write(tmp_path, told)), made_by="test"))
+
+    assert header["step_s"] == 0.1
+    assert np.nanmin(curves["0/intervention"]) == pytest.approx(3.0, abs=0.01)
+    assert np.nanmin(curves["0/avoided"]) == 1.0
 
 
 def test_fix_and_age_of_corrections_are_curves_of_vehicles_by_satellites(tmp_path: Path) -> None:
