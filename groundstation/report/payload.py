@@ -180,12 +180,16 @@ def _tick_columns(
     edges_s = np.append(grid_s - step_s / 2.0, grid_s[-1] + step_s / 2.0)
 
     def largest(values: Array) -> Array:
-        """Return the largest value in each step, for quantities that peak for a few ticks only."""
-        return largest_in_cells(ticks.time_s, values, edges_s)
+        """Return the largest value in each step, for quantities that peak for a few ticks only.
+
+        A step without a tick has the last value: ticks jitter from one step into the next.
+        """
+        largest_values = largest_in_cells(ticks.time_s, values, edges_s)
+        return np.where(np.isfinite(largest_values), largest_values, shown(values))
 
     # whom it avoids at the largest intervention of each step
     strongest = largest_indexes(ticks.time_s, ticks.intervention_m_s2, edges_s)
-    avoided = np.where(strongest >= 0, ticks.avoided[strongest], np.nan)
+    avoided = np.where(strongest >= 0, ticks.avoided[strongest], shown(ticks.avoided))
 
     if vehicle.has_truth:
         yield from _axes(number, "estimate_", shown(ticks.position_enu_m), _METRE)

@@ -139,6 +139,31 @@ def test_a_long_flight_has_a_coarser_grid(folder: Path, monkeypatch: pytest.Monk
     assert np.nanmax(curves["0/intervention"]) == pytest.approx(1.0, abs=0.01)
 
 
+def test_ticks_that_jitter_at_the_edge_of_a_step_leave_no_holes(tmp_path: Path) -> None:
+    # mav1's ticks lie half a step beside mav0's, once just before and once just after the edge
+    told: list[Row] = []
+    for at_ns, topic, name, message in rows(length_s=2.0):
+        if isinstance(message, TickSample) and name == "mav1":
+            step = (at_ns - BEGIN_NS) * 50 // SECOND
+            jitter_ns = 200_000 if step % 2 else -200_000
+            at_ns += SECOND // 100 + jitter_ns
+            message = msgspec.structs.replace(message, stamp_ns=at_ns)
+        told.append((at_ns, topic, name, message))
+    header, curves = opened(payload(read_flight(write(tmp_path, told)), made_by="test"))
+
+    assert header["step_s"] == 0.02
+    for curve in ("intervention", "avoided", "slack", "period", "age/0"):
+        assert np.isfinite(curves[f"1/{curve}"][1:]).all()
+
+
+def test_a_curve_ends_where_a_vehicle_falls_silent(tmp_path: Path) -> None:
+    told = [row for row in rows() if row[2] == "mav0" or row[0] < BEGIN_NS + 5 * SECOND]
+    _, curves = opened(payload(read_flight(write(tmp_path, told)), made_by="test"))
+
+    known = np.flatnonzero(np.isfinite(curves["1/intervention"]))
+    assert known[-1] == pytest.approx(5.0 / 0.02, abs=0.4 / 0.02)
+
+
 def test_whom_it_avoids_is_that_of_the_largest_intervention_of_each_step(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
