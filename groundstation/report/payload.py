@@ -36,16 +36,18 @@ from groundstation.report.law_columns import law_columns
 from groundstation.report.px4_columns import px4_columns, px4_header
 from groundstation.scene.ground_tiles import GroundTiles, ground_message
 from onboard.arrays import Array
+from onboard.bus.schema import Event
 from onboard.config.flight_space import flight_space_of
 from onboard.plain_text import plain_line, plain_lines
 
 FORMAT = 1
 MAX_SAMPLES = 150_000  # most samples of a curve, all vehicles together
 STEPS_S = (0.02, 0.04, 0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0, 30.0, 60.0)
-MAX_EVENTS = 5_000
+MAX_EVENTS = 5_000  # most events, and most orders; of more, the most severe events are shown
 MAX_PAIRS = 4_950  # number of pairs of a hundred vehicles
 MAX_TEXT = 400  # letters of a sentence
 MAX_MISSION = 60_000  # letters of a mission file
+_SEVERITIES = ("critical", "warning", "info", "debug")
 _PATH_GAP_S = 0.5
 _PERSON_GAP_S = 0.5
 _TICK_GAP_S = 0.3
@@ -304,6 +306,17 @@ def _header(
     shown_settings: list[list[Any]] = []
     if flight.fleet is not None:
         shown_settings = [list(row) for row in settings(flight.fleet)]
+
+    notes = [_text(note) for note in flight.notes]
+    events = _most_severe(flight.events)
+    if len(events) < len(flight.events):
+        notes.append(
+            f"Only the {len(events)} most severe of {len(flight.events)} events are shown."
+        )
+    orders = flight.orders[:MAX_EVENTS]
+    if len(orders) < len(flight.orders):
+        notes.append(f"Only the first {len(orders)} of {len(flight.orders)} orders are shown.")
+
     return {
         "format": FORMAT,
         "made_by": made_by,
@@ -311,7 +324,7 @@ def _header(
         "begin_s": float(grid_s[0]),
         "step_s": step_s,
         "count": int(grid_s.size),
-        "notes": [_text(note) for note in flight.notes],
+        "notes": notes,
         "has_truth": flight.has_truth,
         "fleet": _fleet(flight),
         "verdict": _cleaned(flight.verdict),
@@ -324,7 +337,7 @@ def _header(
                 _text(event.code),
                 _text(event.sentence),
             ]
-            for time_s, event in flight.events[:MAX_EVENTS]
+            for time_s, event in events
         ],
         "orders": [
             {
@@ -335,7 +348,7 @@ def _header(
                 "end": _text(order.end),
                 "end_s": _number(order.end_s),
             }
-            for order in flight.orders[:MAX_EVENTS]
+            for order in orders
         ],
         "pairs": _pairs(flight),
         "settings": shown_settings,
@@ -343,6 +356,14 @@ def _header(
         "mission": plain_lines(flight.mission)[:MAX_MISSION],
         "columns": [[column.key, column.scale, column.offset] for column in columns],
     }
+
+
+def _most_severe(events: list[tuple[float, Event]]) -> list[tuple[float, Event]]:
+    """Return at most MAX_EVENTS events with their times: the most severe ones, by time."""
+    by_severity = sorted(
+        range(len(events)), key=lambda index: _SEVERITIES.index(events[index][1].severity)
+    )
+    return [events[index] for index in sorted(by_severity[:MAX_EVENTS])]
 
 
 def _fleet(flight: Flight) -> dict[str, Any] | None:

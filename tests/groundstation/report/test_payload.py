@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+from dataclasses import replace
 from importlib.metadata import version
 from pathlib import Path
 
@@ -10,7 +11,7 @@ import pytest
 from groundstation.recording.flight_reading import read_flight
 from groundstation.report import payload as payload_module
 from groundstation.report.payload import FIX_NUMBERS, payload
-from onboard.bus.schema import Event, Telemetry, TickSample
+from onboard.bus.schema import Event, Severity, Telemetry, TickSample
 from onboard.bus.topics import Topic
 from onboard.corrections.fix import FIX_WORDS
 from tests.groundstation.recorded import SECOND
@@ -84,6 +85,37 @@ def test_orders_have_author_answer_and_end(folder: Path) -> None:
     assert order["at_s"] == pytest.approx(1.0)
     [event] = header["events"]
     assert event == [3.0, "mav0", "warning", "order-takeoff", "At 1.00 m."]
+
+
+def test_of_too_many_events_the_most_severe_ones_are_shown_by_time_and_the_page_says_so(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(payload_module, "MAX_EVENTS", 4)
+    told = rows(length_s=2.0)
+    severities: tuple[Severity, ...] = ("info", "debug", "info", "warning", "info", "critical")
+    for number, severity in enumerate(severities):
+        at_ns = BEGIN_NS + SECOND + number
+        event = Event(
+            vehicle="mav0", stamp_ns=at_ns, severity=severity, code=str(number), sentence="x"
+        )
+        told.append((at_ns, Topic.EVENT, "mav0", event))
+    header, _ = opened(payload(read_flight(write(tmp_path, told)), made_by="test"))
+
+    assert [event[3] for event in header["events"]] == ["0", "2", "3", "5"]
+    assert "Only the 4 most severe of 6 events are shown." in header["notes"]
+
+
+def test_of_too_many_orders_the_first_ones_are_shown_and_the_page_says_so(
+    folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    flight = read_flight(folder)
+    header, _ = opened(payload(flight, made_by="test"))
+    assert not [note for note in header["notes"] if note.startswith("Only")]
+
+    monkeypatch.setattr(payload_module, "MAX_EVENTS", 2)
+    header, _ = opened(payload(replace(flight, orders=3 * flight.orders), made_by="test"))
+    assert len(header["orders"]) == 2
+    assert "Only the first 2 of 3 orders are shown." in header["notes"]
 
 
 def test_what_differs_from_its_default_is_marked(folder: Path) -> None:
