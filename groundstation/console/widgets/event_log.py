@@ -5,6 +5,7 @@ Lines are broken here and written as segments, since RichLog breaks a rich text 
 
 from __future__ import annotations
 
+import re
 import time
 from collections import deque
 from collections.abc import Iterable
@@ -40,7 +41,8 @@ class EventEntry:
     ) -> EventEntry:
         """Return an entry whose sentence begins with the vehicle's name; an empty stamp is now."""
         text = clean(sentence)
-        if vehicle and not text.startswith(vehicle):
+        begins_with_name = re.match(rf"{re.escape(vehicle)}(?![\w-])", text)
+        if vehicle and not begins_with_name:
             text = f"{clean(vehicle, 40)}: {text}"
         return cls(text, sign, stamp or time.strftime("%H:%M:%S"))
 

@@ -11,8 +11,9 @@ from textual.widgets import Static
 
 from groundstation.console.app import ConsoleApp
 from groundstation.console.screens.dialogs import QuitScreen
+from groundstation.console.theme import SEVERITY_SIGNS
 from groundstation.console.widgets.bars import StatusBar, TitleBar
-from groundstation.console.widgets.event_log import EventLog
+from groundstation.console.widgets.event_log import EventEntry, EventLog
 from groundstation.console.widgets.fleet_table import FleetTable
 from groundstation.console.widgets.order_line import OrderLine, completions
 from groundstation.console.widgets.plan_view import PlanView
@@ -281,3 +282,19 @@ def test_completion_offers_verbs_vehicles_and_formations(fleet: FleetConfig) -> 
     assert completions("land m", fleet) == ["land mav0", "land mav1", "land mav2"]
     assert completions("formation t", fleet) == ["formation triangle"]
     assert completions("", fleet) == []
+
+
+@pytest.mark.parametrize(
+    ("sentence", "shown_sentence"),
+    [
+        ("mav1 is disarmed.", "mav1 is disarmed."),
+        ("mav1: its battery is empty.", "mav1: its battery is empty."),
+        ("its battery is empty.", "mav1: its battery is empty."),
+        ("mav10 stands 0.50 m away.", "mav1: mav10 stands 0.50 m away."),
+        ("mav1-b stands 0.50 m away.", "mav1: mav1-b stands 0.50 m away."),
+    ],
+)
+def test_an_event_begins_with_the_name_of_its_vehicle(sentence: str, shown_sentence: str) -> None:
+    entry = EventEntry.of(sentence, SEVERITY_SIGNS["warning"], vehicle="mav1")
+
+    assert entry.sentence == shown_sentence
