@@ -20,6 +20,8 @@
   const RECONNECT_MS = 1000;
   const SILENT_MS = 1500; // without a state: the page says so
   const TABLE_MS = 300; // from one table to the next: a hundred rows are more work than the scene
+  const PRESS_MS = 1000; // longest time for which a press keeps buttons in their places
+  const REPLACED = ["alarms", "vehicles", "cards"]; // parts whose buttons are made anew
 
   const byId = (id) => document.getElementById(id);
   const aimed = new Set(); // names that the next order reaches; none: all
@@ -36,7 +38,7 @@
   let isTableDirty = false;
   let lastTable_ms = 0; // when the table was shown last; 0: it is shown anew at once
   let areCardsDirty = false;
-  let isPressed = false; // a finger or a button of the mouse is down
+  let pressed_ms = -Infinity; // since when a finger or a button of the mouse is down on such a part
 
   // -- the socket ------------------------------------------------------------------------------------
 
@@ -125,7 +127,7 @@
     }
 
     // A button that is replaced between press and release is never clicked.
-    if (isPressed) return;
+    if (now_ms - pressed_ms < PRESS_MS) return;
     if (areTextsDirty) {
       areTextsDirty = false;
       if (areCardsDirty) showCards();
@@ -445,6 +447,11 @@
     showSoon();
   }
 
+  function press(event) {
+    const isOnButtons = REPLACED.some((id) => byId(id).contains(event.target));
+    if (isOnButtons) pressed_ms = performance.now();
+  }
+
   function listen() {
     byId("land_all").addEventListener("click", () => say({ do: "urgent", verb: "land" }));
     byId("hold_all").addEventListener("click", () => say({ do: "urgent", verb: "hold" }));
@@ -474,9 +481,9 @@
         byId("order_line").focus();
       }
     });
-    addEventListener("pointerdown", () => (isPressed = true), true);
-    for (const end of ["pointerup", "pointercancel", "blur"]) {
-      addEventListener(end, () => (isPressed = false), true);
+    addEventListener("pointerdown", press, true);
+    for (const end of ["pointerup", "pointercancel"]) {
+      addEventListener(end, () => (pressed_ms = -Infinity), true);
     }
     addEventListener("resize", () => {
       showSoon();

@@ -2,74 +2,47 @@
 
 from __future__ import annotations
 
-import json
-import shutil
-import subprocess
-from importlib.resources import files
-from typing import Any
+from tests.groundstation.web.live_page import needs_node, run_page
 
-import pytest
-
-NODE = shutil.which("node")
-pytestmark = pytest.mark.skipif(NODE is None, reason="there is no node on this computer")
-
-# An object that takes every call and every value, in place of the document's elements.
-DOCUMENT = """
-const anything = new Proxy(function () {}, {
-  get: (target, key) => (key === Symbol.toPrimitive ? () => 0 : anything),
-  set: () => true,
-  apply: () => anything,
-  construct: () => anything,
-});
-const sockets = [];
-let loads = 0;
-globalThis.document = anything;
-globalThis.addEventListener = () => {};
-globalThis.requestAnimationFrame = () => {};
-globalThis.setTimeout = (act) => act();
-globalThis.location = { href: "http://127.0.0.1:8000/", reload: () => (loads += 1) };
-globalThis.Covey = anything;
-globalThis.WebSocket = class {
-  constructor() {
-    this.on = {};
-    sockets.push(this);
-  }
-  addEventListener(kind, act) {
-    this.on[kind] = act;
-  }
-};
-"""
-RECONNECT = """
-const counts = [];
-for (const fleet of FLEETS) {
-  const socket = sockets.at(-1);
-  socket.on.message({ data: JSON.stringify(fleet) });
-  counts.push(loads);
-  socket.on.close();
-}
-console.log(JSON.stringify(counts));
-"""
-
-
-def fleet(name: str, *vehicles: str) -> dict[str, Any]:
-    return {
-        "kind": "fleet",
-        "name": name,
-        "vehicles": vehicles,
-        "can_order": False,
-        "formations": [],
-    }
+pytestmark = needs_node
 
 
 def test_a_page_whose_server_shows_another_fleet_now_is_loaded_again() -> None:
-    paper = fleet("paper", "mav0", "mav1")
-    fleets = [paper, paper, fleet("hall", "a", "b", "c")]
-    script = (files("groundstation.web") / "live.js").read_text(encoding="utf-8")
-    program = "\n".join((DOCUMENT, script, f"const FLEETS = {json.dumps(fleets)};", RECONNECT))
+    counts = run_page("""
+    const found = [FLEET, FLEET, { ...FLEET, name: "hall" }].map((fleet) => {
+      hear(fleet);
+      sockets.at(-1).acts.close();
+      return loads;
+    });
+    """)
+    assert counts == [0, 0, 1]
 
-    assert NODE is not None
-    ended = subprocess.run(
-        [NODE, "-"], input=program, capture_output=True, text=True, timeout=60, check=False
-    )
-    assert ended.returncode == 0, ended.stderr
-    assert json.loads(ended.stdout) == [0, 0, 1]
+
+def test_a_press_holds_the_buttons_in_their_places_for_a_second_at_most() -> None:
+    found = run_page("""
+    const failed = STATE.vehicles.map((one) => ({ ...one, is_fresh: true, state: "failed" }));
+    const isShown = () => byId("vehicles").textContent.includes("failed");
+    const found = {};
+    hear(FLEET);
+    for (const [place, target] of [["scene", byId("scene")], ["table", byId("vehicles")]]) {
+      hear(STATE);
+      show();
+      browser.dispatch("pointerdown", { target });
+      hear({ ...STATE, vehicles: failed });
+      found[place] = [1, 2, 3].map(() => (show(), isShown()));
+      browser.dispatch("pointerup");
+    }
+
+    hear(STATE);
+    show();
+    browser.dispatch("pointerdown", { target: byId("vehicles") });
+    hear({ ...STATE, vehicles: failed });
+    show();
+    browser.dispatch("pointerup");
+    now_ms += 1;
+    drawNext();
+    found.released = isShown();
+    """)
+    assert found["scene"] == [True, True, True]
+    assert found["table"] == [False, True, True]
+    assert found["released"]
