@@ -38,6 +38,7 @@
   let isTableDirty = false;
   let lastTable_ms = 0; // when the table was shown last; 0: it is shown anew at once
   let areCardsDirty = false;
+  let written = ""; // the line that was sent last, until it is refused
   let pressed_ms = -Infinity; // since when a finger or a button of the mouse is down on such a part
 
   // -- the socket ------------------------------------------------------------------------------------
@@ -53,9 +54,12 @@
     });
   }
 
+  /* Sends a message to the server; returns whether there is a connection. */
   function say(message) {
-    if (socket?.readyState === WebSocket.OPEN) socket.send(JSON.stringify(message));
+    const isOpen = socket?.readyState === WebSocket.OPEN;
+    if (isOpen) socket.send(JSON.stringify(message));
     else showLink("bad", "not sent: no connection to covey web");
+    return isOpen;
   }
 
   function take(message) {
@@ -72,6 +76,7 @@
       return;
     }
     fleet = message;
+    written = ""; // the cards that follow are no answers to it
     cards.clear();
     byId("events").replaceChildren();
     byId("lane").hidden = !fleet.can_order;
@@ -371,10 +376,33 @@
   }
 
   function order(text) {
-    say({ do: "order", text });
+    return say({ do: "order", text });
+  }
+
+  /* Sends the written line, and empties it, so that a second Enter does not send it again. */
+  function sendLine() {
+    const line = byId("order_line");
+    const text = line.value.trim();
+    if (text && !order(text)) {
+      line.select();
+      return;
+    }
+    written = text.replace(/\s+/g, " "); // as its card has it
+    line.value = "";
+  }
+
+  /* Shows a refused line again, to be corrected; a kill, to be sent for the second time. */
+  function takeBack() {
+    const line = byId("order_line");
+    if (!line.value) {
+      line.value = written;
+      line.select();
+    }
+    written = "";
   }
 
   function addCard(card) {
+    if (card.phase === "refused" && card.text === written) takeBack();
     cards.set(card.number, card);
     areCardsDirty = true;
     showSoon();
@@ -467,9 +495,7 @@
     });
     byId("order_form").addEventListener("submit", (event) => {
       event.preventDefault();
-      const line = byId("order_line");
-      if (line.value.trim()) order(line.value.trim());
-      line.value = "";
+      sendLine();
     });
     document.addEventListener("keydown", (event) => {
       const isUrgent = event.ctrlKey && ["l", "o"].includes(event.key.toLowerCase());

@@ -35,6 +35,7 @@ class Node {
   prepend(child) { this.children.unshift(child); }
   replaceChildren() { this.text = ""; this.children = []; }
   setAttribute() {}
+  select() {}
   contains(other) { return other === this || this.children.some((one) => one.contains(other)); }
   querySelectorAll() { return []; }
   addEventListener(kind, act) { this.acts[kind] = act; }

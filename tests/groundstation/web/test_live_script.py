@@ -46,3 +46,47 @@ def test_a_press_holds_the_buttons_in_their_places_for_a_second_at_most() -> Non
     assert found["scene"] == [True, True, True]
     assert found["table"] == [False, True, True]
     assert found["released"]
+
+
+def test_a_line_that_is_refused_or_not_sent_comes_back_and_so_does_a_kill() -> None:
+    found = run_page("""
+    const line = byId("order_line");
+    const found = {};
+    hear(FLEET);
+    const enter = () => byId("order_form").dispatch("submit");
+    const answer = (number, text, phase) => {
+      hear({ kind: "card", number, text, phase, sentences: [], outcome: "" });
+      return line.value;
+    };
+
+    line.value = " kill  mav1";
+    enter();
+    found.first = [line.value, answer(1, "kill mav1", "refused")];
+    enter();
+    found.second = [line.value, answer(2, "kill mav1", "sent")];
+    found.orders = sent.map((message) => message.text);
+
+    line.value = "mission none.toml";
+    enter();
+    found.refused_later = [
+      answer(3, "mission none.toml", "sent"), answer(3, "mission none.toml", "refused"),
+    ];
+    line.value = "lnd all";
+    enter();
+    line.value = "land all";
+    found.typed_meanwhile = answer(4, "lnd all", "refused");
+    line.value = "";
+    found.of_another_page = answer(5, "lnd all", "refused");
+
+    line.value = "land all";
+    sockets.at(-1).readyState = 3;
+    enter();
+    found.without_connection = [line.value, sent.at(-1).text];
+    """)
+    assert found["first"] == ["", "kill mav1"]
+    assert found["second"] == ["", ""]
+    assert found["orders"] == ["kill  mav1", "kill mav1"]
+    assert found["refused_later"] == ["", "mission none.toml"]
+    assert found["typed_meanwhile"] == "land all"
+    assert found["of_another_page"] == ""
+    assert found["without_connection"] == ["land all", "lnd all"]
