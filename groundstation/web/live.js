@@ -21,6 +21,7 @@
   const SILENT_MS = 1500; // without a state: the page says so
   const TABLE_MS = 300; // from one table to the next: a hundred rows are more work than the scene
   const PRESS_MS = 1000; // longest time for which a press keeps buttons in their places
+  const URGENT_KEYS = { l: "land", o: "hold" }; // with ctrl
   const REPLACED = ["alarms", "vehicles", "cards"]; // parts whose buttons are made anew
 
   const byId = (id) => document.getElementById(id);
@@ -480,6 +481,13 @@
     if (isOnButtons) pressed_ms = performance.now();
   }
 
+  /* Returns the letter of a key; where letters are not Latin, the one that the key has elsewhere. */
+  function keyOf(event) {
+    const isLatin = /^\p{Script=Latin}$/u.test(event.key);
+    const letter = isLatin ? event.key : event.code.replace("Key", "");
+    return letter.toLowerCase();
+  }
+
   function listen() {
     byId("land_all").addEventListener("click", () => say({ do: "urgent", verb: "land" }));
     byId("hold_all").addEventListener("click", () => say({ do: "urgent", verb: "hold" }));
@@ -498,10 +506,10 @@
       sendLine();
     });
     document.addEventListener("keydown", (event) => {
-      const isUrgent = event.ctrlKey && ["l", "o"].includes(event.key.toLowerCase());
-      if (isUrgent && fleet?.can_order) {
+      const verb = event.ctrlKey ? URGENT_KEYS[keyOf(event)] : null;
+      if (verb && fleet?.can_order) {
         event.preventDefault();
-        say({ do: "urgent", verb: event.key.toLowerCase() === "l" ? "land" : "hold" });
+        say({ do: "urgent", verb });
       } else if (event.key === ":" && event.target === document.body && fleet?.can_order) {
         event.preventDefault();
         byId("order_line").focus();

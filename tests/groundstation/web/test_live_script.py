@@ -90,3 +90,21 @@ def test_a_line_that_is_refused_or_not_sent_comes_back_and_so_does_a_kill() -> N
     assert found["typed_meanwhile"] == "land all"
     assert found["of_another_page"] == ""
     assert found["without_connection"] == ["land all", "lnd all"]
+
+
+def test_ctrl_l_and_ctrl_o_reach_all_on_every_layout_of_keys() -> None:
+    verbs = run_page("""
+    hear(FLEET);
+    const found = [
+      ["l", "KeyL"], ["O", "KeyO"], // Latin
+      ["д", "KeyL"], ["щ", "KeyO"], // Russian
+      ["n", "KeyL"], ["l", "KeyP"], // Dvorak
+      ["ł", "KeyL"], ["Control", "ControlLeft"], ["5", "Digit5"],
+    ].map(([key, code]) => {
+      sent.length = 0;
+      document.dispatch("keydown", { ctrlKey: true, key, code });
+      document.dispatch("keydown", { ctrlKey: false, key, code });
+      return sent.map((message) => message.verb).join();
+    });
+    """)
+    assert verbs == ["land", "hold", "land", "hold", "", "land", "", "", ""]
