@@ -122,6 +122,7 @@
     }
     const state = shown();
     if (!state) return;
+    const newest = states.at(-1); // orders, missions and control mean the fleet as it is now
 
     if (isDirty || scene.isOld) scene.draw(state, aimed, newestPreview());
     if (isDirty) {
@@ -129,6 +130,7 @@
       areTextsDirty = true;
       isTableDirty = true;
       showTop(state);
+      showPresent(newest);
       showPeople(state);
     }
 
@@ -138,7 +140,7 @@
       areTextsDirty = false;
       if (areCardsDirty) showCards();
       showAlarms(state);
-      showAim(state);
+      showAim(newest);
     }
     if (isTableDirty && now_ms - lastTable_ms > TABLE_MS) {
       isTableDirty = false;
@@ -163,6 +165,11 @@
       const sign = isTooNear ? "too near: " : "nearest ";
       badge.textContent = `${sign}${number(closest.distance_m, 2, "m")} ${closest.first}, ${closest.second}`;
     }
+    byId("clock").textContent = back_s ? `${clock(back_s, 0)} ago` : "";
+  }
+
+  /* Shows who has control, and the mission that flies or counts down. */
+  function showPresent(state) {
     const control = byId("control");
     control.hidden = !state.control;
     if (state.control) {
@@ -175,7 +182,6 @@
     byId("mission_line").textContent = state.mission.line;
     byId("stop_countdown").hidden = !state.mission.counts_down;
     byId("stop_mission").hidden = state.mission.counts_down;
-    byId("clock").textContent = back_s ? `${clock(back_s, 0)} ago` : "";
   }
 
   /* Shows who is a person in the scene: the circle's colour, name and radius. */

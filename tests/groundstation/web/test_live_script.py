@@ -108,3 +108,29 @@ def test_ctrl_l_and_ctrl_o_reach_all_on_every_layout_of_keys() -> None:
     });
     """)
     assert verbs == ["land", "hold", "land", "hold", "", "land", "", "", ""]
+
+
+def test_who_looks_back_sees_the_countdown_the_control_and_the_refusals_of_now() -> None:
+    found = run_page("""
+    const later = (seconds, changes) => ({ ...STATE, time_s: STATE.time_s + seconds, ...changes });
+    hear(FLEET);
+    hear(STATE);
+    hear(later(20));
+    byId("rewind").dispatch("input", { target: { value: "-20" } });
+    show();
+    hear(later(21, {
+      mission: { line: "show.toml starts in 20 s", counts_down: true },
+      control: { text: "lab-2 has control", refusal: "lab-2 has control.", requester: "lab-2" },
+      vehicles: STATE.vehicles.map((one) => ({ ...one, blocks: ["no position"] })),
+    }));
+    show();
+    const shown = (id) => !byId(id).hidden && byId(id).textContent;
+    const found = ["mission_line", "control", "blocks"].map(shown);
+    found.push(byId("mission").hidden, byId("stop_countdown").hidden);
+    """)
+    mission_line, control, blocks, is_mission_hidden, is_stop_hidden = found
+    assert mission_line == "show.toml starts in 20 s"
+    assert control.startswith("lab-2 requests control")
+    assert blocks.startswith("lab-2 has control. · v000: no position")
+    assert not is_mission_hidden
+    assert not is_stop_hidden
