@@ -93,6 +93,7 @@
     lastState_ms = performance.now();
     states.push(state);
     while (state.time_s - states[0].time_s > KEPT_S) states.shift();
+    forgetEnded(state.alarms);
     scene.follow(state);
     showLink("good", fleet.can_order ? "live" : "live, read-only");
     isDirty = true;
@@ -273,11 +274,13 @@
     return `${sign}${Math.round(100 * share)} %`;
   }
 
-  function showAlarms(state) {
-    const holding = new Set(state.alarms.map(alarmKey));
-    // one that is over and comes again is a new one
-    if (back_s === 0) for (const key of seen) if (!holding.has(key)) seen.delete(key);
+  /* Forgets that alarms were acknowledged which are over: one that comes again is a new one. */
+  function forgetEnded(alarms) {
+    const holding = new Set(alarms.map(alarmKey));
+    for (const key of seen) if (!holding.has(key)) seen.delete(key);
+  }
 
+  function showAlarms(state) {
     const open = state.alarms.filter((alarm) => !seen.has(alarmKey(alarm)));
     const acknowledged = state.alarms.filter((alarm) => seen.has(alarmKey(alarm)));
     const lines = open.slice(0, MAX_ALARMS).map(alarmLine);
