@@ -94,7 +94,7 @@
     states.push(state);
     while (state.time_s - states[0].time_s > KEPT_S) states.shift();
     forgetEnded(state.alarms);
-    scene.follow(state);
+    scene.follow(state, states[0].time_s);
     showLink("good", fleet.can_order ? "live" : "live, read-only");
     isDirty = true;
   }

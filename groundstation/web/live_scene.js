@@ -7,7 +7,7 @@
 globalThis.Covey ??= {};
 
 (() => {
-  const TRAIL_S = 12;
+  const TRAIL_S = 12; // what is drawn of a trail
   const TRAIL_STEP_S = 0.5; // from one point of a trail to the next, at least
   const TRAIL_STEP_M = 0.05;
   const RING_OPACITY = 0.5;
@@ -36,15 +36,15 @@ globalThis.Covey ??= {};
       this.isOld = true;
     }
 
-    /* Adds a state to the trails. */
-    follow(state) {
+    /* Adds a state to the trails, and forgets their points of before `oldest_s`. */
+    follow(state, oldest_s) {
       for (const vehicle of state.vehicles) {
         if (!vehicle.position_enu_m) continue;
         const trail = this._trails.get(vehicle.name) ?? [];
         if (isNextPoint(trail.at(-1), state.time_s, vehicle.position_enu_m)) {
           trail.push([state.time_s, vehicle.position_enu_m]);
         }
-        while (trail.length && state.time_s - trail[0][0] > TRAIL_S) trail.shift();
+        while (trail.length && trail[0][0] < oldest_s) trail.shift();
         this._trails.set(vehicle.name, trail);
       }
     }
@@ -63,14 +63,16 @@ globalThis.Covey ??= {};
         scene.area(area, Covey.rgb(Covey.colour(area.keeps_in ? "ground" : "warn")));
       }
       state.people.forEach((person, index) => this._person(person, index));
-      state.vehicles.forEach((vehicle, index) => this._vehicle(vehicle, index, aimed));
+      state.vehicles.forEach((vehicle, index) => {
+        this._vehicle(vehicle, index, aimed, state.time_s);
+      });
       this._avoidances(state);
       this._closest(state);
       if (card) this._card(card);
       scene.end();
     }
 
-    _vehicle(vehicle, index, aimed) {
+    _vehicle(vehicle, index, aimed, time_s) {
       const position = vehicle.position_enu_m;
       if (!position) return;
       const scene = this.scene;
@@ -87,7 +89,7 @@ globalThis.Covey ??= {};
         opacity: isAimed ? 0.9 : RING_OPACITY,
         width: isAimed ? 2.5 : 1,
       });
-      this._trail(vehicle.name, position, colour);
+      this._trail(vehicle, colour, time_s);
       if (this.showsWays && vehicle.way_enu_m.length) {
         scene.line(vehicle.way_enu_m[0], vehicle.way_enu_m[1], colour, { opacity: 0.6, width: 2 });
         scene.ring(vehicle.goal_enu_m, 0.1, colour, { opacity: 0.8 });
@@ -109,11 +111,12 @@ globalThis.Covey ??= {};
       this.scene.label(head, personWords(person), { colour: text });
     }
 
-    /* Draws a trail, and from its last point to where the vehicle is. */
-    _trail(name, position, colour) {
-      const trail = this._trails.get(name) ?? [];
+    /* Draws the trail up to this time, and from its last point to where the vehicle is. */
+    _trail(vehicle, colour, time_s) {
+      const kept = this._trails.get(vehicle.name) ?? [];
+      const trail = kept.filter(([at_s]) => at_s >= time_s - TRAIL_S && at_s <= time_s);
       trail.forEach(([, point], index) => {
-        const next = index + 1 < trail.length ? trail[index + 1][1] : position;
+        const next = index + 1 < trail.length ? trail[index + 1][1] : vehicle.position_enu_m;
         const opacity = (0.5 * (index + 1)) / trail.length;
         this.scene.line(point, next, colour, { opacity, width: 2 });
       });

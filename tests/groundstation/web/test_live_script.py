@@ -151,3 +151,24 @@ def test_an_acknowledged_alarm_that_ends_and_comes_again_on_a_hidden_page_is_a_n
     found.push(told([alarm]));
     """)
     assert found == ["✓ v000: battery low", "✓v000: battery low for 1 s. Land it."]
+
+
+def test_who_looks_back_sees_the_trail_of_that_moment() -> None:
+    found = run_page("""
+    const vehicle = {
+      ...STATE.vehicles[0], is_fresh: true, way_enu_m: [], goal_enu_m: null, blocks: [],
+    };
+    hear(FLEET);
+    for (let second = 0; second <= 60; second += 1) {
+      const vehicles = [{ ...vehicle, position_enu_m: [0.1 * second, 0, 1] }];
+      hear({ ...STATE, time_s: second, vehicles });
+    }
+    const found = [0, -20, -58].map((back) => {
+      byId("rewind").dispatch("input", { target: { value: String(back) } });
+      show();
+      const trail = lines.filter(([, , look]) => look.width === 2);
+      const seconds = trail.flatMap(([begin, end]) => [10 * begin[0], 10 * end[0]]);
+      return [Math.min(...seconds), Math.max(...seconds)].map(Math.round);
+    });
+    """)
+    assert found == [[48, 60], [28, 40], [0, 2]]
