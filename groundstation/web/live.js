@@ -131,6 +131,7 @@
       areTextsDirty = true;
       isTableDirty = true;
       showTop(state);
+      showTime(state, newest);
       showPresent(newest);
       showPeople(state);
     }
@@ -166,7 +167,14 @@
       const sign = isTooNear ? "too near: " : "nearest ";
       badge.textContent = `${sign}${number(closest.distance_m, 2, "m")} ${closest.first}, ${closest.second}`;
     }
-    byId("clock").textContent = back_s ? `${clock(back_s, 0)} ago` : "";
+  }
+
+  /* Shows how old the shown state is, and how far one can look back. */
+  function showTime(state, newest) {
+    const ago = back_s ? `${clock(newest.time_s - state.time_s, 0)} ago` : "";
+    byId("clock").textContent = ago;
+    byId("rewind_text").textContent = ago || "now";
+    byId("rewind").min = String(Math.floor(states[0].time_s - newest.time_s));
   }
 
   /* Shows who has control, and the mission that flies or counts down. */
@@ -480,7 +488,6 @@
   function look(seconds) {
     back_s = Math.max(0, seconds);
     byId("rewind").value = String(-back_s);
-    byId("rewind_text").textContent = back_s ? `${clock(back_s, 0)} ago` : "now";
     byId("now").setAttribute("aria-pressed", String(back_s === 0));
     showSoon();
   }

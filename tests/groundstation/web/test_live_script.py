@@ -172,3 +172,18 @@ def test_who_looks_back_sees_the_trail_of_that_moment() -> None:
     });
     """)
     assert found == [[48, 60], [28, 40], [0, 2]]
+
+
+def test_the_page_says_how_old_the_state_is_that_it_shows() -> None:
+    found = run_page("""
+    const look = (back) => {
+      byId("rewind").dispatch("input", { target: { value: String(back) } });
+      show();
+      return [byId("rewind_text").textContent, byId("clock").textContent];
+    };
+    hear(FLEET);
+    for (const time_s of [0, 10, 30.5]) hear({ ...STATE, time_s });
+    const found = [look(0), look(-600), look(-15), byId("rewind").min];
+    """)
+    oldest, before_a_gap = ["0:31 ago"] * 2, ["0:21 ago"] * 2
+    assert found == [["now", ""], oldest, before_a_gap, "-31"]
