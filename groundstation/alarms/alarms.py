@@ -220,7 +220,8 @@ class Alarms:
             if kind is not None:
                 is_flying = bool(state.airborne_names)
                 what = plain(logged.event.sentence)
-                yield _alarm(kind, logged.event.vehicle, is_flying=is_flying, what=what)
+                alarm = _alarm(kind, logged.event.vehicle, is_flying=is_flying, what=what)
+                yield dataclasses.replace(alarm, since_ns=logged.received_ns)
 
         if state.events:
             self._last_event = state.events[-1]

@@ -187,6 +187,8 @@ class LiveFeed:
     def _tell_state(self) -> None:
         if self.cards is not None:
             self._client.control.update(self._client.state)
+        # Alarms have their ages also if they began while no page was open.
+        self._alarms.update(self._client.state, self._client.now_ns())
         if not self._pages:
             return
         text = self._state_text()
@@ -202,7 +204,6 @@ class LiveFeed:
     def _state_text(self) -> str:
         now_ns = self._client.now_ns()
         state = self._client.state
-        self._alarms.update(state, now_ns)
         control = None
         if self._can_order:
             control = self._client.control

@@ -473,6 +473,16 @@ def test_a_kill_in_the_air_is_an_alarm_until_it_is_acknowledged(ground: Ground3)
     assert line.alarm.sentence == "mav1: Killed in the air by order of ann (from ground-1)"
 
 
+def test_an_alarm_of_an_event_is_as_old_as_its_event(ground: Ground3) -> None:
+    event = Event(vehicle="mav1", stamp_ns=1, severity="critical", code="killed", sentence="Why.")
+    ground.state = fleet_state.fold(ground.state, event, ground.now_ns)
+    ground.wait(7200.0)
+    ground.all_hear()
+    ground.update()
+    (line,) = ground.alarms.lines
+    assert line.duration_s(ground.now_ns) == pytest.approx(7200.0)
+
+
 @pytest.mark.long
 def test_a_vehicle_that_comes_and_goes_a_thousand_times_costs_no_memory(ground: Ground3) -> None:
     for _ in range(1000):

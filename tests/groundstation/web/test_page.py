@@ -27,6 +27,7 @@ from groundstation.web.live_feed import LiveFeed
 from groundstation.web.page_server import PageServer, require_loopback
 from onboard.config.fleet import ConfigError, FleetConfig
 from tests.groundstation.conftest import FakeBus
+from tests.groundstation.console.scenes import SteadyClient, crowd
 
 _LINK = re.compile(r"""(?:href|src)\s*=\s*["']([^"']*)["']|url\(\s*["']?([^"')]*)""")
 
@@ -663,6 +664,30 @@ async def test_of_states_that_wait_a_page_gets_the_newest_only() -> None:
         async with asyncio.timeout(0.1):
             await page.send_all(send)
     assert sent == ["state 4"]
+
+
+async def first_state(page: live_feed.Page) -> Message:
+    """The first state that is sent to a page."""
+    texts: asyncio.Queue[str] = asyncio.Queue()
+    sending = asyncio.create_task(page.send_all(texts.put))
+    try:
+        while True:
+            message: Message = json.loads(await texts.get())
+            if message["kind"] == "state":
+                return message
+    finally:
+        sending.cancel()
+
+
+async def test_alarms_that_begin_while_no_page_is_open_have_their_age() -> None:
+    client: Any = SteadyClient(crowd(1))
+    feed = LiveFeed(client.fleet, client, can_order=False)
+    for _ in range(2):
+        client.hear("v000", is_airborne=True, battery_frac=0.05)
+        feed._tell_state()
+        client.clock_ns += 60 * 10**9
+    state = await first_state(feed.open())
+    assert state["alarms"][0]["for_s"] == pytest.approx(120.0)
 
 
 @pytest.mark.parametrize("host", ["0.0.0.0", "192.168.1.4", "example.org", ""])
