@@ -64,7 +64,7 @@ _EVENT_KINDS: dict[str, Kind] = {
 }
 NOT_RECORDED = "Nothing of it was recorded up to here."  # instead of the advice to start an agent
 # Alarms from a single event, which stay until they are acknowledged.
-_LATCHED = frozenset(_EVENT_KINDS.values())
+LATCHED = frozenset(_EVENT_KINDS.values())
 
 
 @dataclass(frozen=True, slots=True)
@@ -202,7 +202,7 @@ class Alarms:
         """
         line = self._lines[key]
         last_ns = self._last_ns[key]
-        if line.alarm.kind in _LATCHED:
+        if line.alarm.kind in LATCHED:
             if line.is_acknowledged:
                 self._end(key, now_ns)
         elif now_ns - last_ns > LINGER_S * 1e9:

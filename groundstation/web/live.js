@@ -315,6 +315,7 @@
       on: {
         click: () => {
           seen.add(key);
+          if (fleet.can_order) say({ do: "acknowledge", kind: alarm.kind, subject: alarm.subject });
           showSoon();
         },
       },

@@ -16,7 +16,7 @@ from typing import Any
 
 import msgspec
 
-from groundstation.alarms.alarms import Alarms
+from groundstation.alarms.alarms import LATCHED, Alarms
 from groundstation.client.client import FleetClient
 from groundstation.fleet.state import LoggedEvent
 from groundstation.orders.forecast_process import Forecaster
@@ -30,6 +30,7 @@ from groundstation.web.live_messages import (
 from groundstation.web.order_cards import CHECK_S, OrderCards
 from onboard.bus.schema import Event
 from onboard.config.fleet import FleetConfig
+from onboard.plain_text import plain_line
 
 STATE_PERIOD_S = 0.1
 MAX_EVENTS = 200  # most past events that a new page gets
@@ -175,6 +176,19 @@ class LiveFeed:
     def close(self, page: Page) -> None:
         """Send no more messages to a page."""
         self._pages.discard(page)
+
+    def acknowledge(self, kind: str, subject: str) -> None:
+        """Acknowledge the alarm of a single event, which ends it; all others end by themselves.
+
+        Args:
+            kind: the alarm's kind, as pages have it.
+            subject: its subject, as pages have it.
+        """
+        for line in self._alarms.lines:
+            alarm = line.alarm
+            is_meant = (alarm.kind.value, plain_line(alarm.subject)) == (kind, subject)
+            if is_meant and alarm.kind in LATCHED:
+                self._alarms.acknowledge(line)
 
     # -- messages to all pages ---------------------------------------------------------------------
 

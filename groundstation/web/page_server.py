@@ -27,7 +27,6 @@ from aiohttp import WSCloseCode, WSMsgType, web
 from groundstation.scene.ground_tiles import GroundTile, GroundTiles
 from groundstation.scene.static_files import text_of
 from groundstation.web.live_feed import LiveFeed, TooSlow
-from groundstation.web.order_cards import OrderCards
 from onboard.config.endpoints import is_loopback
 from onboard.config.file_reading import json_values
 from onboard.config.fleet import ConfigError
@@ -195,8 +194,8 @@ class PageServer:
         sending.add_done_callback(lambda task: _close_after(task, socket))
         try:
             async for message in socket:
-                if message.type is WSMsgType.TEXT and self._feed.cards is not None:
-                    await obey(message.data, self._feed.cards)
+                if message.type is WSMsgType.TEXT:
+                    await obey(message.data, self._feed)
         finally:
             self._sockets.discard(socket)
             self._feed.close(page)
@@ -257,13 +256,16 @@ def _close_after(task: asyncio.Task[None], socket: web.WebSocketResponse) -> Non
         closing.add_done_callback(_closings.discard)
 
 
-async def obey(text: str, cards: OrderCards) -> None:
+async def obey(text: str, feed: LiveFeed) -> None:
     """Carry out a message of a page; a message of an unknown form is ignored.
 
     Args:
         text: the message, JSON.
-        cards: the cards that it makes or changes.
+        feed: the feed whose cards and alarms it makes or changes; without cards it only watches.
     """
+    cards = feed.cards
+    if cards is None:
+        return
     try:
         values = json_values(text, "a message of the page")
     except ConfigError:
@@ -283,6 +285,8 @@ async def obey(text: str, cards: OrderCards) -> None:
             cards.confirm(number)
         case {"do": "drop", "number": int(number)}:
             cards.drop(number)
+        case {"do": "acknowledge", "kind": str(kind), "subject": str(subject)}:
+            feed.acknowledge(kind, subject)
 
 
 async def _file(request: web.Request) -> web.Response:

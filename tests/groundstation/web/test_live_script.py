@@ -139,7 +139,7 @@ def test_who_looks_back_sees_the_countdown_the_control_and_the_refusals_of_now()
 def test_an_acknowledged_alarm_that_ends_and_comes_again_on_a_hidden_page_is_a_new_one() -> None:
     found = run_page("""
     const alarm = {
-      kind: "battery_low", subject: "v000", severity: "critical", sentence: "v000: battery low",
+      kind: "battery low", subject: "v000", severity: "critical", sentence: "v000: battery low",
       advice: "Land it.", for_s: 1, count: 1,
     };
     const told = (alarms) => (hear({ ...STATE, alarms }), show(), byId("alarms").textContent);
@@ -148,9 +148,12 @@ def test_an_acknowledged_alarm_that_ends_and_comes_again_on_a_hidden_page_is_a_n
     byId("alarms").children[0].children[0].dispatch("click");
     const found = [told([alarm])];
     hear(STATE); // a hidden page shows nothing
-    found.push(told([alarm]));
+    found.push(told([alarm]), ...sent);
     """)
-    assert found == ["✓ v000: battery low", "✓v000: battery low for 1 s. Land it."]
+    acknowledged, anew, said = found
+    assert acknowledged == "✓ v000: battery low"
+    assert anew == "✓v000: battery low for 1 s. Land it."
+    assert said == {"do": "acknowledge", "kind": "battery low", "subject": "v000"}
 
 
 def test_who_looks_back_sees_the_trail_of_that_moment() -> None:

@@ -25,6 +25,8 @@ from groundstation.scene.ground_tiles import GroundTile, GroundTiles
 from groundstation.web import live_feed, order_cards, page_server
 from groundstation.web.live_feed import LiveFeed
 from groundstation.web.page_server import PageServer, require_loopback
+from onboard.bus.schema import Event
+from onboard.bus.topics import Topic
 from onboard.config.fleet import ConfigError, FleetConfig
 from tests.groundstation.conftest import FakeBus
 from tests.groundstation.console.scenes import SteadyClient, crowd
@@ -371,6 +373,23 @@ async def test_a_kill_needs_the_same_words_twice_within_a_second(operated: Serve
         await socket.send_str(json.dumps({"do": "order", "text": "reset mav1"}))
         freed = await heard(socket, card("reset mav1", "sent"))
         assert freed["sentences"] == ["mav1 may be ordered again."]
+
+
+async def test_the_alarm_of_a_kill_ends_on_all_pages_when_one_acknowledges_it(
+    operated: Served,
+) -> None:
+    def kinds(message: Message) -> set[str]:
+        return {alarm["kind"] for alarm in message.get("alarms", [])}
+
+    event = Event(vehicle="mav1", stamp_ns=1, severity="critical", code="killed", sentence="Why.")
+    operated.bus.tell("mav0", battery_frac=0.05)
+    operated.bus.on_message[Topic.EVENT](Topic.EVENT, "mav1", event)
+    async with opened(operated) as page, opened(operated) as other:
+        await heard(page, lambda m: kinds(m) == {"killed in the air", "battery low"})
+        for kind, subject in (("battery low", "mav0"), ("killed in the air", "mav1")):
+            message = {"do": "acknowledge", "kind": kind, "subject": subject}
+            await page.send_str(json.dumps(message))
+        await heard(other, lambda m: kinds(m) == {"battery low"})
 
 
 async def test_a_kill_that_was_not_sent_latches_nobody_and_drops_nothing(
