@@ -139,6 +139,23 @@ globalThis.Covey ??= {};
       return Math.max(across_m, height_share * Math.abs(first[2] - second[2]));
     }
 
+    /* Returns the two vehicles with the smallest separation, of which one flies; null for none. */
+    nearestPair(positions, time_s) {
+      const index = this.indexAt(time_s);
+      let nearest = null;
+      for (let first = 0; first < positions.length; first++) {
+        for (let second = first + 1; second < positions.length; second++) {
+          if (!positions[first] || !positions[second]) continue;
+          if (!this.isUp(first, index) && !this.isUp(second, index)) continue;
+          const distance_m = this.separation(positions[first], positions[second]);
+          if (!nearest || distance_m < nearest.distance_m) {
+            nearest = { pair: [first, second], distance_m };
+          }
+        }
+      }
+      return nearest;
+    }
+
     /* Returns the separation of two vehicles at each time of the grid; NaN while neither flies. */
     distances(first, second) {
       const key = `${first}-${second}/distance`;

@@ -459,24 +459,10 @@ globalThis.Covey ??= {};
     }
 
     _nearestWords(positions) {
-      const nearest = this._nearestPair(positions);
+      const nearest = this.flight.nearestPair(positions, this.player.time_s);
       if (!nearest) return "";
       const names = nearest.pair.map((vehicle) => Covey.shortened(this.flight.names[vehicle]));
       return `nearest ${names.join("–")} ${nearest.distance_m.toFixed(2)} m`;
-    }
-
-    _nearestPair(positions) {
-      let nearest = null;
-      for (let first = 0; first < positions.length; first++) {
-        for (let second = first + 1; second < positions.length; second++) {
-          if (!positions[first] || !positions[second]) continue;
-          const distance_m = this.flight.separation(positions[first], positions[second]);
-          if (!nearest || distance_m < nearest.distance_m) {
-            nearest = { pair: [first, second], distance_m };
-          }
-        }
-      }
-      return nearest;
     }
 
     /* Returns what has just happened, in words. */
@@ -602,7 +588,7 @@ globalThis.Covey ??= {};
       const positions = this.flight.names.map((_, vehicle) =>
         this.flight.positionAt(vehicle, this.player.time_s),
       );
-      const nearest = this._nearestPair(positions);
+      const nearest = this.flight.nearestPair(positions, this.player.time_s);
       if (nearest) this.showPair(...nearest.pair);
     }
 

@@ -109,6 +109,7 @@ Covey.inflated(new Uint8Array(data)).then((bytes) => {
     picture.draw(time_s);
     return {
       distance: distances_m[flight.indexAt(time_s)],
+      nearest: flight.nearestPair([0, 1].map((one) => flight.positionAt(one, time_s)), time_s),
       rings: picture.scene.drawn.filter(([name]) => name === "ring").length,
       labels: picture.scene.drawn.filter(([name]) => name === "label").map(([, , text]) => text),
     };
@@ -128,6 +129,8 @@ def test_the_page_knows_who_is_up_wherever_the_ground_is(tmp_path: Path, ground_
 
     assert in_flight["distance"] == pytest.approx(0.9, abs=0.002)
     assert landed["distance"] is None
+    assert in_flight["nearest"]["pair"] == [0, 1]
+    assert landed["nearest"] is None
     # in flight each has a ring and a shadow, and there is the distance with its ages
     assert (in_flight["rings"], landed["rings"]) == (4, 0)
     assert in_flight["labels"][2].startswith("0.90 m")
