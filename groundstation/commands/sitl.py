@@ -188,7 +188,10 @@ def _select(
         ConfigError: one of them is real, so that its body would get poses from two sources.
     """
     marked = fleet.emulated_names
-    names = fleet.select(vehicles or marked or None, exclude)
+    selection: Names | tuple[str, ...] | None = vehicles
+    if vehicles is None and marked:
+        selection = marked
+    names = fleet.select(selection, exclude)
 
     real = []
     if marked:  # then all vehicles without the mark are real

@@ -21,12 +21,13 @@ from groundstation.fleet.places import vehicles_at
 from groundstation.fleet.state import FleetState, Separation
 from groundstation.missions.connection import host_of, script_name
 from groundstation.missions.ground import MissionGround
-from groundstation.missions.group import Group, Vehicles, check_timeout
+from groundstation.missions.group import Group, check_timeout
 from groundstation.missions.landing import land_all
 from groundstation.missions.readiness import NotReady as NotReady  # missions import it from here
 from groundstation.missions.readiness import is_ready, not_ready
 from groundstation.missions.taken import Taken, flown_by_hand, stay
 from groundstation.missions.vehicle import MissionVehicle
+from groundstation.missions.vehicle_names import Vehicles, as_names
 from groundstation.orders.intents import Hold, Home
 from groundstation.orders.result import OrderFailed as OrderFailed
 from groundstation.verdict.observations import Arrival, FlightObservations, StepResult
@@ -280,7 +281,7 @@ class Fleet(Group):
         if after_s > 0.0:
             when = f" in {after_s:g} s"
 
-        for vehicle in self.config.select(vehicles):
+        for vehicle in self.config.select(as_names(vehicles)):
             sentence = await self.client.fault(
                 name,
                 vehicle,

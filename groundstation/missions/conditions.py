@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import NamedTuple
 
 from groundstation.fleet.places import by_vehicle, out_of_service, vehicles_at
@@ -105,30 +105,31 @@ def separation_below(distance_m: float) -> WaitCondition:
     )
 
 
-def battery_below(percent: float, vehicles: Sequence[str] | str | None = None) -> WaitCondition:
+def battery_below(percent: float, vehicles: Iterable[str] | str | None = None) -> WaitCondition:
     """One of these vehicles reports less charge than this.
 
     Args:
         percent: limit in percent of a full battery.
         vehicles: names, or one; None: any vehicle.
     """
+    names = _names(vehicles)
 
     def least_pct(moment: FleetMoment) -> float:
         """Return the least charge; 100 % while no vehicle reports."""
         least_frac = 1.0
-        for view in _views(moment, vehicles).values():
+        for view in _views(moment, names).values():
             if view.telemetry is not None:
                 least_frac = min(least_frac, view.telemetry.battery_frac)
         return 100.0 * least_frac
 
     return WaitCondition(
-        f"{_vehicle_words(vehicles)} below {percent:g} % of battery",
+        f"{_vehicle_words(names)} below {percent:g} % of battery",
         lambda moment: least_pct(moment) < percent,
         lambda moment: f"the least is {least_pct(moment):.0f} %",
     )
 
 
-def landed(vehicles: Sequence[str] | str | None = None) -> WaitCondition:
+def landed(vehicles: Iterable[str] | str | None = None) -> WaitCondition:
     """Each of these vehicles is down and disarmed.
 
     Args:
@@ -141,7 +142,7 @@ def landed(vehicles: Sequence[str] | str | None = None) -> WaitCondition:
     return _each(vehicles, is_landed, words="landed", otherwise="not")
 
 
-def flying(vehicles: Sequence[str] | str | None = None) -> WaitCondition:
+def flying(vehicles: Iterable[str] | str | None = None) -> WaitCondition:
     """Each of these vehicles is in the air.
 
     Args:
@@ -154,7 +155,7 @@ def flying(vehicles: Sequence[str] | str | None = None) -> WaitCondition:
     return _each(vehicles, is_flying, words="in the air", otherwise="on the ground:")
 
 
-def fails(vehicles: Sequence[str] | str | None = None) -> WaitCondition:
+def fails(vehicles: Iterable[str] | str | None = None) -> WaitCondition:
     """One of these vehicles is lost: it has failed, lands without an order, or is silent in flight.
 
     Several vehicles that fall silent at once are not lost: this ground has lost its own link.
@@ -162,24 +163,25 @@ def fails(vehicles: Sequence[str] | str | None = None) -> WaitCondition:
     Args:
         vehicles: names, or one; None: any vehicle.
     """
+    names = _names(vehicles)
 
     def failed(moment: FleetMoment) -> dict[str, str]:
         """Return the vehicles that are lost, each with the reason."""
         return {
             name: _failure_words(view, moment)
-            for name, view in _views(moment, vehicles).items()
+            for name, view in _views(moment, names).items()
             if _has_failed(view, moment)
         }
 
     return WaitCondition(
-        f"{_vehicle_words(vehicles)} failing",
+        f"{_vehicle_words(names)} failing",
         lambda moment: bool(failed(moment)),
         lambda moment: ", ".join(failed(moment)) or "none",
         failed,
     )
 
 
-def event(code: str, vehicles: Sequence[str] | str | None = None) -> WaitCondition:
+def event(code: str, vehicles: Iterable[str] | str | None = None) -> WaitCondition:
     """An event with this code has come since the wait began.
 
     Args:
@@ -187,6 +189,7 @@ def event(code: str, vehicles: Sequence[str] | str | None = None) -> WaitConditi
         vehicles: vehicles that the event is about, or one; None: any event, including the ground's
             own.
     """
+    names = _names(vehicles)
 
     def is_meant(logged: LoggedEvent, state: FleetState) -> bool:
         is_warning = logged.event.severity in ("warning", "critical")
@@ -194,8 +197,8 @@ def event(code: str, vehicles: Sequence[str] | str | None = None) -> WaitConditi
         if code == "*":
             has_code = is_warning
         is_about_these = True
-        if vehicles is not None:
-            is_about_these = logged.event.vehicle in vehicles_at(_names(vehicles), state)
+        if names is not None:
+            is_about_these = logged.event.vehicle in vehicles_at(names, state)
         return has_code and is_about_these
 
     def has_come(moment: FleetMoment) -> bool:
@@ -205,7 +208,7 @@ def event(code: str, vehicles: Sequence[str] | str | None = None) -> WaitConditi
         )
 
     return WaitCondition(
-        f"event '{code}' of {_vehicle_words(vehicles)}", has_come, lambda _: "none has come"
+        f"event '{code}' of {_vehicle_words(names)}", has_come, lambda _: "none has come"
     )
 
 
@@ -235,7 +238,7 @@ def all_of(*conditions: WaitCondition) -> WaitCondition:
 
 
 def _each(
-    vehicles: Sequence[str] | str | None,
+    vehicles: Iterable[str] | str | None,
     holds: Callable[[FleetMoment, str], bool],
     *,
     words: str,
@@ -249,12 +252,13 @@ def _each(
         words: words after the names of the vehicles for which it is to hold.
         otherwise: words before the names of those for which it does not hold.
     """
+    names = _names(vehicles)
 
     def exceptions(moment: FleetMoment) -> list[str]:
-        return [name for name in _views(moment, vehicles) if not holds(moment, name)]
+        return [name for name in _views(moment, names) if not holds(moment, name)]
 
     return WaitCondition(
-        f"{_vehicle_words(vehicles, without_names='all')} {words}",
+        f"{_vehicle_words(names, without_names='all')} {words}",
         lambda moment: not exceptions(moment),
         lambda moment: f"{otherwise} {', '.join(exceptions(moment))}",
     )
@@ -331,20 +335,20 @@ def _is_own_silence(silent: VehicleView, moment: FleetMoment) -> bool:
     return (max(last_telemetry_ns) - silent.received_ns) * 1e-9 < _AT_ONCE_S
 
 
-def _views(moment: FleetMoment, vehicles: Sequence[str] | str | None) -> dict[str, VehicleView]:
+def _views(moment: FleetMoment, names: Sequence[str] | None) -> dict[str, VehicleView]:
     """Return the vehicles that a condition is about.
 
-    A condition that names no vehicle is about all vehicles that take part. The name of a vehicle
-    that was swapped means the spare that has its place.
+    A condition without names is about all vehicles that take part. The name of a vehicle that was
+    swapped means the spare that has its place.
 
     Raises:
         ConfigError: a name is not that of a vehicle.
     """
     state = moment.state
-    if vehicles is None:
+    if names is None:
         excluded = state.disabled | out_of_service(state)
         return {name: view for name, view in state.vehicles.items() if name not in excluded}
-    return {name: _view(name, state) for name in vehicles_at(_names(vehicles), state)}
+    return {name: _view(name, state) for name in vehicles_at(names, state)}
 
 
 def _view(name: str, state: FleetState) -> VehicleView:
@@ -354,14 +358,17 @@ def _view(name: str, state: FleetState) -> VehicleView:
     return state.vehicles[name]
 
 
-def _names(vehicles: Sequence[str] | str) -> list[str]:
-    if isinstance(vehicles, str):
-        return [word.strip() for word in vehicles.split(",")]
-    return list(vehicles)
-
-
-def _vehicle_words(vehicles: Sequence[str] | str | None, without_names: str = "anybody") -> str:
-    """Return the names of vehicles, or another word for a condition that names none."""
+def _names(vehicles: Iterable[str] | str | None) -> tuple[str, ...] | None:
+    """Return the names that a condition is given, which it reads many times; None without names."""
     if vehicles is None:
+        return None
+    if isinstance(vehicles, str):
+        return tuple(word.strip() for word in vehicles.split(","))
+    return tuple(vehicles)
+
+
+def _vehicle_words(names: Sequence[str] | None, without_names: str = "anybody") -> str:
+    """Return the names of vehicles, or another word for a condition that names none."""
+    if names is None:
         return without_names
-    return ", ".join(_names(vehicles))
+    return ", ".join(names)

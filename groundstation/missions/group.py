@@ -12,6 +12,7 @@ import contextlib
 import math
 from collections.abc import AsyncIterator, Awaitable, Callable, Mapping, Sequence
 from numbers import Real
+from typing import NamedTuple
 
 import numpy as np
 
@@ -34,6 +35,7 @@ from groundstation.missions.conditions import (
 from groundstation.missions.following import follow, present_offsets
 from groundstation.missions.ground import MissionGround
 from groundstation.missions.path_following import Lights, Paths, follow_paths
+from groundstation.missions.vehicle_names import Vehicles, as_names
 from groundstation.orders.degrees import goal_enu_m
 from groundstation.orders.grammar import OrderError
 from groundstation.orders.intents import (
@@ -71,7 +73,6 @@ from groundstation.paths.pieces import through
 from onboard.config.fleet import ConfigError, FleetConfig
 from onboard.tuples import Xyz
 
-Vehicles = str | Sequence[str]  # "all", names or indices: "mav0,mav2", "0-1", or a list of names
 GoalOrGoals = Xyz | Mapping[str, Xyz]
 
 _EVER_S = 1e9  # timeout of a wait that ends only with its condition
@@ -112,6 +113,13 @@ def _check_condition(condition: object) -> None:
 def _done_by(results: Results) -> list[str]:
     """Return the vehicles that did what was ordered."""
     return [name for name, result in results.items() if result.is_done]
+
+
+class _Selection(NamedTuple):
+    """The vehicles that an argument selects."""
+
+    names: tuple[str, ...]
+    is_everybody: bool  # whether the argument means all without naming them
 
 
 class Group:
@@ -171,25 +179,31 @@ class Group:
             with_lost: whether "all" includes vehicles to whose failure the mission has reacted.
 
         Raises:
-            ConfigError: a vehicle is not in this group.
+            ConfigError: a vehicle is not in this group, or none is named.
         """
-        if means_all(vehicles):
-            if with_lost:
-                return self.names
-            return self.ground.without_lost(self.names)
+        return self._selected(vehicles, with_lost=with_lost).names
 
-        selected = vehicles_at(self.config.select(vehicles), self.state)
+    def _selected(self, vehicles: Vehicles, *, with_lost: bool = False) -> _Selection:
+        """Return what :meth:`select` returns, and whether the argument means all."""
+        names = as_names(vehicles)
+        if means_all(names):
+            if with_lost:
+                return _Selection(self.names, is_everybody=True)
+            return _Selection(self.ground.without_lost(self.names), is_everybody=True)
+
+        selected = vehicles_at(self.config.select(names), self.state)
         not_in_group = [name for name in selected if name not in self._names]
         if not_in_group:
             raise ConfigError(
                 f"{', '.join(not_in_group)} is not among {', '.join(self._names)}. "
                 "Order the whole fleet."
             )
-        return selected
+        return _Selection(selected, is_everybody=False)
 
     async def arm(self, vehicles: Vehicles = "all", *, timeout_s: float = 15.0) -> Results:
         """Arm on the ground."""
-        intent = Arm(vehicles=self.select(vehicles), is_everybody=means_all(vehicles))
+        selected = self._selected(vehicles)
+        intent = Arm(vehicles=selected.names, is_everybody=selected.is_everybody)
         return await self.order(intent, timeout_s)
 
     async def disarm(self, vehicles: Vehicles = "all", *, timeout_s: float = 15.0) -> Results:
@@ -218,7 +232,7 @@ class Group:
             vehicles: vehicles to order; they stand on the ground, disarmed.
             timeout_s: longest wait [s].
         """
-        intent = Disable(vehicles=self.config.select(vehicles))
+        intent = Disable(vehicles=self.config.select(as_names(vehicles)))
         try:
             results = await self.order(intent, timeout_s)
         except OrderFailed as error:  # others may have done it
@@ -240,7 +254,7 @@ class Group:
             vehicles: vehicles to order.
             timeout_s: longest wait [s].
         """
-        intent = Enable(vehicles=self.config.select(vehicles))
+        intent = Enable(vehicles=self.config.select(as_names(vehicles)))
         try:
             results = await self.order(intent, timeout_s)
         except OrderFailed as error:  # others may have done it
@@ -302,9 +316,10 @@ class Group:
             every_s: time from the arrival of a wave to the start of the next [s].
             timeout_s: longest wait for a wave [s].
         """
+        selected = self._selected(vehicles)
         intent = Takeoff(
-            vehicles=self.select(vehicles),
-            is_everybody=means_all(vehicles),
+            vehicles=selected.names,
+            is_everybody=selected.is_everybody,
             height_m=height_m,
             by=by,
             every_s=every_s,
@@ -331,11 +346,12 @@ class Group:
             duration_s: duration of the move [s]; 0 leaves it to the vehicles' limits.
             timeout_s: longest wait [s].
         """
+        selected = self._selected(vehicles)
         intent = Move(
-            vehicles=self.select(vehicles),
-            is_everybody=means_all(vehicles),
+            vehicles=selected.names,
+            is_everybody=selected.is_everybody,
             position_enu_m=position_enu_m,
-            is_of_formation=means_all(vehicles) and len(self._names) > 1,
+            is_of_formation=selected.is_everybody and len(self._names) > 1,
             yaw_deg=yaw_deg,
             duration_s=duration_s,
         )
@@ -427,8 +443,7 @@ class Group:
             known = ", ".join(formation_names(self.config)) or "none"
             raise ConfigError(f"'{name}' is no formation of this fleet; it has {known}.")
 
-        names = self.select(vehicles)
-        is_everybody = means_all(vehicles)
+        names, is_everybody = self._selected(vehicles)
         if is_everybody:
             slots = formation_slots(self.config, name)
             names = tuple(vehicle for vehicle in names if vehicle in slots)
@@ -462,9 +477,10 @@ class Group:
             duration_s: duration of the move [s]; 0 leaves it to the vehicles' limits.
             timeout_s: longest wait [s].
         """
+        selected = self._selected(vehicles)
         intent = Rotate(
-            vehicles=self.select(vehicles),
-            is_everybody=means_all(vehicles),
+            vehicles=selected.names,
+            is_everybody=selected.is_everybody,
             angle_deg=angle_deg,
             duration_s=duration_s,
         )
@@ -480,9 +496,10 @@ class Group:
             vehicles: vehicles to order.
             timeout_s: longest wait [s].
         """
+        selected = self._selected(vehicles)
         intent = Yaw(
-            vehicles=self.select(vehicles),
-            is_everybody=means_all(vehicles),
+            vehicles=selected.names,
+            is_everybody=selected.is_everybody,
             yaw_deg=yaw_deg,
         )
         return await self.order(intent, timeout_s)
@@ -506,9 +523,10 @@ class Group:
             duration_s: duration of the way back [s]; 0 leaves it to the vehicles' limits.
             timeout_s: longest wait [s].
         """
+        selected = self._selected(vehicles)
         intent = Home(
-            vehicles=self.select(vehicles),
-            is_everybody=means_all(vehicles),
+            vehicles=selected.names,
+            is_everybody=selected.is_everybody,
             height_m=height_m,
             duration_s=duration_s,
         )
@@ -533,9 +551,10 @@ class Group:
             duration_s: duration of the way back [s]; 0 leaves it to the vehicles' limits.
             timeout_s: longest wait [s].
         """
+        selected = self._selected(vehicles)
         intent = BringHome(
-            vehicles=self.select(vehicles),
-            is_everybody=means_all(vehicles),
+            vehicles=selected.names,
+            is_everybody=selected.is_everybody,
             height_m=height_m,
             duration_s=duration_s,
         )
@@ -692,8 +711,8 @@ class Group:
 
     async def land(self, vehicles: Vehicles = "all", *, timeout_s: float = 40.0) -> Results:
         """Land and disarm."""
-        names = self.select(vehicles, with_lost=True)
-        intent = Land(vehicles=names, is_everybody=means_all(vehicles))
+        selected = self._selected(vehicles, with_lost=True)
+        intent = Land(vehicles=selected.names, is_everybody=selected.is_everybody)
         return await self.order(intent, timeout_s)
 
     async def kill(self, vehicles: Vehicles, *, timeout_s: float = 5.0) -> Results:

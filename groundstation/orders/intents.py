@@ -21,7 +21,7 @@ A new verb is a class here and an entry in `INTENTS`. A verb that sends vehicles
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from typing import ClassVar, Literal, NamedTuple, Self
 
 import msgspec
@@ -64,13 +64,13 @@ Verb = Literal[
 PathVerb = Literal["load_path", "follow_path"]  # programs and missions give these; nobody types one
 
 
-def means_all(vehicles: str | Sequence[str]) -> bool:
+def means_all(vehicles: Names) -> bool:
     """Return whether vehicles as somebody wrote them mean all of the fleet or group.
 
     Args:
         vehicles: the word "all", alone or in a list; or names or indices.
     """
-    return vehicles == "all" or list(vehicles) == ["all"]
+    return vehicles in ("all", ("all",))
 
 
 class LineWords(NamedTuple):

@@ -9,7 +9,7 @@ import hashlib
 import math
 import os
 import re
-from collections.abc import Sequence
+from collections.abc import Iterable
 from typing import Literal
 
 import msgspec
@@ -386,30 +386,27 @@ class FleetConfig(msgspec.Struct, frozen=True):
         return self.simulator_endpoint, f"{host}:{int(port) - 1}"
 
     def select(
-        self, vehicles: str | Sequence[str] | None, exclude: str | None = None
+        self, vehicles: str | Iterable[str] | None, exclude: str | None = None
     ) -> tuple[str, ...]:
         """Select vehicles by name or by index in the file.
 
         Args:
-            vehicles: ``a,b``, ``0-2`` or ``all``, or a list of these. None, or an empty text: all
-                enabled vehicles.
+            vehicles: ``a,b``, ``0-2`` or ``all``, or a list of these. None: all enabled vehicles.
             exclude: vehicles to leave out, in the same form.
         Returns:
             The names without duplicates, in the given order.
         Raises:
-            ConfigError: There is no vehicle with a given name or index, or a list is empty.
+            ConfigError: There is no vehicle with a given name or index, or a list or text is empty.
         """
-        is_text = vehicles is None or isinstance(vehicles, str)
-        if not is_text and not vehicles:
-            raise ConfigError("the list of vehicles is empty. Leave it out for all vehicles.")
-        text = ""
-        if isinstance(vehicles, str):
-            text = vehicles
-        elif vehicles is not None:
-            text = ",".join(vehicles)
-        selected = self.enabled_names
-        if text not in ("", "all"):
-            selected = self._names(text)
+        if vehicles is None:
+            vehicles = "all"
+        if not isinstance(vehicles, str):
+            vehicles = ",".join(vehicles)
+        if not vehicles.strip():
+            raise ConfigError(
+                'the list of vehicles is empty. Name one, or write "all" for all vehicles.'
+            )
+        selected = self._names(vehicles)
 
         excluded: tuple[str, ...] = ()
         if exclude:

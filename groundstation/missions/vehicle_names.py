@@ -1,0 +1,47 @@
+"""Vehicles as the arguments of a Python mission name them.
+
+An argument may be a generator, which can be read only once: after that it seems to name nobody. So
+each argument becomes a text or a tuple where it enters, and everything else is computed from that.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from numbers import Integral
+
+from groundstation.orders.intents import Names
+from onboard.config.fleet import ConfigError
+
+# "all", names or indices: "mav0,mav2", "0-1", or 1; or several of them, as in a list
+Vehicles = str | int | Iterable[str | int]
+
+
+def as_names(vehicles: Vehicles) -> Names:
+    """Return vehicles that a mission names as one text, or as a tuple of texts.
+
+    Args:
+        vehicles: "all", names or indices.
+
+    Raises:
+        ConfigError: it is neither a name nor an index, nor several of them.
+    """
+    if isinstance(vehicles, str | Integral):
+        return _as_name(vehicles)
+    if not isinstance(vehicles, Iterable):
+        raise _no_name(vehicles)
+    return tuple(_as_name(vehicle) for vehicle in vehicles)
+
+
+def _as_name(vehicle: object) -> str:
+    """Return a name or an index as a text."""
+    if isinstance(vehicle, bool) or not isinstance(vehicle, str | Integral):
+        raise _no_name(vehicle)
+    return str(vehicle)
+
+
+def _no_name(vehicle: object) -> ConfigError:
+    """Return the refusal of what names no vehicle."""
+    return ConfigError(
+        f"{vehicle!r:.80} names no vehicle, because it is a {type(vehicle).__name__}. "
+        'Give names or indices: "mav0,mav2", "0-1", 1, or a list of them.'
+    )
