@@ -192,13 +192,33 @@ class Group:
             return _Selection(self.ground.without_lost(self.names), is_everybody=True)
 
         selected = vehicles_at(self.config.select(names), self.state)
-        not_in_group = [name for name in selected if name not in self._names]
+        self._check_in_group(selected)
+        return _Selection(selected, is_everybody=False)
+
+    def _select_for_service(self, vehicles: Vehicles) -> tuple[str, ...]:
+        """Return the vehicles of this group that an order of service names.
+
+        Each name means the vehicle itself, whoever has its place, and "all" those out of service
+        too.
+
+        Raises:
+            ConfigError: a vehicle is not in this group, or none is named.
+        """
+        names = as_names(vehicles)
+        if means_all(names):
+            return self._names
+        selected = self.config.select(names)
+        self._check_in_group(selected)
+        return selected
+
+    def _check_in_group(self, names: Sequence[str]) -> None:
+        """Refuse vehicles that are not in this group."""
+        not_in_group = [name for name in names if name not in self._names]
         if not_in_group:
             raise ConfigError(
                 f"{', '.join(not_in_group)} is not among {', '.join(self._names)}. "
                 "Order the whole fleet."
             )
-        return _Selection(selected, is_everybody=False)
 
     async def arm(self, vehicles: Vehicles = "all", *, timeout_s: float = 15.0) -> Results:
         """Arm on the ground."""
@@ -232,7 +252,7 @@ class Group:
             vehicles: vehicles to order; they stand on the ground, disarmed.
             timeout_s: longest wait [s].
         """
-        intent = Disable(vehicles=self.config.select(as_names(vehicles)))
+        intent = Disable(vehicles=self._select_for_service(vehicles))
         try:
             results = await self.order(intent, timeout_s)
         except OrderFailed as error:  # others may have done it
@@ -254,7 +274,7 @@ class Group:
             vehicles: vehicles to order.
             timeout_s: longest wait [s].
         """
-        intent = Enable(vehicles=self.config.select(as_names(vehicles)))
+        intent = Enable(vehicles=self._select_for_service(vehicles))
         try:
             results = await self.order(intent, timeout_s)
         except OrderFailed as error:  # others may have done it

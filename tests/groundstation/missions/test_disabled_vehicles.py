@@ -84,6 +84,24 @@ async def test_scripts_disable_and_enable(client: Any, bus: Any) -> None:
     assert ordered(bus, "disable") == ordered(bus, "enable") == ["mav1"]
 
 
+async def test_all_of_a_group_means_its_vehicles_when_they_are_disabled_and_enabled(
+    client: Any, bus: Any
+) -> None:
+    flown = Fleet(client)
+    group = flown.group("mav0,mav1")
+    await flown.disable("mav2")
+    await group.disable("all")
+    assert ordered(bus, "disable") == ["mav2", "mav0", "mav1"]
+    await flown["mav0"].enable("all")
+    await group.enable("all")
+    assert ordered(bus, "enable") == ["mav0", "mav0", "mav1"]
+    assert flown.names == ("mav0", "mav1")
+
+    for order in (group.disable, group.enable):
+        with pytest.raises(ConfigError, match="mav2 is not among mav0, mav1"):
+            await order("mav2")
+
+
 async def test_a_vehicle_that_refuses_to_be_disabled_in_the_air_is_landed_at_the_end(
     fleet: FleetConfig, client: Any, bus: Any, tmp_path: Path
 ) -> None:
