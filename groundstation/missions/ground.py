@@ -12,7 +12,7 @@ import asyncio
 import contextlib
 import functools
 import textwrap
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence, Set
 
 from msgspec.structs import replace
 
@@ -25,7 +25,7 @@ from groundstation.missions.follow_pause import FollowPause
 from groundstation.missions.hover_check import hover_check
 from groundstation.missions.own_link import OwnLink
 from groundstation.missions.taken import FleetTaken, FleetWatch
-from groundstation.orders.intents import Intent, Takeoff
+from groundstation.orders.intents import Intent, Takeoff, for_fewer
 from groundstation.orders.obstruction import explained
 from groundstation.orders.plan import PlannedOrder, with_checked_values
 from groundstation.orders.result import OrderFailed, OrderResult, Results, VehicleResult
@@ -105,7 +105,8 @@ class MissionGround:
             may_be_left_out: whether an operator who flies step by step may go on without it.
 
         Returns:
-            One result per vehicle; none when the operator has left the order out.
+            One result per vehicle that still takes part when the order is sent; none when the
+            operator has left the order out.
 
         Raises:
             ConfigError: a value of the order is not valid, or no vehicle takes part any more.
@@ -124,7 +125,7 @@ class MissionGround:
                 "on without them. Enable one before it."
             )
 
-        intent = with_checked_values(intent)
+        intent = self._without_other_ends(with_checked_values(intent))
         if isinstance(intent, Takeoff) and len(intent.waves) > 1:
             return await self._take_off_in_waves(intent, timeout_s)
 
@@ -174,6 +175,42 @@ class MissionGround:
         if isinstance(intent, Takeoff):
             await hover_check(lambda: client.state, results, self.say)
         return results
+
+    def _without_other_ends(self, intent: Intent) -> Intent:
+        """Return an order without vehicles that have come down unnoticed before it was given.
+
+        If nobody else is left, they keep it, so that its results tell why they cannot do it.
+        """
+        left_out_before = frozenset(self.left_out)
+        self.note_other_ends()
+        names = self._taking_part(intent, left_out_before)
+        if not names:
+            return intent
+        return for_fewer(intent, names)
+
+    def _taking_part(self, intent: Intent, left_out_before: Set[str]) -> tuple[str, ...]:
+        """Return the vehicles of an order without those that were left out since it was given.
+
+        An order that neither starts nor moves vehicles, such as to land or to kill, keeps them all.
+
+        Args:
+            intent: an order that is not sent yet.
+            left_out_before: vehicles that were left out when it was given; it names them all the
+                same.
+        """
+        if not intent.is_start and not intent.has_goals:
+            return intent.names
+        return self.still_taking_part(intent.names, left_out_before)
+
+    def still_taking_part(self, names: Iterable[str], left_out_before: Set[str]) -> tuple[str, ...]:
+        """Return vehicles without those that were left out since a time.
+
+        Args:
+            names: names of vehicles.
+            left_out_before: vehicles that were left out at that time.
+        """
+        left_out_since = self.left_out - left_out_before
+        return tuple(name for name in names if name not in left_out_since)
 
     @contextlib.contextmanager
     def counting(self, at: WallTime, names: Sequence[str]) -> Iterator[Countdown]:

@@ -133,6 +133,7 @@ class StepRunner:
     async def _order(self, step: Intent) -> None:
         """Give a step's order to those of its vehicles that still take part."""
         fleet = self._fleet
+        fleet.ground.note_other_ends()  # leaves out who has come down since the last order
         intent = _at_places(resolved(step, fleet.config), fleet.state)
         names = tuple(name for name in intent.names if name not in fleet.ground.left_out)
         is_for_lost = intent.brings_down and not isinstance(intent, Hold)
@@ -140,8 +141,7 @@ class StepRunner:
             names = fleet.ground.without_lost(names)
         if not names:
             return
-        if names != intent.names:
-            intent = for_fewer(intent, names)
+        intent = for_fewer(intent, names)
 
         if isinstance(intent, GoalIntent) and intent.speed_m_s is not None:
             goals = {}
@@ -156,6 +156,7 @@ class StepRunner:
         self, step: FollowPathStep | FlyFormationStep, paths: Mapping[str, Path], lights: Lights
     ) -> None:
         """Let the vehicles that still take part follow their paths; return at once if none does."""
+        self._fleet.ground.note_other_ends()  # leaves out who has come down since the last order
         own_paths = self._taking_part(paths)
         if not own_paths:
             return

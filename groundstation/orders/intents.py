@@ -738,6 +738,8 @@ def for_fewer(intent: Intent, names: tuple[str, ...]) -> Intent:
         intent: an order with the names of its vehicles.
         names: the vehicles that are left.
     """
+    if names == intent.names:
+        return intent
     if isinstance(intent, Goto):
         goals = {name: intent.goals[name] for name in names}
         return msgspec.structs.replace(intent, vehicles=names, goals=goals)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 from typing import Any
 
 import pytest
@@ -76,3 +77,70 @@ async def test_the_last_vehicle_of_a_formation_flies_to_its_slot(
     (goal,) = [order.position_enu_m for _, order in bus.orders if order.kind == "move"]
     x, y, z = formation_slots(fleet, "triangle")["mav0"]
     assert goal == pytest.approx((x, y + 1.2, z + 1.2))
+
+
+def ordered(bus: Any, kind: str) -> list[str]:
+    return [name for name, order in bus.orders if order.kind == kind]
+
+
+async def come_down(client: Any, bus: Any, name: str) -> None:
+    """Have a vehicle land by itself, and wait until the client knows it."""
+    bus.tell(name, state="landed", is_airborne=False, is_armed=False)
+    assert await client.wait_for(lambda state: name not in state.airborne_names, 5.0)
+
+
+@pytest.fixture
+async def going_on(client: Any) -> Fleet:
+    """A fleet that flies, and whose mission goes on without a vehicle that fails."""
+    flown = Fleet(client)
+    flown.ground.goes_on_without = True
+    await flown.takeoff(1.0)
+    return flown
+
+
+STEPS = [
+    {"do": "yaw", "yaw_deg": 90.0},
+    {"do": "home"},
+    {"do": "formation", "name": "triangle", "position_enu_m": [0.0, 1.2, 1.0], "speed_m_s": 0.5},
+]
+
+
+@pytest.mark.parametrize("step", STEPS, ids=lambda step: str(step["do"]))
+async def test_a_step_after_a_vehicle_has_come_down_is_for_the_others(
+    fleet: FleetConfig, client: Any, bus: Any, step: dict[str, Any]
+) -> None:
+    steps = [UP, {"do": "wait", "until": {"landed": "mav1"}}, step, {"do": "land"}]
+    mission = mission_from_mapping(
+        {"schema": 1, "step": steps, "on_failure": {"do": "go_on"}}, path="test.toml", fleet=fleet
+    )
+    flight = asyncio.create_task(MissionRun(mission, client).run())
+    assert await client.wait_for(lambda state: len(state.airborne_names) == 3, 5.0)
+    await come_down(client, bus, "mav1")
+    verdict = await asyncio.wait_for(flight, 10.0)
+    assert ordered(bus, "move") == ["mav0", "mav2"]
+    assert verdict.steps[1].vehicles == {"mav0": "done", "mav2": "done"}
+
+    if step["do"] == "formation":
+        (duration_s,) = {order.duration_s for _, order in bus.orders if order.kind == "move"}
+        assert duration_s > 0.0, "the speed of the step"
+
+
+async def test_goals_of_a_script_are_for_those_who_have_not_come_down(
+    going_on: Fleet, client: Any, bus: Any
+) -> None:
+    await come_down(client, bus, "mav1")
+    goals = {name: (2.0 * index, 0.0, 1.0) for index, name in enumerate(going_on.names)}
+    results = await going_on.go_to(goals)
+    assert list(results) == ordered(bus, "move") == ["mav0", "mav2"]
+    assert going_on.ground.left_out == {"mav1"}
+
+
+async def test_an_order_only_to_a_vehicle_that_has_come_down_tells_why_it_is_refused(
+    going_on: Fleet, client: Any, bus: Any
+) -> None:
+    await come_down(client, bus, "mav1")
+    bus.misbehave["mav1"] = "refuse"
+    results = await going_on["mav1"].yaw(90.0)
+    assert results["mav1"].sentence == "Because I say so."
+    assert list(await going_on.kill("mav1")) == ["mav1"]
+    assert ordered(bus, "kill") == ["mav1"]
