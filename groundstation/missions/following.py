@@ -64,6 +64,7 @@ async def follow(
     # last time at which goals were accepted, or had not moved enough to be ordered
     accepted_ns = client.now_ns()
     holding = tuple(offsets)  # vehicles that hold in the end
+    left_out_before = frozenset(ground.left_out)
     pause = FollowPause(ground, holding)
     ground.follow_pauses.append(pause)
     try:
@@ -95,6 +96,10 @@ async def follow(
                 offsets = {name: offsets[name] for name in offsets if name not in landed}
                 pause.leave_out(landed)
                 holding = tuple(name for name in holding if name not in landed)
+
+            remaining = ground.still_taking_part(offsets, left_out_before)
+            pause.leave_out(tuple(name for name in offsets if name not in remaining))
+            offsets = {name: offsets[name] for name in remaining}
 
             if not offsets:
                 break

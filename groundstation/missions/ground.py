@@ -129,6 +129,7 @@ class MissionGround:
         if isinstance(intent, Takeoff) and len(intent.waves) > 1:
             return await self._take_off_in_waves(intent, timeout_s)
 
+        left_out_before = frozenset(self.left_out)
         if intent.waits_for_step:
             is_left_out = await self._wait_for_turn(intent, may_be_left_out)
             if is_left_out:
@@ -144,6 +145,12 @@ class MissionGround:
         taken = self.watch.takeover()
         if taken is not None:
             raise FleetTaken(taken)
+
+        names = self._taking_part(intent, left_out_before)
+        if not names:
+            self.say(f"Not sent, because the mission goes on without them: {intent}")
+            return {}
+        intent = for_fewer(intent, names)
 
         self.say(order_in_brief(intent, self.client.fleet.enabled_names))
         client = self.client
@@ -287,20 +294,25 @@ class MissionGround:
     async def _take_off_in_waves(self, intent: Takeoff, timeout_s: float) -> Results:
         """Order one wave after the other, until a vehicle of a wave does not fly.
 
-        Vehicles that the mission goes on without do not count.
+        Vehicles that the mission goes on without do not count, and start in no later wave.
 
         Raises:
             OrderFailed: a vehicle did not take off, or one of an earlier wave has come down, and
                 the mission does not go on without it.
         """
         waves = intent.waves
+        left_out_before = frozenset(self.left_out)
         results: Results = {}
-        for index, wave in enumerate(waves):
+        for index, whole_wave in enumerate(waves):
             if index:
                 await asyncio.sleep(intent.every_s)
-            self.say(f"Wave {index + 1} of {len(waves)}: {listed(wave)}")
 
             self.note_other_ends()
+            wave = self.still_taking_part(whole_wave, left_out_before)
+            if not wave:
+                continue
+            self.say(f"Wave {index + 1} of {len(waves)}: {listed(wave)}")
+
             vehicles = self.client.state.vehicles
             not_flying = [
                 name

@@ -15,7 +15,7 @@ from __future__ import annotations
 
 import asyncio
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence, Set
 from contextlib import AbstractContextManager
 from typing import Protocol
 
@@ -60,6 +60,7 @@ class PathGround(Protocol):
     steps: list[StepResult]
     say: Callable[[str], None]
     pause_line: str
+    left_out: set[str]
 
     async def order(
         self, intent: Intent, timeout_s: float, *, may_be_left_out: bool = True
@@ -68,6 +69,9 @@ class PathGround(Protocol):
 
     async def end_of(self, order: OrderResult, timeout_s: float) -> Results:
         """Wait for the end of an order, and send it again when this ground's link was lost."""
+
+    def still_taking_part(self, names: Iterable[str], left_out_before: Set[str]) -> tuple[str, ...]:
+        """Return vehicles without those that were left out since a time."""
 
     def counting(self, at: WallTime, names: Sequence[str]) -> AbstractContextManager[Countdown]:
         """Begin a countdown, which ends with the block."""
@@ -99,35 +103,45 @@ async def follow_paths(
         timeout_s: longest flight along the paths [s]; None: their own duration plus a minute.
 
     Returns:
-        One result per vehicle. A vehicle that has left its path has failed; the others go on.
+        One result per vehicle that has started. A vehicle that has left its path has failed; the
+        others go on. A vehicle that is left out before the start does not start.
 
     Raises:
         OrderFailed: a vehicle does not accept its path or its start, so no vehicle starts; or all
             were brought home in a pause.
         CountdownEnded: the countdown ended before the start, so no vehicle starts.
     """
+
+    def taking_part() -> dict[str, Path]:
+        return {name: paths[name] for name in ground.still_taking_part(paths, left_out_before)}
+
+    left_out_before = frozenset(ground.left_out)
     await _load(ground, paths)
 
     begins: dict[str, Xyz] = {}
-    for name, path in paths.items():
+    for name, path in taking_part().items():
         begins[name] = point_at(path, 0.0).position_enu_m
-    to_begins = Goto(vehicles=tuple(paths), goals=begins)
+    to_begins = Goto(vehicles=tuple(begins), goals=begins)
     await ground.order(to_begins, _LATE_S, may_be_left_out=False)
-    await _wait_at_begins(ground, begins)
+    await _wait_at_begins(ground, {name: begins[name] for name in taking_part()})
 
-    longest_s = max(path.duration_s for path in paths.values())
     if at is None:
         start_ns = ground.client.now_ns() + int(AHEAD_S * 1e9)
-        order = await _start(ground, paths, on_lag, start_ns)
+        order = await _start(ground, taking_part(), on_lag, start_ns)
         begin_words = f"from {AHEAD_S:g} s from now on"
     else:
-        order = await _start_at(ground, paths, on_lag, at)
+        order = await _start_at(ground, taking_part, on_lag, at)
         begin_words = f"from {at.words} on"
-    ground.say(f"follow_path {listed(tuple(paths))}: {longest_s:.0f} s, {begin_words}")
+    names = tuple(order.results)
+    if not names:
+        ground.say("No path is flown, because the mission goes on without these vehicles.")
+        return {}
+    longest_s = max(paths[name].duration_s for name in names)
+    ground.say(f"follow_path {listed(names)}: {longest_s:.0f} s, {begin_words}")
 
     begin_ns = ground.client.now_ns()
     tasks = [
-        asyncio.create_task(_say_progress(ground, tuple(paths), longest_s)),
+        asyncio.create_task(_say_progress(ground, names, longest_s)),
         asyncio.create_task(_play_lights(ground, lights)),
     ]
     try:
@@ -256,10 +270,19 @@ def _away_from(state: FleetState, begins: Mapping[str, Xyz]) -> list[str]:
     return away
 
 
-async def _start_at(ground: PathGround, paths: Paths, on_lag: OnLag, at: WallTime) -> OrderResult:
-    """Order the start for a wall-clock time; an operator may stop it until then."""
+async def _start_at(
+    ground: PathGround, taking_part: Callable[[], Paths], on_lag: OnLag, at: WallTime
+) -> OrderResult:
+    """Order the start for a wall-clock time; an operator may stop it until then.
+
+    Args:
+        ground: gives the mission's orders.
+        taking_part: function that returns the paths of the vehicles that still take part.
+        on_lag: reaction of a vehicle that falls behind for too long.
+        at: the time.
+    """
     client = ground.client
-    with ground.counting(at, tuple(paths)) as countdown:
+    with ground.counting(at, tuple(taking_part())) as countdown:
         if countdown.left_s < AHEAD_S:
             raise CountdownEnded(
                 f"{at.words} comes in {countdown.left_s:.1f} s, and a start is ordered "
@@ -267,11 +290,11 @@ async def _start_at(ground: PathGround, paths: Paths, on_lag: OnLag, at: WallTim
             )
         await count_down(countdown, ground.say, until_s=AHEAD_S + _SPARE_S)
 
-        order = await _start(ground, paths, on_lag, countdown.start_ns)
+        order = await _start(ground, taking_part(), on_lag, countdown.start_ns)
         try:
             await count_down(countdown, ground.say, until_s=_SPARE_S)
         except CountdownEnded:
-            await client.order(Hold(vehicles=tuple(paths)), AHEAD_S, is_by_mission=True)
+            await client.order(Hold(vehicles=tuple(order.results)), AHEAD_S, is_by_mission=True)
             raise
     return order
 

@@ -5,12 +5,14 @@ from __future__ import annotations
 import asyncio
 from typing import Any
 
+import numpy as np
 import pytest
 
 from groundstation.formations.slots import formation_slots
 from groundstation.mission_files.loading import mission_from_mapping
 from groundstation.missions.api import Fleet
 from groundstation.missions.runner import MissionRun
+from groundstation.paths.pieces import fitted
 from onboard.config.fleet import FleetConfig
 
 UP = {"do": "takeoff", "height_m": 1.0}
@@ -144,3 +146,58 @@ async def test_an_order_only_to_a_vehicle_that_has_come_down_tells_why_it_is_ref
     assert results["mav1"].sentence == "Because I say so."
     assert list(await going_on.kill("mav1")) == ["mav1"]
     assert ordered(bus, "kill") == ["mav1"]
+
+
+async def test_an_order_that_waits_is_not_sent_to_a_vehicle_that_is_left_out_meanwhile(
+    going_on: Fleet, bus: Any
+) -> None:
+    lines: list[str] = []
+    going_on.ground.say = lines.append
+    going_on.ground.pause()
+    to_all = asyncio.create_task(going_on.yaw(90.0))
+    to_one = asyncio.create_task(going_on["mav1"].yaw(90.0))
+    await asyncio.sleep(0.01)
+    going_on.leave_out("mav1")
+    going_on.ground.go_on(is_stepping=False)
+
+    assert list(await to_all) == ["mav0", "mav2"]
+    assert await to_one == {}
+    assert ordered(bus, "move") == ["mav0", "mav2"]
+    assert "Not sent, because the mission goes on without them: yaw mav1 90" in lines
+
+    assert list(await going_on["mav1"].yaw(90.0)) == ["mav1"], "it is named all the same"
+
+
+@pytest.mark.parametrize("when", ["load_path", "goto"])
+async def test_a_vehicle_that_is_left_out_before_the_start_of_its_path_does_not_start(
+    going_on: Fleet, client: Any, bus: Any, when: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("groundstation.missions.path_following.AHEAD_S", 0.1)
+    paths = {}
+    for name in going_on.names:
+        x, y, z = bus.vehicles[name].position_enu_m
+        paths[name] = fitted(np.arange(5.0), np.array([[x, y, z, 0.0]] * 5))
+
+    async def leave_out_mav1() -> None:
+        kind = "move" if when == "goto" else when
+        assert await client.wait_for(lambda _: "mav1" in ordered(bus, kind), 5.0)
+        going_on.leave_out("mav1")
+
+    leaving = asyncio.create_task(leave_out_mav1())
+    results = await asyncio.wait_for(going_on.follow_path(paths, timeout_s=1.0), 10.0)
+    await leaving
+    assert list(results) == ordered(bus, "follow_path") == ["mav0", "mav2"]
+
+
+async def test_a_vehicle_that_is_left_out_follows_nobody_any_more(
+    going_on: Fleet, bus: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("groundstation.missions.following._PERIOD_S", 0.05)
+    offsets = {"mav1": (0.0, 2.0, 0.0), "mav2": (0.0, 4.0, 0.0)}
+    following = asyncio.create_task(going_on.follow("mav0", 0.3, offsets=offsets))
+    await asyncio.sleep(0.1)
+    going_on.leave_out("mav1")
+    x, y, z = bus.vehicles["mav0"].position_enu_m
+    bus.tell("mav0", position_enu_m=(x, y + 0.5, z))
+    await asyncio.wait_for(following, 5.0)
+    assert ordered(bus, "move") == ["mav1", "mav2", "mav2"]

@@ -90,6 +90,24 @@ async def test_a_mission_that_goes_on_starts_the_later_waves_without_who_came_do
     assert flown.ground.left_out == {first}
 
 
+async def test_a_vehicle_that_is_left_out_between_two_waves_does_not_start(
+    fleet: FleetConfig, client: Any, bus: Any
+) -> None:
+    lines: list[str] = []
+    names = fleet.enabled_names
+    flown = Fleet(client, say=lines.append)
+    flown.leave_out(names[7])
+    rising = asyncio.create_task(flown.takeoff(1.0, names, by=2, every_s=0.1))
+    assert await client.wait_for(lambda _: len(flown.steps) == 1, 5.0)
+    flown.leave_out(names[3], names[4], names[5])
+
+    results = await asyncio.wait_for(rising, 20.0)
+    assert starts(bus) == [names[0], names[1], names[2], names[6], names[7]]
+    assert list(results) == starts(bus)
+    waves = [line for line in lines if line.startswith("Wave")]
+    assert waves[1:] == [f"Wave 2 of 4: {names[2]}", f"Wave 4 of 4: {names[6]}, {names[7]}"]
+
+
 async def test_a_vehicle_that_comes_down_between_two_waves_stops_the_later_ones(
     fleet: FleetConfig, client: Any, bus: Any
 ) -> None:
