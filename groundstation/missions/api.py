@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import itertools
 from collections.abc import AsyncIterator, Callable, Sequence
 from pathlib import Path
 from typing import Literal
@@ -242,17 +243,21 @@ class Fleet(Group):
         if refusal is not None:
             raise NotReady(refusal, heard=True)
 
-    def leave_out(self, *names: str) -> None:
+    def leave_out(self, *vehicles: Vehicles) -> None:
         """Go on without these vehicles.
 
         From now on the selection "all" does not contain them, and their failures do not end the
         mission.
 
         Args:
-            names: names of vehicles. They do what their last order or their failsafe says, and
-                land at the mission's end.
+            vehicles: names or indices. These vehicles do what their last order or their failsafe
+                says, and land at the mission's end.
+
+        Raises:
+            ConfigError: a vehicle is not in this fleet; then none is left out.
         """
-        self.ground.leave_out(*names)
+        selected = [self.select(some, with_lost=True) for some in vehicles]
+        self.ground.leave_out(*itertools.chain.from_iterable(selected))
 
     async def fault(
         self,

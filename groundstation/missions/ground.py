@@ -415,7 +415,7 @@ class MissionGround:
             names: names of vehicles. They do what their last order or their failsafe says, and
                 land at the mission's end.
         """
-        newly_left_out = [name for name in names if name not in self.left_out]
+        newly_left_out = [name for name in dict.fromkeys(names) if name not in self.left_out]
         if not newly_left_out:
             return
 

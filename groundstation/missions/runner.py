@@ -247,7 +247,7 @@ class MissionRun:
             return
 
         if self.fleet.ground.goes_on_without and len(by_hand) < len(names):
-            self.fleet.leave_out(*by_hand)
+            self.fleet.ground.leave_out(*by_hand)
             return
         reason = pilot_words(by_hand)
         self.client.publish_event("critical", "flown-by-hand", f"{reason} The mission ends.")

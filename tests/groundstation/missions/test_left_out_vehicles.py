@@ -13,7 +13,7 @@ from groundstation.mission_files.loading import mission_from_mapping
 from groundstation.missions.api import Fleet
 from groundstation.missions.runner import MissionRun
 from groundstation.paths.pieces import fitted
-from onboard.config.fleet import FleetConfig
+from onboard.config.fleet import ConfigError, FleetConfig
 
 UP = {"do": "takeoff", "height_m": 1.0}
 HALT = {"do": "move", "vehicles": ["mav0"], "position_enu_m": [0, 0, 1.5], "timeout_s": 0.2}
@@ -40,6 +40,25 @@ async def test_one_vehicle_without_which_the_mission_goes_on_has_a_goal_of_its_o
     flown.leave_out("mav0")
     results = await flown["mav0"].go_to((0.0, 0.0, 1.5))
     assert results["mav0"].is_done
+
+
+@pytest.mark.parametrize("names", [("mav0", "mav2"), ("mav0,2",), (["mav0", 2],), (0, "2", "mav0")])
+async def test_vehicles_are_left_out_by_names_and_by_indices(client: Any, names: Any) -> None:
+    lines: list[str] = []
+    flown = Fleet(client, say=lines.append)
+    flown.leave_out(*names)
+    assert flown.names == ("mav1",)
+    assert lines == ["The mission goes on without mav0, mav2."]
+
+
+@pytest.mark.parametrize("wrong", ["mva1", "", ["mva1"], 7, None])
+async def test_what_names_no_vehicle_leaves_out_nobody_and_is_refused(
+    client: Any, wrong: Any
+) -> None:
+    flown = Fleet(client)
+    with pytest.raises(ConfigError):
+        flown.leave_out("mav0", wrong)
+    assert flown.names == ("mav0", "mav1", "mav2")
 
 
 @pytest.mark.parametrize("ends_with_landing", [True, False])

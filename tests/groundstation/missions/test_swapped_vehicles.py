@@ -220,6 +220,8 @@ async def test_scripts_swap_and_go_on_by_the_name_of_the_place(bus: Any, standin
     assert flown.names == ("mav0", "mav2")
     assert flown.select("mav1") == ("mav2",)
     assert flown["mav1"].name == "mav2"
+    flown.leave_out("mav1")
+    assert flown.names == ("mav0",)
     assert {order.kind for _, order in bus.orders} <= set(SERVICE)
 
 
