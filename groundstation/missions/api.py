@@ -66,7 +66,7 @@ class Fleet(Group):
         """Connect with a fleet: its real agents, or those of ``covey fly script`` and of lockstep.
 
         Vehicles that still fly are left in the declared state, whether the block ends by its last
-        line, an exception, a cancellation or Ctrl-C.
+        line, an exception, a cancellation or Ctrl-C. After the block every verb is refused.
 
         Args:
             fleet: a fleet file or its path; None: the fleet of ``covey fly script``.
@@ -126,13 +126,16 @@ class Fleet(Group):
         Returns:
             Who has taken the fleet; None if nobody has.
         """
-        self.ground.note_other_ends()
-        taken = self.ground.watch.takeover()
-        if taken is None:
-            await self.leave(at_end)
-        else:
-            await self._leave_to(taken, begin_ns)
-        return taken
+        try:
+            self.ground.note_other_ends()
+            taken = self.ground.watch.takeover()
+            if taken is None:
+                await self.leave(at_end)
+            else:
+                await self._leave_to(taken, begin_ns)
+            return taken
+        finally:
+            self.ground.has_ended = True
 
     async def leave(self, at_end: AtEnd) -> None:
         """Bring vehicles that still fly to this state, except those that a pilot flies by hand.
@@ -140,6 +143,7 @@ class Fleet(Group):
         Args:
             at_end: "land" where they are, "home" to land at their take-off spots, or "hold".
         """
+        self.ground.check_not_ended()
         by_hand = flown_by_hand(self.client)
         flying = tuple(
             name
@@ -230,6 +234,7 @@ class Fleet(Group):
             ConfigError: the timeout is no number.
             NotReady: a vehicle is not ready in time, or another ground operates the fleet.
         """
+        self.ground.check_not_ended()
         check_timeout(timeout_s, "ready")
 
         def are_ready(state: FleetState) -> bool:
@@ -282,6 +287,7 @@ class Fleet(Group):
         Raises:
             FaultRefused: the fault is impossible, or this flight is not simulated.
         """
+        self.ground.check_not_ended()
         when = ""
         if after_s > 0.0:
             when = f" in {after_s:g} s"
@@ -322,6 +328,7 @@ class Fleet(Group):
         Raises:
             ConfigError: the timeout is no number.
         """
+        self.ground.check_not_ended()
         check_timeout(timeout_s, "land_all")
         superseded = []  # vehicles whose last order another ground has replaced
         if self.steps:

@@ -62,6 +62,7 @@ class MissionGround:
         # Whether the steps have ended, or were told to: from then on no order of theirs starts or
         # moves a vehicle.
         self.is_closed = False
+        self.has_ended = False  # whether the connection of a script has ended
         self.steps: list[StepResult] = []
         self.arrivals: list[Arrival] = []
 
@@ -109,11 +110,13 @@ class MissionGround:
             operator has left the order out.
 
         Raises:
-            ConfigError: a value of the order is not valid, or no vehicle takes part any more.
+            ConfigError: a value of the order is not valid, no vehicle takes part any more, or the
+                script's flight has ended.
             OrderFailed: a vehicle did not do it, and the mission does not go on without it.
             WindTooStrong: a vehicle has taken off, and feels more wind than its limit.
             FleetTaken: somebody has taken the fleet; nothing was sent, or it was replaced.
         """
+        self.check_not_ended()
         if self.is_closed and not intent.brings_down:
             # A Python mission has caught its cancellation, or one of its tasks goes on: it waits
             # here until it is cancelled again.
@@ -182,6 +185,18 @@ class MissionGround:
         if isinstance(intent, Takeoff):
             await hover_check(lambda: client.state, results, self.say)
         return results
+
+    def check_not_ended(self) -> None:
+        """Refuse what a script wants of its fleet after the end of its connection.
+
+        Raises:
+            ConfigError: the connection has ended.
+        """
+        if self.has_ended:
+            raise ConfigError(
+                "The script's flight has ended, because its connection is closed. Order inside the "
+                "block of Fleet.connect or BlockingFleet."
+            )
 
     def _without_other_ends(self, intent: Intent) -> Intent:
         """Return an order without vehicles that have come down unnoticed before it was given.

@@ -645,6 +645,7 @@ class Group:
             at: wall-clock time at which they start; empty: at once.
             timeout_s: longest flight along the paths [s]; None: their own duration plus a minute.
         """
+        self.ground.check_not_ended()
         if timeout_s is not None:
             check_timeout(timeout_s, "follow_path")
         self.select(list(paths))  # raises ConfigError for a vehicle outside this group
@@ -715,6 +716,7 @@ class Group:
             ConfigError: the leader or a follower does not report where it is, or the duration is
                 infinite or no number.
         """
+        self.ground.check_not_ended()
         _check_duration(duration_s, "follow")
         (leader,) = vehicles_at([leader], self.state)  # the spare, if the leader was swapped
         if offsets is None:
@@ -763,6 +765,7 @@ class Group:
         Raises:
             ConfigError: the duration is infinite or no number.
         """
+        self.ground.check_not_ended()
         _check_duration(duration_s, "wait")
         await asyncio.sleep(duration_s)
 
@@ -777,6 +780,7 @@ class Group:
             ConfigError: the text is not a time, or the time is in the past or too far ahead.
             CountdownEnded: an operator has stopped it, clocks differ, or a clock was set.
         """
+        self.ground.check_not_ended()
         start = self._time_of(at)
         if start is not None:
             await self.ground.wait_for_time(start, self.names)
@@ -806,6 +810,7 @@ class Group:
             ConditionTimeout: the condition does not hold in time.
             ConfigError: it is no condition, or the timeout is no number.
         """
+        self.ground.check_not_ended()
         _check_condition(condition)
         check_timeout(timeout_s, "until")
         client = self.client
@@ -849,6 +854,7 @@ class Group:
                 is raised.
             ends: whether the block is cancelled before the reaction; the mission goes on after it.
         """
+        self.ground.check_not_ended()
         _check_condition(condition)
         body = asyncio.current_task()  # runs the block
         assert body is not None

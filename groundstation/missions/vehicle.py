@@ -116,6 +116,7 @@ class MissionVehicle(Group):
         Raises:
             ConfigError: the timeout is no number.
         """
+        self.ground.check_not_ended()
         check_timeout(timeout_s, "reached")
         client = self.client
         arrival = conditions.reached({self.name: position_enu_m}, within_m)

@@ -1,0 +1,81 @@
+"""Scripts connect with a flight: what they may order after the end of their connection."""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import AsyncIterator, Awaitable, Callable, Iterator
+from typing import Any
+
+import numpy as np
+import pytest
+
+from groundstation.client.client import FleetClient
+from groundstation.missions.api import Fleet
+from groundstation.missions.conditions import flying
+from groundstation.missions.connection import hosted
+from groundstation.paths.pieces import fitted
+from groundstation.verdict.observations import FlightObservations
+from onboard.config.fleet import ConfigError, FleetConfig
+
+
+class ClientHost:
+    """A flight whose client stays open after the end of a script, as in lockstep."""
+
+    def __init__(self, config: FleetConfig, client: FleetClient) -> None:
+        self.config = config
+        self.ready_timeout_s = 5.0
+        self.say = lambda line: None
+        self.flown: FlightObservations | None = None
+        self.at_end = "land"
+        self._client = client
+
+    @contextlib.asynccontextmanager
+    async def opened(self) -> AsyncIterator[FleetClient]:
+        """Return the client."""
+        yield self._client
+
+
+@pytest.fixture
+def host(fleet: FleetConfig, client: Any) -> Iterator[ClientHost]:
+    """The flight with which scripts connect."""
+    host: Any = ClientHost(fleet, client)
+    with hosted(host):
+        yield host
+
+
+async def _react(flown: Fleet) -> None:
+    async with flown.reacting(flying(), flown.hold):
+        pass
+
+
+PATHS = {"mav0": fitted(np.arange(5.0), np.array([[0.0, 0.0, 1.0, 0.0]] * 5))}
+VERBS: dict[str, Callable[[Fleet], Awaitable[object]]] = {
+    "takeoff": lambda flown: flown.takeoff(1.0),
+    "land": lambda flown: flown.land(),
+    "go_to": lambda flown: flown["mav0"].go_to((0.0, 0.0, 1.0)),
+    "waves": lambda flown: flown.takeoff(1.0, by=1),
+    "follow_path": lambda flown: flown.follow_path(PATHS),
+    "follow": lambda flown: flown.follow("mav0", 1.0),
+    "wait": lambda flown: flown.wait(0.1),
+    "countdown": lambda flown: flown.countdown("21:30:00"),
+    "until": lambda flown: flown.until(flying(), 0.1),
+    "reacting": _react,
+    "reached": lambda flown: flown["mav0"].reached((0.0, 0.0, 0.0), timeout_s=0.1),
+    "ready": lambda flown: flown.ready(0.1),
+    "fault": lambda flown: flown.fault("motor_weak", "mav0"),
+    "land_all": lambda flown: flown.land_all(),
+    "leave": lambda flown: flown.leave("home"),
+}
+
+
+@pytest.mark.usefixtures("host")
+async def test_every_verb_is_refused_after_the_end_of_the_connection(bus: Any) -> None:
+    async with Fleet.connect() as flown:
+        await flown.takeoff(1.0)
+    assert [order.kind for _, order in bus.orders] == ["takeoff"] * 3 + ["land"] * 3
+
+    for verb in VERBS.values():
+        with pytest.raises(ConfigError, match="The script's flight has ended"):
+            await verb(flown)
+    assert len(bus.orders) == 6
+    assert flown["mav0"].position_enu_m is not None, "what is known can still be read"
