@@ -20,7 +20,12 @@ from typing import Literal
 from groundstation.client.client import FleetClient
 from groundstation.fleet.places import vehicles_at
 from groundstation.fleet.state import FleetState, Separation
-from groundstation.missions.connection import host_of, script_name
+from groundstation.missions.connection import (
+    check_first_connection,
+    host_of,
+    note_connection,
+    script_name,
+)
 from groundstation.missions.ground import MissionGround
 from groundstation.missions.group import Group, check_timeout
 from groundstation.missions.landing import land_all
@@ -77,9 +82,11 @@ class Fleet(Group):
             The fleet.
 
         Raises:
-            ConfigError: no fleet file, or a wrong one.
+            ConfigError: no fleet file, or a wrong one; or the second connection of a script that
+                has a verdict.
             NotReady: a vehicle is not ready in time.
         """
+        check_first_connection()
         host = host_of(fleet)
         host.at_end = at_end
         if ready_timeout_s is None:
@@ -98,6 +105,7 @@ class Fleet(Group):
                 if ready_timeout_s != 0.0:
                     await flown.ready(ready_timeout_s)
                 flown.ground.watch.begin()
+                note_connection()
                 yield flown
             finally:
                 has_begun = flown.ground.watch.has_begun

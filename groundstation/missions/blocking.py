@@ -19,7 +19,12 @@ from types import TracebackType
 from typing import Any, TypeVar
 
 from groundstation.missions.api import AtEnd, Fleet
-from groundstation.missions.connection import Host, close_at_end, host_of
+from groundstation.missions.connection import (
+    Host,
+    check_first_connection,
+    close_at_end,
+    host_of,
+)
 from groundstation.missions.group import Group
 from groundstation.missions.lasting_output import end_signals
 from onboard.config.fleet import FleetConfig
@@ -65,7 +70,8 @@ class BlockingFleet(_Blocking):
         ready_timeout_s: longest wait for the vehicles [s]; 0: no wait; None: the host decides.
 
     Raises:
-        ConfigError: no fleet file, or a wrong one.
+        ConfigError: no fleet file, or a wrong one; or the second connection of a script that has a
+            verdict.
         NotReady: a vehicle is not ready in time.
     """
 
@@ -78,6 +84,7 @@ class BlockingFleet(_Blocking):
         at_end: AtEnd = "land",
         ready_timeout_s: float | None = None,
     ) -> None:
+        check_first_connection()  # before this one would be closed at the end
         host = host_of(fleet)
         # `close` needs these already while the fleet waits for its vehicles.
         self._host = host

@@ -52,7 +52,14 @@ class Host(Protocol):
         """Finish the record and return how it has ended; None if nothing was recorded."""
 
 
+class _Script:
+    """A script that :func:`run_script` runs, with a record and a verdict."""
+
+    has_connected = False  # whether its first connection has begun
+
+
 _hosts: list[Host] = []  # hosts that have been set; the last one is in force
+_scripts: list[_Script] = []  # scripts under way; the last one connects
 _to_close: list[Callable[[], None]] = []  # connections of blocking scripts
 
 
@@ -89,6 +96,8 @@ def run_script(path: str | Path, arguments: Sequence[str], host: Host) -> None:
     """
     former_argv = sys.argv
     former_sys_path = list(sys.path)
+    script = _Script()
+    _scripts.append(script)
     sys.argv = [str(path), *arguments]
     sys.path.insert(0, str(Path(path).resolve().parent))
     try:
@@ -98,8 +107,28 @@ def run_script(path: str | Path, arguments: Sequence[str], host: Host) -> None:
             finally:
                 close_all()
     finally:
+        _scripts.remove(script)
         sys.argv = former_argv
         sys.path[:] = former_sys_path
+
+
+def check_first_connection() -> None:
+    """Refuse a second connection of a script, whose record and verdict are of one.
+
+    Raises:
+        ConfigError: the script that runs has connected before.
+    """
+    if _scripts and _scripts[-1].has_connected:
+        raise ConfigError(
+            "The script has connected with its fleet before. Its record and its verdict are of one "
+            "connection: fly everything in one block of Fleet.connect, or in several scripts."
+        )
+
+
+def note_connection() -> None:
+    """Note that the connection of a script has begun."""
+    if _scripts:
+        _scripts[-1].has_connected = True
 
 
 @contextlib.contextmanager

@@ -5,6 +5,7 @@ time.
 from __future__ import annotations
 
 import math
+import textwrap
 from pathlib import Path
 from typing import Any
 
@@ -154,6 +155,36 @@ def test_a_test_connects_with_its_own_flight(lockstep: Any) -> None:
     assert flight.flown.is_left_flying
     with pytest.raises(ConfigError, match="Which fleet"):
         host_of(None)
+
+
+TWICE = {
+    "one after the other": """
+        async def main():
+            for _ in range(2):
+                async with Fleet.connect(ready_timeout_s=0.0):
+                    print("connected")
+
+        asyncio.run(main())
+    """,
+    "at once": """
+        first = BlockingFleet(ready_timeout_s=0.0)
+        print("connected")
+        second = BlockingFleet(ready_timeout_s=0.0)
+    """,
+}
+
+
+@pytest.mark.parametrize("body", TWICE.values(), ids=TWICE)
+def test_a_script_connects_once_because_its_record_and_its_verdict_are_of_one_connection(
+    lockstep: Any, tmp_path: Path, capsys: pytest.CaptureFixture[str], body: str
+) -> None:
+    head = "import asyncio\nfrom groundstation import BlockingFleet, Fleet\n"
+    script = _script(tmp_path, head + textwrap.dedent(body))
+    flight = lockstep(PAPER, seed=3)
+    for _ in range(2):  # a second script of the same flight has a connection of its own
+        with pytest.raises(ConfigError, match="The script has connected with its fleet before"):
+            flight.run_script(script)
+        assert capsys.readouterr().out == "connected\n"
 
 
 @pytest.mark.long
