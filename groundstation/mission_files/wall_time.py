@@ -153,9 +153,11 @@ def time_words(time_s: float) -> str:
 
 def _parsed(written: str) -> tuple[datetime.date | None, datetime.time]:
     """Return the date and the time of day in a text; the date is None if the text has none."""
-    match = _FORMAT.fullmatch(written.strip())
+    match = None
+    if isinstance(written, str):  # a Python mission may give anything
+        match = _FORMAT.fullmatch(written.strip())
     problem = ConfigError(
-        f"'{written[:40]}' is no time of day. Write 21:30, 21:30:00, or with a date and a zone "
+        f"'{written!s:.40}' is no time of day. Write 21:30, 21:30:00, or with a date and a zone "
         "2026-11-26 21:30:00+01:00."
     )
     if match is None:

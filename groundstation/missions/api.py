@@ -14,12 +14,14 @@ import asyncio
 import contextlib
 import itertools
 from collections.abc import AsyncIterator, Callable, Sequence
+from numbers import Real
 from pathlib import Path
 from typing import Literal
 
 from groundstation.client.client import FleetClient
 from groundstation.fleet.places import vehicles_at
 from groundstation.fleet.state import FleetState, Separation
+from groundstation.missions.argument_checks import check_duration, check_timeout
 from groundstation.missions.connection import (
     check_first_connection,
     host_of,
@@ -27,7 +29,7 @@ from groundstation.missions.connection import (
     script_name,
 )
 from groundstation.missions.ground import MissionGround
-from groundstation.missions.group import Group, check_timeout
+from groundstation.missions.group import Group
 from groundstation.missions.landing import land_all
 from groundstation.missions.readiness import NotReady as NotReady  # missions import it from here
 from groundstation.missions.readiness import is_ready, not_ready
@@ -293,9 +295,16 @@ class Fleet(Group):
             parameters: parameters of this fault.
 
         Raises:
+            ConfigError: a time is negative or no number, or a parameter is neither number nor text.
             FaultRefused: the fault is impossible, or this flight is not simulated.
         """
         self.ground.check_not_ended()
+        check_duration(after_s, "fault")
+        check_duration(duration_s, "fault")
+        for key, value in parameters.items():
+            if not isinstance(value, Real | str):
+                raise ConfigError(f"fault: {key} is {value!r:.80}. Give a number or a text.")
+
         when = ""
         if after_s > 0.0:
             when = f" in {after_s:g} s"

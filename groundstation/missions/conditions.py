@@ -14,6 +14,7 @@ from typing import NamedTuple
 
 from groundstation.fleet.places import by_vehicle, out_of_service, vehicles_at
 from groundstation.fleet.state import FleetState, LoggedEvent, VehicleView
+from groundstation.missions.argument_checks import as_position, check_number
 from onboard.config.fleet import ConfigError
 from onboard.config.pair_separation import separation_m
 from onboard.tuples import Xyz
@@ -54,6 +55,8 @@ def reached(goals: Mapping[str, Xyz], within_m: float = ARRIVED_M) -> WaitCondit
         goals: goal of each vehicle [m], ENU.
         within_m: distance from the goal that counts as arrived [m].
     """
+    check_number(within_m, "reached", "metres")
+    goals = {name: as_position(goal, "reached") for name, goal in goals.items()}
 
     def distances_m(moment: FleetMoment) -> dict[str, float]:
         """Return the distance of each vehicle; infinite where its position is not known."""
@@ -85,6 +88,7 @@ def separation_above(distance_m: float) -> WaitCondition:
     Args:
         distance_m: distance between centres [m].
     """
+    check_number(distance_m, "separation_above", "metres")
     return WaitCondition(
         f"all more than {distance_m:g} m apart",
         lambda moment: _closest_m(moment) > distance_m,
@@ -98,6 +102,7 @@ def separation_below(distance_m: float) -> WaitCondition:
     Args:
         distance_m: distance between centres [m].
     """
+    check_number(distance_m, "separation_below", "metres")
     return WaitCondition(
         f"two less than {distance_m:g} m apart",
         lambda moment: _closest_m(moment) < distance_m,
@@ -112,6 +117,7 @@ def battery_below(percent: float, vehicles: Iterable[str] | str | None = None) -
         percent: limit in percent of a full battery.
         vehicles: names, or one; None: any vehicle.
     """
+    check_number(percent, "battery_below", "percent")
     names = _names(vehicles)
 
     def least_pct(moment: FleetMoment) -> float:
@@ -191,21 +197,21 @@ def event(code: str, vehicles: Iterable[str] | str | None = None) -> WaitConditi
     """
     names = _names(vehicles)
 
-    def is_meant(logged: LoggedEvent, state: FleetState) -> bool:
-        is_warning = logged.event.severity in ("warning", "critical")
-        has_code = logged.event.code == code
+    def has_code(logged: LoggedEvent) -> bool:
         if code == "*":
-            has_code = is_warning
-        is_about_these = True
-        if names is not None:
-            is_about_these = logged.event.vehicle in vehicles_at(names, state)
-        return has_code and is_about_these
+            return logged.event.severity in ("warning", "critical")
+        return logged.event.code == code
 
     def has_come(moment: FleetMoment) -> bool:
-        return any(
-            logged.received_ns >= moment.begin_ns and is_meant(logged, moment.state)
+        events = [
+            logged
             for logged in moment.state.events
-        )
+            if logged.received_ns >= moment.begin_ns and has_code(logged)
+        ]
+        if names is None:
+            return bool(events)
+        views = _views(moment, names)
+        return any(logged.event.vehicle in views for logged in events)
 
     return WaitCondition(
         f"event '{code}' of {_vehicle_words(names)}", has_come, lambda _: "none has come"

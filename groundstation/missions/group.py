@@ -11,8 +11,7 @@ import asyncio
 import contextlib
 import math
 from collections.abc import AsyncIterator, Awaitable, Callable, Mapping, Sequence
-from numbers import Real
-from typing import NamedTuple
+from typing import NamedTuple, get_args
 
 import numpy as np
 
@@ -26,6 +25,13 @@ from groundstation.mission_files.wall_time import (
     check_wall_time,
     local_now,
     wall_time,
+)
+from groundstation.missions.argument_checks import (
+    as_position,
+    as_positions,
+    check_duration,
+    check_number,
+    check_timeout,
 )
 from groundstation.missions.conditions import (
     ConditionTimeout,
@@ -76,28 +82,6 @@ from onboard.tuples import Xyz
 GoalOrGoals = Xyz | Mapping[str, Xyz]
 
 _EVER_S = 1e9  # timeout of a wait that ends only with its condition
-
-
-def _check_duration(duration_s: object, verb: str) -> None:
-    """Refuse a duration that is infinite or no number."""
-    if not isinstance(duration_s, Real) or not math.isfinite(duration_s):
-        raise ConfigError(
-            f"{verb}: {duration_s!r} is no duration. Give a finite number of seconds."
-        )
-
-
-def check_timeout(timeout_s: object, verb: str) -> None:
-    """Refuse a timeout that is no number; one that is infinite waits for ever.
-
-    Args:
-        timeout_s: longest wait [s], as a mission gives it.
-        verb: name of the method, for the refusal.
-
-    Raises:
-        ConfigError: it is no number.
-    """
-    if not isinstance(timeout_s, Real) or math.isnan(timeout_s):
-        raise ConfigError(f"{verb}: {timeout_s!r} is no timeout. Give a number of seconds.")
 
 
 def _check_condition(condition: object) -> None:
@@ -298,8 +282,17 @@ class Group:
             vehicle: vehicle that is out of service from then on.
             spare: vehicle that takes part instead.
             timeout_s: longest wait [s].
+
+        Raises:
+            ConfigError: they are not two vehicles.
         """
-        intent = Swap(vehicles=self.config.select([vehicle, spare]))
+        names = self.config.select(as_names([vehicle, spare]))
+        if len(names) != 2:
+            raise ConfigError(
+                f"A swap is of two vehicles, and this one names {', '.join(names)}. Name the "
+                "vehicle and its spare."
+            )
+        intent = Swap(vehicles=names)
         results = await self.order(intent, timeout_s)
         if len(_done_by(results)) < len(results):
             return results  # each keeps its place, and the mission goes on without who refused
@@ -423,8 +416,12 @@ class Group:
             height_m: height in the fleet frame, like the third coordinate of every goal [m].
 
         Raises:
-            ConfigError: the fleet file has no origin, or the position is too far from the origin.
+            ConfigError: the fleet file has no origin, the position is too far from the origin, or
+                a value is no finite number.
         """
+        check_number(latitude_deg, "place", "degrees")
+        check_number(longitude_deg, "place", "degrees")
+        check_number(height_m, "place", "metres")
         return goal_enu_m(self.config, latitude_deg, longitude_deg, height_m)
 
     async def formation(
@@ -648,6 +645,8 @@ class Group:
         self.ground.check_not_ended()
         if timeout_s is not None:
             check_timeout(timeout_s, "follow_path")
+        if on_lag not in get_args(OnLag):
+            raise ConfigError(f"on_lag is {on_lag!r:.80}. Write {' or '.join(get_args(OnLag))}.")
         self.select(list(paths))  # raises ConfigError for a vehicle outside this group
         paths = by_vehicle(paths, self.state)
         start = self._time_of(at)
@@ -680,8 +679,10 @@ class Group:
             on_lag: reaction of a vehicle that falls behind for too long; the others go on.
 
         Raises:
-            ConfigError: two successive waypoints are equal, or a vehicle does not fly.
+            ConfigError: two successive waypoints are equal, a vehicle does not fly, or a value is
+                no finite number.
         """
+        check_number(speed_m_s, "fly_through", "metres per second")
         paths = {}
         own_waypoints = by_vehicle(waypoints, self.state)
         for name in self.select(list(own_waypoints)):
@@ -689,7 +690,8 @@ class Group:
             if telemetry is None or not telemetry.is_airborne:
                 raise ConfigError(f"{name} does not fly: order take-off first.")
 
-            points = np.array([telemetry.goal_position_enu_m, *own_waypoints[name]], dtype=float)
+            goals = as_positions(own_waypoints[name], "fly_through")
+            points = np.array([telemetry.goal_position_enu_m, *goals], dtype=float)
             yaw_rad = np.full(len(points), math.radians(telemetry.yaw_deg))
             speeds_m_s = np.full(len(points), speed_m_s)
             try:
@@ -700,26 +702,31 @@ class Group:
         return await self.follow_path(paths, on_lag=on_lag)
 
     async def follow(
-        self, leader: str, duration_s: float, *, offsets: Mapping[str, Xyz] | None = None
+        self, leader: str | int, duration_s: float, *, offsets: Mapping[str, Xyz] | None = None
     ) -> Results:
         """Follow another vehicle for a time, each at its offset; then hold.
 
         The followers hold even when this call is cancelled.
 
         Args:
-            leader: the vehicle that is followed.
+            leader: name or index of the vehicle that is followed.
             duration_s: duration [s].
             offsets: offsets of the followers from the leader [m], ENU; None: the present offsets
                 of all other vehicles of the group.
 
         Raises:
-            ConfigError: the leader or a follower does not report where it is, or the duration is
-                infinite or no number.
+            ConfigError: the leader or a follower does not report where it is, or the duration or
+                an offset is not of finite numbers.
         """
         self.ground.check_not_ended()
-        _check_duration(duration_s, "follow")
-        (leader,) = vehicles_at([leader], self.state)  # the spare, if the leader was swapped
-        if offsets is None:
+        check_duration(duration_s, "follow")
+        leaders = vehicles_at(self.config.select(as_names(leader)), self.state)
+        if len(leaders) != 1:
+            raise ConfigError(f"follow: {', '.join(leaders)} cannot all be followed. Name one.")
+        (leader,) = leaders  # the spare, if the vehicle was swapped
+        if offsets is not None:
+            offsets = {name: as_position(offset, "follow") for name, offset in offsets.items()}
+        else:
             offsets = present_offsets(self.client, leader, self.names)
         offsets = by_vehicle(offsets, self.state)
 
@@ -763,10 +770,10 @@ class Group:
             duration_s: seconds, of vehicle time.
 
         Raises:
-            ConfigError: the duration is infinite or no number.
+            ConfigError: the duration is negative, infinite or no number.
         """
         self.ground.check_not_ended()
-        _check_duration(duration_s, "wait")
+        check_duration(duration_s, "wait")
         await asyncio.sleep(duration_s)
 
     async def countdown(self, at: str | WallTime) -> None:
@@ -789,7 +796,7 @@ class Group:
         """Return a wall-clock time; None if there is no wait for it."""
         if isinstance(at, WallTime):
             return at
-        if not at:
+        if at == "":
             return None
 
         check_wall_time(at)

@@ -10,8 +10,9 @@ from typing import NamedTuple
 
 from groundstation.fleet.state import FleetState, VehicleView
 from groundstation.missions import conditions
+from groundstation.missions.argument_checks import check_timeout
 from groundstation.missions.conditions import ARRIVED_M, FleetMoment
-from groundstation.missions.group import Group, check_timeout
+from groundstation.missions.group import Group
 from onboard.bus.schema import Telemetry
 from onboard.tuples import Xyz
 

@@ -42,6 +42,6 @@ def _as_name(vehicle: object) -> str:
 def _no_name(vehicle: object) -> ConfigError:
     """Return the refusal of what names no vehicle."""
     return ConfigError(
-        f"{vehicle!r:.80} names no vehicle, because it is a {type(vehicle).__name__}. "
+        f"A value of type {type(vehicle).__name__} names no vehicle. "
         'Give names or indices: "mav0,mav2", "0-1", 1, or a list of them.'
     )
