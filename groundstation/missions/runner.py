@@ -496,10 +496,13 @@ class MissionRun:
 
     def _failure_of(self, error: BaseException) -> str:
         """Return what ended the steps, in words; for a mistake of the author, its line."""
-        by_hand = flown_by_hand(self.client)
-        if isinstance(error, OrderFailed) and by_hand:
+        if isinstance(error, OrderFailed):
+            by_hand = flown_by_hand(self.client)
             self._observations.pilots = tuple(by_hand)
-            return pilot_words(by_hand)
+            for name in by_hand:
+                has_failed = name in error.results and not error.results[name].is_done
+                if has_failed and name not in self.fleet.ground.left_out:
+                    return pilot_words(by_hand)
         if isinstance(error, _FAILURES):
             return str(error)
         return _mistake(error, self.mission.path)

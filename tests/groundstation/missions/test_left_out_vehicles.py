@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -220,3 +221,24 @@ async def test_a_vehicle_that_is_left_out_follows_nobody_any_more(
     bus.tell("mav0", position_enu_m=(x, y + 0.5, z))
     await asyncio.wait_for(following, 5.0)
     assert ordered(bus, "move") == ["mav1", "mav2", "mav2"]
+@pytest.mark.parametrize(
+    ("failed", "is_left_out", "words"),
+    [
+        (("mav1",), False, "A pilot has mav1."),
+        (("mav0", "mav1"), False, "A pilot has mav1."),
+        (("mav0",), False, "mav0 failed: The motor is weak."),
+        (("mav0", "mav1"), True, "mav0 failed: The motor is weak."),
+    ],
+)
+async def test_a_pilot_is_named_only_where_his_vehicle_has_ended_the_mission(
+    fleet: FleetConfig, client: Any, bus: Any, failed: Sequence[str], is_left_out: bool, words: str
+) -> None:
+    def say(line: str) -> None:
+        if line.startswith("takeoff") and is_left_out:
+            run.fleet.leave_out("mav1")
+
+    mission = mission_from_mapping({"schema": 1, "step": [UP]}, path="test.toml", fleet=fleet)
+    bus.misbehave = dict.fromkeys(failed, "fail")
+    bus.tell("mav1", is_flown_by_hand=True)
+    run = MissionRun(mission, client, say=say)
+    assert words in (await run.run()).summary
