@@ -119,6 +119,8 @@ class Fleet(Group):
                     state=client.state,
                     steps=flown.steps,
                     arrivals=flown.arrivals,
+                    left_out=flown.ground.left_out_in_service,
+                    left_out_orders=flown.ground.left_out_orders,
                     other_ends=flown.ground.other_ends,
                     begin_ns=begin_ns,
                     end_ns=client.now_ns(),

@@ -69,7 +69,8 @@ class MissionGround:
         # Whether the mission continues with the other vehicles when a vehicle fails.
         self.goes_on_without = False
         self.left_out: set[str] = set()  # failed vehicles, without which the mission continues
-        self.disabled: set[str] = set()  # vehicles in left_out that are out of service
+        # vehicles in left_out that were taken out of service, and had not failed before
+        self.disabled: set[str] = set()
         self.lost: set[str] = set()  # vehicles to whose failure the mission has reacted
         # Sentence of each vehicle that does not fly although its last order left it flying.
         self.other_ends: dict[str, str] = {}
@@ -443,8 +444,23 @@ class MissionGround:
         excluded = out_of_service(self.client.state)
         disabled = [name for name in enabled if name in excluded]
         if len(disabled) < len(enabled):
-            self.disabled.update(disabled)
-            self.leave_out(*disabled)
+            self.note_disabled(disabled)
+
+    def note_disabled(self, names: Iterable[str]) -> None:
+        """Go on without vehicles that were taken out of service.
+
+        Args:
+            names: names of the vehicles. Those that the mission already goes on without have failed
+                before, and the verdict counts them as failed.
+        """
+        newly_disabled = [name for name in names if name not in self.left_out]
+        self.disabled.update(newly_disabled)
+        self.leave_out(*newly_disabled)
+
+    @property
+    def left_out_in_service(self) -> set[str]:
+        """Vehicles that the mission went on without while they were in service."""
+        return self.left_out - self.disabled
 
     def note_lost(self, lost: Mapping[str, str]) -> None:
         """Say which vehicles are lost, and why.

@@ -247,9 +247,7 @@ class Group:
 
     def _note_disabled(self, results: Results) -> None:
         """Go on without the vehicles that are out of service after an order."""
-        disabled = _done_by(results)
-        self.ground.disabled.update(disabled)
-        self.ground.leave_out(*disabled)
+        self.ground.note_disabled(_done_by(results))
 
     async def enable(self, vehicles: Vehicles, *, timeout_s: float = 5.0) -> Results:
         """Let vehicles that were disabled take part in flights again.
@@ -302,8 +300,7 @@ class Group:
             return intent.swapped in excluded and intent.spare not in excluded
 
         await self.client.wait_for(is_reported, timeout_s)
-        self.ground.disabled.add(intent.swapped)
-        self.ground.leave_out(intent.swapped)
+        self.ground.note_disabled([intent.swapped])
         self.ground.disabled.discard(intent.spare)
         self.ground.left_out.discard(intent.spare)
         return results

@@ -294,8 +294,7 @@ class MissionRun:
     def flown(self) -> FlightObservations:
         """Return what was observed of the flight so far."""
         self._observations.state = self.client.state
-        # The verdict does not count vehicles that were out of service from the beginning.
-        self._observations.left_out = self.fleet.ground.left_out - self.fleet.ground.disabled
+        self._observations.left_out = self.fleet.ground.left_out_in_service
         self._observations.other_ends = self.fleet.ground.other_ends
         self._observations.left_out_orders = self.fleet.ground.left_out_orders
         return self._observations
@@ -456,7 +455,7 @@ class MissionRun:
 
     async def _land_left_out(self) -> None:
         """Land the vehicles that the mission has gone on without."""
-        left_out = self.fleet.ground.left_out - self.fleet.ground.disabled
+        left_out = self.fleet.ground.left_out_in_service
         if left_out:
             await self.fleet.land_all(LAND_TIMEOUT_S, names=sorted(left_out))
 

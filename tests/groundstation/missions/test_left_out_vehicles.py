@@ -4,17 +4,27 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Sequence
+import contextlib
+from collections.abc import AsyncIterator, Sequence
+from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
 
+from groundstation.client.client import FleetClient
 from groundstation.formations.slots import formation_slots
-from groundstation.mission_files.loading import mission_from_mapping
+from groundstation.mission_files.loading import load_mission, mission_from_mapping
+from groundstation.missions import runner
 from groundstation.missions.api import Fleet
+from groundstation.missions.connection import hosted
 from groundstation.missions.runner import MissionRun
 from groundstation.paths.pieces import fitted
 from onboard.config.fleet import ConfigError, FleetConfig
+from groundstation.verdict.expectations import Expect
+from groundstation.verdict.verdict import judge
+from onboard.config.fleet import FleetConfig
 
 UP = {"do": "takeoff", "height_m": 1.0}
 HALT = {"do": "move", "vehicles": ["mav0"], "position_enu_m": [0, 0, 1.5], "timeout_s": 0.2}
@@ -242,3 +252,39 @@ async def test_a_pilot_is_named_only_where_his_vehicle_has_ended_the_mission(
     bus.tell("mav1", is_flown_by_hand=True)
     run = MissionRun(mission, client, say=say)
     assert words in (await run.run()).summary
+
+
+async def _fly_without_one(flown: Fleet, bus: Any) -> None:
+    """Fly without mav1, which fails to take off, and take it out of service."""
+    flown.ground.goes_on_without = True
+    bus.misbehave = {"mav1": "fail"}
+    await flown.takeoff(1.0)
+    bus.misbehave = {}
+    await flown.disable("mav1")
+    await flown.land()
+
+
+async def test_a_script_passes_without_a_vehicle_as_a_mission_does(client: Any, bus: Any) -> None:
+    @contextlib.asynccontextmanager
+    async def opened() -> AsyncIterator[FleetClient]:
+        yield client
+
+    host: Any = SimpleNamespace(say=print, ready_timeout_s=5.0, opened=opened)
+    with hosted(host):
+        async with Fleet.connect() as flown:
+            await _fly_without_one(flown, bus)
+    verdict = judge(host.flown, Expect())
+    assert verdict.passed, verdict.summary
+
+
+async def test_a_vehicle_that_failed_counts_as_failed_also_when_it_is_disabled_later(
+    fleet: FleetConfig, client: Any, bus: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    async def fly(flown: Fleet) -> None:
+        await _fly_without_one(flown, bus)
+
+    monkeypatch.setattr(runner, "load_function", lambda _: fly)
+    path = tmp_path / "mission.py"
+    path.write_text("async def mission(fleet):\n    ...\n", encoding="utf-8")
+    verdict = await MissionRun(load_mission(path, fleet=fleet), client).run()
+    assert verdict.passed, verdict.summary
