@@ -179,10 +179,7 @@ class MissionGround:
         if any(result.phase != "refused" for result in results.values()):
             self.has_begun = True
 
-        taken = await self.watch.after_failure(results)
-        if taken is not None:
-            raise FleetTaken(taken)
-        self._go_on_or_fail(intent, results)
+        await self.go_on_or_fail(intent, results)
         if isinstance(intent, Takeoff):
             await hover_check(lambda: client.state, results, self.say)
         return results
@@ -599,8 +596,21 @@ class MissionGround:
             if not result.is_done:
                 self.say(f"  {name} {result.phase}: {result.sentence}")
 
-    def _go_on_or_fail(self, intent: Intent, results: Results) -> None:
-        """Leave out the vehicles that failed, or fail the order when no vehicle would be left."""
+    async def go_on_or_fail(self, intent: Intent, results: Results) -> None:
+        """Leave out the vehicles that failed, or fail the order when no vehicle would be left.
+
+        Args:
+            intent: the order.
+            results: results of the order, one per vehicle.
+
+        Raises:
+            OrderFailed: a vehicle did not do it, and the mission does not go on without it.
+            FleetTaken: somebody has taken the fleet, and that is why.
+        """
+        taken = await self.watch.after_failure(results)
+        if taken is not None:
+            raise FleetTaken(taken)
+
         failed = [
             name
             for name, result in results.items()

@@ -630,7 +630,9 @@ class Group:
     ) -> Results:
         """Let each vehicle follow its own path; all start at the same instant.
 
-        Before that, the vehicles fly to the first points of their paths.
+        Before that, the vehicles fly to the first points of their paths. A vehicle that leaves its
+        path fails in the results only: the others go on. ``OrderFailed`` comes when no vehicle has
+        arrived, or when the time is over.
 
         Args:
             paths: paths of vehicles, see :func:`groundstation.paths.path_files.load_path`.

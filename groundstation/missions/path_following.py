@@ -61,6 +61,7 @@ class PathGround(Protocol):
     say: Callable[[str], None]
     pause_line: str
     left_out: set[str]
+    goes_on_without: bool
 
     async def order(
         self, intent: Intent, timeout_s: float, *, may_be_left_out: bool = True
@@ -75,6 +76,9 @@ class PathGround(Protocol):
 
     def counting(self, at: WallTime, names: Sequence[str]) -> AbstractContextManager[Countdown]:
         """Begin a countdown, which ends with the block."""
+
+    async def go_on_or_fail(self, intent: Intent, results: Results) -> None:
+        """Leave out the vehicles that failed, or fail the order when no vehicle would be left."""
 
     def add_arrival(self, step: str, name: str, goal: Xyz) -> None:
         """Note how far a vehicle is from its goal now."""
@@ -107,8 +111,9 @@ async def follow_paths(
         others go on. A vehicle that is left out before the start does not start.
 
     Raises:
-        OrderFailed: a vehicle does not accept its path or its start, so no vehicle starts; or all
-            were brought home in a pause.
+        OrderFailed: a vehicle does not accept its path or its start, so no vehicle starts; all were
+            brought home in a pause; or no vehicle has followed its path to the end, or one still
+            follows it after the timeout, and the mission does not go on without them.
         CountdownEnded: the countdown ended before the start, so no vehicle starts.
     """
 
@@ -164,6 +169,11 @@ async def follow_paths(
             ground.say(f"  {name} {result.phase}: {result.sentence}")
     if duration_s > AHEAD_S:
         ground.say(f"  followed in {duration_s - AHEAD_S:.1f} s")
+
+    is_followed = any(result.is_done for result in results.values())
+    is_in_time = all(result.phase != "unfinished" for result in results.values())
+    if ground.goes_on_without or not is_followed or not is_in_time:
+        await ground.go_on_or_fail(order.intent, results)
     return results
 
 
@@ -193,7 +203,7 @@ async def _watched_end_of(
 
     while True:
         wait_begin_ns = client.now_ns()
-        results = await order.wait(min(_LOOK_S, remaining_s))
+        await order.wait(min(_LOOK_S, remaining_s))
         if order.is_final:
             return dict(order.results)
 
@@ -214,7 +224,7 @@ async def _watched_end_of(
             watch.hide()
             remaining_s -= (client.now_ns() - wait_begin_ns) * 1e-9
         if remaining_s <= 0.0:
-            return results
+            return order.unfinished_after(timeout_s)
 
 
 def _is_following(state: FleetState, name: str) -> bool:

@@ -167,11 +167,20 @@ class OrderResult:
                     self._changed.clear()
                     await self._changed.wait()
         except TimeoutError:
-            return {
-                name: _unfinished(result, f"not finished within {timeout_s:g} s")
-                for name, result in self.results.items()
-            }
+            assert timeout_s is not None
+            return self.unfinished_after(timeout_s)
         return dict(self.results)
+
+    def unfinished_after(self, timeout_s: float) -> Results:
+        """Return the results after a wait: an order that is still open is ``unfinished``.
+
+        Args:
+            timeout_s: duration of the wait [s].
+        """
+        return {
+            name: _unfinished(result, f"not finished within {timeout_s:g} s")
+            for name, result in self.results.items()
+        }
 
 
 def _unfinished(result: VehicleResult, limit: str) -> VehicleResult:
