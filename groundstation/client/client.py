@@ -605,6 +605,14 @@ class FleetClient:
         """Hold the first formation of the fleet file again, as before the first order."""
         self._held = HeldFormation(default_formation(self.fleet))
 
+    def hold_formation(self, held: HeldFormation) -> None:
+        """Hold a formation that vehicles have taken up along paths.
+
+        Args:
+            held: the formation at the end of the paths.
+        """
+        self._held = held
+
     def forget_distances(self) -> None:
         """Forget the smallest distances so far; a mission counts only its own."""
         self._state = without_distances(self._state)

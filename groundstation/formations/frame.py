@@ -15,7 +15,12 @@ import msgspec
 import numpy as np
 
 from groundstation.formations.assignment import nearest_slots
-from groundstation.formations.slots import formation_names, formation_slots, stretched
+from groundstation.formations.slots import (
+    HeldFormation,
+    formation_names,
+    formation_slots,
+    stretched,
+)
 from groundstation.paths.checks import limits_of, needed_slowing, sample
 from groundstation.paths.pieces import GRID_S, fitted, slowed
 from onboard.arrays import Array
@@ -53,6 +58,19 @@ class Begin(msgspec.Struct, frozen=True, kw_only=True):
     leader: str | None = None
 
 
+class FormationPaths(dict[str, Path]):
+    """Paths of the vehicles of a formation, and the formation in which they end.
+
+    Args:
+        paths: path of each vehicle.
+        end: formation at the end of the paths.
+    """
+
+    def __init__(self, paths: Mapping[str, Path], end: HeldFormation) -> None:
+        super().__init__(paths)
+        self.end = end
+
+
 class _Keyframe(NamedTuple):
     """The frame of a formation at one point of its way."""
 
@@ -61,6 +79,7 @@ class _Keyframe(NamedTuple):
     centre_enu_m: Xyz
     angle_rad: float
     slots: dict[str, Xyz]  # vehicle -> its offset [m] within the frame
+    takes: Mapping[str, str]  # vehicle -> the vehicle whose slot it flies in
     time_s: float
 
     @property
@@ -74,7 +93,7 @@ def frame_paths(
     begin: Begin,
     points: Sequence[FramePoint],
     positions: Mapping[str, Xyz] | None = None,
-) -> dict[str, Path]:
+) -> FormationPaths:
     """Return the path of each vehicle of a formation whose frame flies through points.
 
     All paths begin and end at rest.
@@ -87,7 +106,7 @@ def frame_paths(
             later shapes as well. None: each vehicle has its own slots, as always with a leader.
 
     Returns:
-        Paths with a common start.
+        Paths with a common start, and the formation at their end.
 
     Raises:
         ConfigError: a formation does not exist or has no slot for a vehicle, or the way has no
@@ -105,10 +124,11 @@ def frame_paths(
         positions = None
     slots = _slots(fleet, begin.name, begin.spacing_m, begin.leader)
     names = list(slots)
+    takes = {vehicle: vehicle for vehicle in names}
     if positions is not None:
         turned = stretched(slots, None, begin.rotation_deg)
-        slot_of = nearest_slots(turned, positions, begin.position_enu_m)
-        slots = {vehicle: slots[slot_of[vehicle]] for vehicle in names}
+        takes = nearest_slots(turned, positions, begin.position_enu_m)
+        slots = {vehicle: slots[takes[vehicle]] for vehicle in names}
 
     keyframes = [
         _Keyframe(
@@ -117,6 +137,7 @@ def frame_paths(
             centre_enu_m=begin.position_enu_m,
             angle_rad=math.radians(begin.rotation_deg),
             slots=slots,
+            takes=takes,
             time_s=0.0,
         )
     ]
@@ -142,7 +163,17 @@ def frame_paths(
         factor, _ = needed_slowing(sample(paths), limits_of(fleet, names))
         factor = _SLOWING_MARGIN * max(factor, 1.0)
         paths = {vehicle: slowed(path, factor) for vehicle, path in paths.items()}
-    return paths
+    return FormationPaths(paths, _held(keyframes[-1]))
+
+
+def _held(keyframe: _Keyframe) -> HeldFormation:
+    """Return the formation at a keyframe, which moves and rotations after it keep."""
+    return HeldFormation(
+        name=keyframe.name,
+        spacing_m=keyframe.spacing_m,
+        rotation_deg=math.remainder(math.degrees(keyframe.angle_rad), 360.0),
+        takes=keyframe.takes,
+    )
 
 
 def _reached(
@@ -177,11 +208,11 @@ def _reached(
     slots = _slots(fleet, name, spacing_m, begin.leader)
     if set(slots) != set(before.slots):
         raise ConfigError(f"Formation '{name}' has slots for other vehicles than '{begin.name}'.")
-    slot_of = {vehicle: vehicle for vehicle in before.slots}
+    takes = {vehicle: vehicle for vehicle in before.slots}
     if is_assigned:
-        slot_of = nearest_slots(slots, before.slots, (0.0, 0.0, 0.0))
-    slots = {vehicle: slots[slot_of[vehicle]] for vehicle in before.slots}
-    return moved._replace(name=name, spacing_m=spacing_m, slots=slots)
+        takes = nearest_slots(slots, before.slots, (0.0, 0.0, 0.0))
+    slots = {vehicle: slots[takes[vehicle]] for vehicle in before.slots}
+    return moved._replace(name=name, spacing_m=spacing_m, slots=slots, takes=takes)
 
 
 def _longest_m(before: _Keyframe, after: _Keyframe) -> float:

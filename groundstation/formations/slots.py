@@ -10,6 +10,7 @@ import functools
 import math
 import os
 from collections.abc import Mapping
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -30,6 +31,20 @@ _PLAIN = {
     "circle": shapes.circle,
     "sphere": shapes.sphere,
 }
+
+
+@dataclass(frozen=True, slots=True)
+class HeldFormation:
+    """The formation that moves of several vehicles keep."""
+
+    name: str | None  # name in the fleet file; None if the file has no formation
+    # distance of the two slots that are nearest to each other; None: as in the fleet file
+    spacing_m: float | None = None
+    rotation_deg: float = 0.0  # rotation from the fleet file's formation, counterclockwise
+    # Vehicles that have exchanged their slots: vehicle -> the vehicle whose slot it flies in.
+    # A vehicle without an entry flies in its own slot. None: nobody has exchanged slots. A spare
+    # has the name of the vehicle that it replaces.
+    takes: Mapping[str, str] | None = None
 
 
 def formation_names(fleet: FleetConfig) -> tuple[str, ...]:

@@ -20,7 +20,7 @@ import numpy as np
 from msgspec import structs
 
 from groundstation.formations.assignment import nearest_slots
-from groundstation.formations.frame import Begin, frame_paths
+from groundstation.formations.frame import Begin, FormationPaths, frame_paths
 from groundstation.formations.slots import formation_names, formation_slots
 from groundstation.mission_files.steps import (
     BlockStep,
@@ -213,8 +213,8 @@ def with_speed(
 
 def formation_paths(
     step: FlyFormationStep, fleet: FleetConfig, positions: Mapping[str, Xyz]
-) -> dict[str, Path]:
-    """Return the paths of a formation's flight.
+) -> FormationPaths:
+    """Return the paths of a formation's flight, and the formation at their end.
 
     Args:
         step: step of a mission file.
@@ -267,6 +267,8 @@ def _course_steps(
     course_fleet.positions.update(course_step.goals)
     if course_step.planned is not None:
         course_fleet.held = course_step.planned.held
+    if isinstance(course_step.paths, FormationPaths):
+        course_fleet.held = course_step.paths.end
     if isinstance(step, Takeoff):
         course_fleet.flying.update(course_step.goals)
     elif isinstance(step, Land | Home):

@@ -19,6 +19,7 @@ from groundstation.client.client import FleetClient
 from groundstation.fleet.places import by_vehicle, out_of_service, vehicles_at
 from groundstation.fleet.state import FleetState
 from groundstation.fleet.stoppable import stoppable
+from groundstation.formations.frame import FormationPaths
 from groundstation.formations.slots import formation_names, formation_slots
 from groundstation.mission_files.wall_time import (
     WallTime,
@@ -632,10 +633,12 @@ class Group:
 
         Before that, the vehicles fly to the first points of their paths. A vehicle that leaves its
         path fails in the results only: the others go on. ``OrderFailed`` comes when no vehicle has
-        arrived, or when the time is over.
+        arrived, or when the time is over. After the paths of a formation, the present formation is
+        the one at their end.
 
         Args:
-            paths: paths of vehicles, see :func:`groundstation.paths.path_files.load_path`.
+            paths: paths of vehicles, see :func:`groundstation.paths.path_files.load_path`, or of a
+                formation, see :func:`groundstation.formations.frame.frame_paths`.
             lights: colours of vehicles, see :func:`groundstation.paths.lights.load_lights`.
             on_lag: reaction of a vehicle that falls behind for too long; the others go on.
             at: wall-clock time at which they start; empty: at once.
@@ -647,6 +650,9 @@ class Group:
         if on_lag not in get_args(OnLag):
             raise ConfigError(f"on_lag is {on_lag!r:.80}. Write {' or '.join(get_args(OnLag))}.")
         self.select(list(paths))  # raises ConfigError for a vehicle outside this group
+        end = None
+        if isinstance(paths, FormationPaths):
+            end = paths.end
         paths = by_vehicle(paths, self.state)
         start = self._time_of(at)
 
@@ -658,7 +664,7 @@ class Group:
             if refused:
                 raise ConfigError(refused[0])
 
-        return await follow_paths(
+        results = await follow_paths(
             self.ground,
             paths,
             lights=by_vehicle(lights or {}, self.state),
@@ -666,6 +672,9 @@ class Group:
             at=start,
             timeout_s=timeout_s,
         )
+        if end is not None and _done_by(results):
+            self.client.hold_formation(end)
+        return results
 
     async def fly_through(
         self, waypoints: Mapping[str, Sequence[Xyz]], *, speed_m_s: float, on_lag: OnLag = "land"

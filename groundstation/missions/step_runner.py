@@ -13,6 +13,7 @@ from msgspec.structs import replace
 
 from groundstation.fleet.places import by_vehicle, place_of, vehicles_at
 from groundstation.fleet.state import FleetState
+from groundstation.formations.frame import FormationPaths
 from groundstation.mission_files.expected_course import (
     CourseStep,
     formation_paths,
@@ -220,11 +221,14 @@ class StepRunner:
             if not result.has_come_true:
                 raise MissionFailed(f"{key} expected: {result.sentence}")
 
-    def _taking_part(self, paths: Mapping[str, Path]) -> dict[str, Path]:
+    def _taking_part(self, paths: Mapping[str, Path]) -> Mapping[str, Path]:
         """Return the paths without those of vehicles that the mission goes on without."""
         left_out = self._fleet.ground.left_out
-        own_paths = by_vehicle(paths, self._fleet.state)
-        return {name: path for name, path in own_paths.items() if name not in left_out}
+        all_paths = by_vehicle(paths, self._fleet.state)
+        own_paths = {name: path for name, path in all_paths.items() if name not in left_out}
+        if isinstance(paths, FormationPaths):
+            return FormationPaths(own_paths, paths.end)
+        return own_paths
 
     def _positions_of_places(self) -> dict[str, Xyz]:
         """Return the reported positions, by the names that the mission file uses.

@@ -1,34 +1,21 @@
 """The present formation, which the next ``move`` of several vehicles keeps. Pure.
 
 It consists of a name, a spacing, a rotation and a slot for each vehicle. The orders ``formation``
-and ``rotate`` change it as soon as they are sent.
+and ``rotate`` change it as soon as they are sent, and the paths of a formation when they are flown.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 from groundstation.fleet.state import FleetState
+from groundstation.formations.slots import HeldFormation as HeldFormation  # orders import it here
 from groundstation.formations.slots import formation_slots, stretched
 from groundstation.orders.intents import Formation, Intent, Rotate
 from onboard.config.fleet import FleetConfig
 from onboard.tuples import Xyz
-
-
-@dataclass(frozen=True, slots=True)
-class HeldFormation:
-    """The formation that moves of several vehicles keep."""
-
-    name: str | None  # name in the fleet file; None if the file has no formation
-    # distance of the two slots that are nearest to each other; None: as in the fleet file
-    spacing_m: float | None = None
-    rotation_deg: float = 0.0  # rotation from the fleet file's formation, counterclockwise
-    # Vehicles that have exchanged their slots: vehicle -> the vehicle whose slot it flies in.
-    # A vehicle without an entry flies in its own slot. None: nobody has exchanged slots. A spare
-    # has the name of the vehicle that it replaces.
-    takes: Mapping[str, str] | None = None
 
 
 def held_after(intent: Intent, held: HeldFormation) -> HeldFormation:

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 from typing import Any
+
+import pytest
 
 from groundstation.formations.slots import formation_names, formation_slots
 from groundstation.mission_files.loading import mission_from_mapping
@@ -14,6 +17,17 @@ from tests.groundstation.console.test_mission_orders import Worker
 
 HOP: list[dict[str, Any]] = [{"do": "takeoff", "height_m": 1.0}, {"do": "land"}]
 LINE = {"shape": "line", "spacing_m": 1.5}
+TURN: list[dict[str, Any]] = [
+    HOP[0],
+    {
+        "do": "fly_formation",
+        "name": "ring",
+        "position_enu_m": [0, 0, 1],
+        "to": [{"turn_deg": 60.0, "duration_s": 30.0}],
+    },
+    {"do": "rotate", "angle_deg": 5.0},
+    HOP[1],
+]
 
 
 def test_a_formation_of_a_mission_replaces_that_of_the_fleet_file(fleet: FleetConfig) -> None:
@@ -59,3 +73,38 @@ async def test_an_order_that_was_planned_earlier_leaves_the_formation_as_it_is_n
     held = client.plan("hold all").held
     assert held.rotation_deg == 30.0
     assert held.spacing_m == 2.5
+
+
+def test_the_plan_rotates_the_formation_at_the_end_of_its_paths(fleet: FleetConfig) -> None:
+    mission = mission_from_mapping(
+        {"schema": 1, "step": TURN, "formations": {"ring": {"shape": "circle"}}},
+        path="test.toml",
+        fleet=fleet,
+    )
+    rotation = list(mission.course())[2]
+    for name, (x, y, _) in rotation.positions.items():
+        goal_x, goal_y, _ = rotation.goals[name]
+        turned_deg = math.degrees(math.atan2(goal_y, goal_x) - math.atan2(y, x))
+        assert math.remainder(turned_deg, 360.0) == pytest.approx(5.0, abs=0.1)
+
+
+@pytest.mark.parametrize("is_done", [True, False])
+async def test_the_present_formation_is_the_one_at_the_end_of_paths_that_were_flown(
+    fleet: FleetConfig, client: Any, bus: Any, is_done: bool
+) -> None:
+    def say(line: str) -> None:
+        if line.startswith("goto") and not is_done:
+            bus.accept_only = {"follow_path"}
+
+    step = {**TURN[1], "timeout_s": 0.1}
+    mission = mission_from_mapping(
+        {"schema": 1, "step": [HOP[0], step], "formations": {"ring": {"shape": "circle"}}},
+        path="test.toml",
+        fleet=fleet,
+    )
+    await MissionRun(mission, client, say=say).run()
+    held = client.plan("hold all").held
+    if is_done:
+        assert (held.name, held.rotation_deg) == ("ring", pytest.approx(60.0))
+    else:
+        assert (held.name, held.rotation_deg) == ("triangle", 0.0)
