@@ -13,7 +13,9 @@ from groundstation.missions.pause_watch import PauseGround, PauseWatch
 from groundstation.missions.taken import FleetWatch
 from groundstation.orders.battery_reserve import Reserve
 from groundstation.orders.result import OrderFailed
+from onboard.bus.schema import Telemetry
 
+ORDERED = "ordered"  # the reason that a vehicle reports for what an order lets it do
 _LOOK_S = 0.5  # period at which a pause is checked
 _HOME_S = 90.0  # longest wait for vehicles that are brought home
 
@@ -59,16 +61,18 @@ class FollowPause:
                 self._have_followed.add(name)
         return self._watch.weakest_battery(self._names)
 
-    def skipped(self) -> tuple[str, ...]:
-        """Return the vehicles that have followed and now hold, because of an order to skip."""
-        skipped = []
+    def stopped(self) -> dict[str, Telemetry]:
+        """Return the vehicles that have followed and were stopped: name -> telemetry.
+
+        Its reason is ``ORDERED`` for a vehicle that holds because of an order to skip the rest.
+        """
+        stopped = {}
         for name in self._have_followed:
             telemetry = self._ground.client.state.vehicles[name].telemetry
-            if telemetry is None:
+            if telemetry is None or telemetry.follows or telemetry.state == "flying":
                 continue
-            if telemetry.state == "holding" and not telemetry.follows:
-                skipped.append(name)
-        return tuple(skipped)
+            stopped[name] = telemetry
+        return stopped
 
     def leave_out(self, names: tuple[str, ...]) -> None:
         """Forget these vehicles, which no longer follow.

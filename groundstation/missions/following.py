@@ -4,21 +4,26 @@ Each follower gets a new goal twice a second: the position that the leader will 
 plus the follower's offset. The goals of all followers are one order, which is checked as a whole.
 During a pause no goals are sent. The duration includes neither pauses nor the time in which this
 ground hears no vehicle.
+
+A vehicle may cease to follow before the end: by an order to skip the rest, by an order of the
+mission to land, or because the mission goes on without it. If a failsafe stops it, or its goals are
+refused, it has failed.
 """
 
 from __future__ import annotations
 
 import asyncio
+import functools
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 
 from groundstation.client.client import FleetClient
 from groundstation.fleet.state import FleetState
-from groundstation.missions.follow_pause import FollowPause
-from groundstation.missions.ground import MissionGround
+from groundstation.missions.follow_pause import ORDERED, FollowPause
+from groundstation.missions.ground import MissionGround, step_result
 from groundstation.missions.taken import FleetTaken
 from groundstation.orders.intents import Goto, Hold
-from groundstation.orders.result import OrderFailed, OrderResult, Results
+from groundstation.orders.result import Results, VehicleResult
 from groundstation.paths.checks import LOWEST_M
 from onboard.config.fleet import ConfigError, FleetConfig, Vehicle
 from onboard.config.flight_space import flight_space_of
@@ -30,7 +35,8 @@ _PERIOD_S = 0.5
 # out for a new goal.
 _AHEAD_S = 1.0
 _MOVED_M = 0.1  # a goal that has moved less is not ordered again
-_REFUSED_S = 5.0  # longest time for which all goals may be refused
+_REFUSED_S = 5.0  # longest time for which all goals of a vehicle may be refused
+_REFUSED_AT_END_S = 1.0  # longest such time just before the end
 _HEARD_S = 1.0  # longest wait for the leader's telemetry after this ground's link is back
 _INSIDE_M = 0.1  # smallest distance of goals from the fence
 _HOLD_S = 15.0  # longest wait for the hold at the end
@@ -41,6 +47,9 @@ async def follow(
 ) -> Results:
     """Have vehicles follow another one for a time; then they hold, even when this is cancelled.
 
+    A vehicle that a failsafe stops, or whose goals are refused for several seconds, follows no
+    longer and has failed; the others go on.
+
     Args:
         ground: gives the mission's orders and keeps their results.
         leader: the vehicle that is followed.
@@ -48,86 +57,233 @@ async def follow(
         duration_s: duration [s].
 
     Returns:
-        The result of the order to hold for each vehicle, except those that the mission has landed.
+        The result of the order to hold for each vehicle; of one that has failed, why. Vehicles that
+        the mission has landed or goes on without have none.
 
     Raises:
-        ConfigError: the leader does not report where it is.
-        OrderFailed: all goals of the last five seconds were refused, a follower does not hold, or
-            all were brought home in a pause.
+        ConfigError: the leader follows itself, or does not report where it is.
+        OrderFailed: a vehicle has failed or does not hold, and the mission does not go on without
+            it; or all were brought home in a pause.
     """
-    client = ground.client
-    client.fleet.select([leader])
+    ground.client.fleet.select([leader])
+    if leader in offsets:
+        raise ConfigError(f"{leader} cannot follow itself. Leave it out of the followers.")
+
     ground.say(f"{', '.join(offsets)} follow {leader} for {duration_s:g} s")
-
-    end_ns = client.now_ns() + int(duration_s * 1e9)
-    accepted_goals: dict[str, Xyz] = {}  # the last goals that were accepted
-    # last time at which goals were accepted, or had not moved enough to be ordered
-    accepted_ns = client.now_ns()
-    holding = tuple(offsets)  # vehicles that hold in the end
-    left_out_before = frozenset(ground.left_out)
-    pause = FollowPause(ground, holding)
-    ground.follow_pauses.append(pause)
+    following = _Following(ground, leader, offsets)
     try:
-        while client.now_ns() < end_ns:
-            look_ns = client.now_ns()
-            was_lost = await ground.link.wait_while_lost()
-            if was_lost:
-                await client.wait_for(lambda state: _is_heard(client, state, leader), _HEARD_S)
-                end_ns += client.now_ns() - look_ns
-                accepted_goals = {}  # the vehicles may not have received the last goals
-                accepted_ns = client.now_ns()
+        await following.run(duration_s)
+    except BaseException:
+        await following.hold()
+        raise
+    return await following.end()
 
-            pause.update()
-            if pause.is_paused:
-                end_ns += await pause.wait()
-                accepted_goals = {}  # so that goals are ordered also if the leader has not moved
-                accepted_ns = client.now_ns()
 
-            skipped = pause.skipped()
-            is_taken = ground.watch.takeover() is not None  # an operator has given other orders
-            if skipped and not is_taken:
-                ground.say(f"  {', '.join(skipped)} skips the rest of following {leader}")
-                offsets = {name: offsets[name] for name in offsets if name not in skipped}
-                pause.leave_out(skipped)
+class _Following:
+    """Vehicles that follow another one, and those of them that have failed.
 
-            landed = _landed_by_mission(client, offsets)
-            if landed:
-                ground.say(f"  {', '.join(landed)} lands and follows {leader} no longer")
-                offsets = {name: offsets[name] for name in offsets if name not in landed}
-                pause.leave_out(landed)
-                holding = tuple(name for name in holding if name not in landed)
+    Args:
+        ground: gives the mission's orders and keeps their results.
+        leader: the vehicle that is followed.
+        offsets: offsets of the followers from the leader [m], ENU.
+    """
 
-            remaining = ground.still_taking_part(offsets, left_out_before)
-            pause.leave_out(tuple(name for name in offsets if name not in remaining))
-            offsets = {name: offsets[name] for name in remaining}
+    def __init__(self, ground: MissionGround, leader: str, offsets: Mapping[str, Xyz]) -> None:
+        self._ground = ground
+        self._client = ground.client
+        self._leader = leader
+        self._offsets = dict(offsets)  # of the vehicles that still follow
+        self._holding = tuple(offsets)  # vehicles that hold in the end
+        self._failed: Results = {}  # vehicles that follow no longer, though nobody has ordered so
+        self._pause = FollowPause(ground, self._holding)
+        self._left_out_before = frozenset(ground.left_out)
 
-            if not offsets:
-                break
+        self._begin_ns = self._client.now_ns()
+        self._accepted_goals: dict[str, Xyz] = {}  # vehicle -> the last goal that it has accepted
+        # vehicle -> last time at which it accepted a goal, or was at the right one already
+        self._accepted_ns: dict[str, int] = {}
+        self._refused: Results = {}  # vehicles that have refused a goal since
 
-            goals = _goals(client, leader, offsets)
-            if _have_moved(goals, accepted_goals):
-                order = await _order_goals(ground, leader, goals)
-                if not order.planned.refusals:
-                    accepted_goals = goals
-                    accepted_ns = client.now_ns()
-                elif client.now_ns() - accepted_ns > _REFUSED_S * 1e9:
-                    raise OrderFailed(order.intent, dict(order.results))
+    async def run(self, duration_s: float) -> None:
+        """Send goals until the time is over or no vehicle follows any more."""
+        end_ns = self._begin_ns + int(duration_s * 1e9)
+        self._ground.follow_pauses.append(self._pause)
+        try:
+            while self._client.now_ns() < end_ns:
+                end_ns += await self._wait_while_lost()
+                self._pause.update()
+                if self._pause.is_paused:
+                    end_ns += await self._pause.wait()
+                    self._order_anew()
+
+                self._note_stopped()
+                self._fail_refused(is_over=False)
+                if not self._offsets:
+                    break
+
+                await self._order_goals()
+                await asyncio.sleep(_PERIOD_S)
+        finally:
+            self._ground.follow_pauses.remove(self._pause)
+
+    async def hold(self) -> Results:
+        """Order the followers to hold, except those that were stopped or landed.
+
+        Returns:
+            The results; none if an operator has taken the fleet, or all were brought home.
+        """
+        is_taken = self._ground.watch.takeover() is not None
+        have_other_order = is_taken or self._pause.has_brought_home
+        if not self._holding or have_other_order:
+            return {}
+        return await self._ground.order(Hold(vehicles=self._holding), _HOLD_S)
+
+    async def end(self) -> Results:
+        """End the following after its time: let the vehicles hold, and judge who has failed."""
+        self._note_stopped()
+        self._fail_refused(is_over=True)
+        held = await self.hold()
+        results = {**held, **self._failed}
+        if not self._failed:
+            return results
+
+        duration_s = (self._client.now_ns() - self._begin_ns) * 1e-9
+        step = step_result(f"follow {self._leader}", duration_s, results)
+        self._ground.steps.append(step)
+        intent = Goto(vehicles=tuple(results), goals={}, follows=self._leader)
+        await self._ground.go_on_or_fail(intent, results)
+        return results
+
+    async def _wait_while_lost(self) -> int:
+        """Wait while this ground hears no vehicle, and return for how long [ns]."""
+        client = self._client
+        begin_ns = client.now_ns()
+        was_lost = await self._ground.link.wait_while_lost()
+        if not was_lost:
+            return 0
+
+        await client.wait_for(self._hears_leader, _HEARD_S)
+        self._order_anew()  # the vehicles may not have received the last goals
+        return client.now_ns() - begin_ns
+
+    def _hears_leader(self, state: FleetState) -> bool:
+        return state.vehicles[self._leader].is_fresh(self._client.now_ns())
+
+    def _order_anew(self) -> None:
+        """Let the next goals be ordered also if the leader has not moved."""
+        self._accepted_goals.clear()
+        self._refused.clear()
+        self._accepted_ns = dict.fromkeys(self._offsets, self._client.now_ns())
+
+    # -- who follows no longer ---------------------------------------------------------------------
+
+    def _note_stopped(self) -> None:
+        """Note and say who follows no longer, by an order of the mission or by a failsafe."""
+        self._forget(self._ground.left_out - self._left_out_before)
+        self._note_landed(_landed_by_mission(self._client, self._offsets))
+        is_taken = self._ground.watch.takeover() is not None
+        if is_taken:  # somebody has given them other orders
+            return
+
+        landed = []
+        skipped = []
+        for name, telemetry in self._pause.stopped().items():
+            if telemetry.reason != ORDERED:
+                reason = telemetry.reason or f"It is {telemetry.state}."
+                self._fail(VehicleResult(name, telemetry.order_id, "failed", reason))
+                self._forget([name])
+            elif telemetry.state == "holding":
+                skipped.append(name)
             else:
-                accepted_ns = client.now_ns()
+                landed.append(name)
 
-            await asyncio.sleep(_PERIOD_S)
-    finally:
-        ground.follow_pauses.remove(pause)
-        results: Results = {}
-        is_taken = ground.watch.takeover() is not None
-        have_other_order = is_taken or pause.has_brought_home
-        if holding and not have_other_order:
-            results = await ground.order(Hold(vehicles=holding), _HOLD_S)
-    return results
+        self._note_landed(landed)
+        if skipped:
+            self._ground.say(f"  {', '.join(skipped)} skips the rest of following {self._leader}")
+            self._follow_without(skipped)
 
+    def _note_landed(self, names: Collection[str]) -> None:
+        """Note and say which vehicles land by an order of the mission."""
+        if names:
+            self._ground.say(f"  {', '.join(names)} lands and follows {self._leader} no longer")
+            self._forget(names)
 
-def _is_heard(client: FleetClient, state: FleetState, leader: str) -> bool:
-    return state.vehicles[leader].is_fresh(client.now_ns())
+    def _fail_refused(self, *, is_over: bool) -> None:
+        """Fail the vehicles whose goals were all refused for too long.
+
+        Args:
+            is_over: whether the following is over; then a shorter time is too long, and so is any
+                time in which a vehicle has accepted no goal at all.
+        """
+        now_ns = self._client.now_ns()
+        for name, refusal in tuple(self._refused.items()):
+            limit_s = _REFUSED_S
+            if is_over:
+                limit_s = _REFUSED_AT_END_S if name in self._accepted_ns else 0.0
+            refused_s = (now_ns - self._accepted_ns.get(name, self._begin_ns)) * 1e-9
+            if refused_s > limit_s:
+                self._fail(refusal)  # it holds in the end: it may still fly to an earlier goal
+                self._follow_without([name])
+
+    def _fail(self, result: VehicleResult) -> None:
+        """Note and say that a vehicle follows no longer, though nobody has ordered so."""
+        self._failed[result.vehicle] = result
+        self._ground.say(f"  {result.vehicle} follows {self._leader} no longer: {result.sentence}")
+
+    def _forget(self, names: Collection[str]) -> None:
+        """Give these vehicles no more orders, not even to hold."""
+        self._holding = tuple(name for name in self._holding if name not in names)
+        self._follow_without(names)
+
+    def _follow_without(self, names: Collection[str]) -> None:
+        """Give these vehicles no more goals."""
+        for name in names:
+            self._offsets.pop(name, None)
+            self._refused.pop(name, None)
+        self._pause.leave_out(tuple(names))
+
+    # -- goals -------------------------------------------------------------------------------------
+
+    async def _order_goals(self) -> None:
+        """Send the followers to their goals, without waiting for this order to end.
+
+        Goals that have hardly moved are not sent again, if the vehicles have accepted the last
+        ones.
+
+        Raises:
+            FleetTaken: an operator has taken the fleet.
+        """
+        goals = _goals(self._client, self._leader, self._offsets)
+        if not _have_moved(goals, self._accepted_goals):
+            self._accepted_ns = dict.fromkeys(goals, self._client.now_ns())
+            return
+
+        taken = self._ground.watch.takeover()
+        if taken is not None:
+            raise FleetTaken(taken)
+
+        goto = Goto(vehicles=tuple(goals), goals=goals, follows=self._leader)
+        order = await self._client.submit(goto, is_by_mission=True)
+        for result in order.results.values():  # some may be refused already
+            self._note_answer(goals, result)
+        order.add_listener(functools.partial(self._note_answer, goals))
+
+    def _note_answer(self, goals: Mapping[str, Xyz], result: VehicleResult) -> None:
+        """Note whether a vehicle has accepted its goal; the answer may come late.
+
+        Args:
+            goals: goals of the order.
+            result: progress of the order with the vehicle.
+        """
+        name = result.vehicle
+        if name not in self._offsets:
+            return
+        if result.phase in ("accepted", "done"):
+            self._accepted_goals[name] = goals[name]
+            self._accepted_ns[name] = self._client.now_ns()
+            self._refused.pop(name, None)
+        elif result.phase in ("refused", "no answer"):
+            self._refused[name] = result
 
 
 def _landed_by_mission(client: FleetClient, names: Iterable[str]) -> tuple[str, ...]:
@@ -140,20 +296,6 @@ def _landed_by_mission(client: FleetClient, names: Iterable[str]) -> tuple[str, 
         if client.is_of_mission(telemetry.order_id):
             landed.append(name)
     return tuple(landed)
-
-
-async def _order_goals(ground: MissionGround, leader: str, goals: dict[str, Xyz]) -> OrderResult:
-    """Send the followers to their goals, without waiting for this order to end.
-
-    Raises:
-        FleetTaken: an operator has taken the fleet.
-    """
-    taken = ground.watch.takeover()
-    if taken is not None:
-        raise FleetTaken(taken)
-
-    goto = Goto(vehicles=tuple(goals), goals=goals, follows=leader)
-    return await ground.client.submit(goto, is_by_mission=True)
 
 
 def present_offsets(client: FleetClient, leader: str, names: Sequence[str]) -> dict[str, Xyz]:
@@ -190,10 +332,11 @@ def present_offsets(client: FleetClient, leader: str, names: Sequence[str]) -> d
 
 
 def _have_moved(goals: Mapping[str, Xyz], last_goals: Mapping[str, Xyz]) -> bool:
-    """Whether goals have moved enough to be ordered; the first goals always are."""
-    if not last_goals:
-        return True
-    return any(math.dist(goals[name], last_goals[name]) > _MOVED_M for name in goals)
+    """Whether a goal has moved enough to be ordered; the first goal of a vehicle always has."""
+    return any(
+        name not in last_goals or math.dist(goal, last_goals[name]) > _MOVED_M
+        for name, goal in goals.items()
+    )
 
 
 def _goals(client: FleetClient, leader: str, offsets: Mapping[str, Xyz]) -> dict[str, Xyz]:

@@ -714,7 +714,8 @@ class Group:
     ) -> Results:
         """Follow another vehicle for a time, each at its offset; then hold.
 
-        The followers hold even when this call is cancelled.
+        The followers hold even when this call is cancelled. One that a failsafe stops, or whose
+        goals are refused for 5 s or at the end, fails; the others go on.
 
         Args:
             leader: name or index of the vehicle that is followed.

@@ -339,6 +339,9 @@ class Goto(GoalIntent, frozen=True, kw_only=True):
         return super().message_values()._replace(follows=self.follows)
 
     def __str__(self) -> str:
+        if self.follows:
+            return f"follow {self.follows}"
+
         goal_words = [
             f"{name} {' '.join(_number_words(goal))}" for name, goal in self.goals.items()
         ]

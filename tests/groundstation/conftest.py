@@ -204,7 +204,7 @@ class FakeBus:
             elif order.kind in ("pause", "resume") and self.vehicles[name].follows:
                 self.tell(name, is_path_paused=order.kind == "pause")
             elif order.kind == "skip":
-                self.tell(name, state="holding", follows="")
+                self.tell(name, state="holding", reason="ordered", follows="")
             elif order.kind in ("land", "kill"):
                 self.tell(
                     name,

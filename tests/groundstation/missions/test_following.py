@@ -1,0 +1,113 @@
+"""Vehicles that follow another one: who follows no longer has failed, unless that was ordered."""
+
+from __future__ import annotations
+
+import asyncio
+from typing import Any
+
+import pytest
+
+from groundstation.missions import following
+from groundstation.missions.api import Fleet
+from groundstation.orders.result import OrderFailed
+from onboard.config.fleet import ConfigError
+
+BESIDE = {"mav1": (0.0, 2.0, 0.0), "mav2": (0.0, -2.0, 0.0)}
+STALLED = "Loop stalled: holding."
+
+
+class Flight:
+    """A fleet in the air, and the lines that it says."""
+
+    def __init__(self, client: Any, bus: Any) -> None:
+        self.lines: list[str] = []
+        self.fleet = Fleet(client, say=self._say)
+        self.bus = bus
+
+    def _say(self, line: str) -> None:
+        self.lines.append(line)
+        if line.startswith("hold"):
+            self.bus.misbehave.clear()  # who has refused its goals holds
+
+    def kinds_of(self, name: str) -> list[str]:
+        return [order.kind for vehicle, order in self.bus.orders if vehicle == name]
+
+
+@pytest.fixture
+async def flight(client: Any, bus: Any, monkeypatch: pytest.MonkeyPatch) -> Flight:
+    monkeypatch.setattr(following, "_PERIOD_S", 0.1)
+    flight = Flight(client, bus)
+    await flight.fleet.takeoff(1.0)
+    return flight
+
+
+async def test_nobody_follows_itself(flight: Flight) -> None:
+    with pytest.raises(ConfigError, match="mav1 cannot follow itself"):
+        await flight.fleet.follow("mav1", 0.1, offsets=BESIDE)
+    assert flight.kinds_of("mav2") == ["takeoff"]
+
+
+@pytest.mark.parametrize(
+    ("offset", "words"),
+    [((0.3, 0.0, 0.0), "keeps 1.05 m between parked vehicles"), ((0.0, 2.0, 0.0), "I say so")],
+)
+async def test_who_has_refused_all_goals_has_not_followed_and_holds(
+    flight: Flight, offset: tuple[float, float, float], words: str
+) -> None:
+    if "so" in words:
+        flight.bus.misbehave["mav1"] = "refuse"
+    with pytest.raises(
+        OrderFailed, match=f"'follow mav0' failed. mav1 refused: .*{words}"
+    ) as error:
+        await flight.fleet.follow("mav0", 0.1, offsets={"mav1": offset})
+    assert error.value.results["mav1"].phase == "refused"
+    assert flight.kinds_of("mav1")[-1] == "hold"
+    assert flight.fleet.steps[-1].vehicles == {"mav1": "refused"}
+
+
+async def test_the_others_follow_on_without_one_that_refuses_its_goals_for_long(
+    flight: Flight, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(following, "_REFUSED_S", 0.15)
+    flight.bus.misbehave["mav1"] = "refuse"
+    with pytest.raises(OrderFailed) as error:
+        await flight.fleet.follow("mav0", 0.4, offsets=BESIDE)
+    assert "  mav1 follows mav0 no longer: Because I say so." in flight.lines
+    phases = {name: result.phase for name, result in error.value.results.items()}
+    assert phases == {"mav1": "refused", "mav2": "done"}
+
+
+@pytest.mark.parametrize("goes_on", [False, True])
+@pytest.mark.parametrize(
+    ("state", "reason"), [("holding", STALLED), ("landing", "The battery has 5 %: landing.")]
+)
+async def test_who_is_stopped_by_a_failsafe_has_failed_and_the_others_follow_on(
+    flight: Flight, state: str, reason: str, goes_on: bool
+) -> None:
+    flight.fleet.ground.goes_on_without = goes_on
+    follow = asyncio.create_task(flight.fleet.follow("mav0", 0.4, offsets=BESIDE))
+    await asyncio.sleep(0.25)
+    flight.bus.tell("mav1", state=state, reason=reason, follows="")
+    if goes_on:
+        results = await follow
+        assert flight.fleet.names == ("mav0", "mav2")
+    else:
+        with pytest.raises(
+            OrderFailed, match=f"'follow mav0' failed. mav1 failed: {reason}"
+        ) as error:
+            await follow
+        results = error.value.results
+
+    assert f"  mav1 follows mav0 no longer: {reason}" in flight.lines
+    assert (results["mav1"].phase, results["mav1"].sentence) == ("failed", reason)
+    assert results["mav2"].is_done
+    assert flight.kinds_of("mav1")[-1] == "move"
+    assert flight.kinds_of("mav2")[-1] == "hold"
+
+
+async def test_who_is_left_out_follows_no_longer_and_keeps_its_order(flight: Flight) -> None:
+    follow = asyncio.create_task(flight.fleet.follow("mav0", 0.3, offsets=BESIDE))
+    await asyncio.sleep(0.15)
+    flight.fleet.leave_out("mav1")
+    assert list(await follow) == ["mav2"]
+    assert flight.kinds_of("mav1") == ["takeoff", "move"]
