@@ -13,6 +13,7 @@ refused, it has failed.
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import functools
 import math
 from collections.abc import Collection, Iterable, Mapping, Sequence
@@ -23,7 +24,7 @@ from groundstation.missions.follow_pause import ORDERED, FollowPause
 from groundstation.missions.ground import MissionGround, step_result
 from groundstation.missions.taken import FleetTaken
 from groundstation.orders.intents import Goto, Hold
-from groundstation.orders.result import Results, VehicleResult
+from groundstation.orders.result import OrderFailed, Results, VehicleResult
 from groundstation.paths.checks import LOWEST_M
 from onboard.config.fleet import ConfigError, FleetConfig, Vehicle
 from onboard.config.flight_space import flight_space_of
@@ -74,7 +75,9 @@ async def follow(
     try:
         await following.run(duration_s)
     except BaseException:
-        await following.hold()
+        # This exception is what the caller has to know. The ground has said who does not hold.
+        with contextlib.suppress(OrderFailed):
+            await following.hold()
         raise
     return await following.end()
 
@@ -132,6 +135,7 @@ class _Following:
         Returns:
             The results; none if an operator has taken the fleet, or all were brought home.
         """
+        self._note_stopped()
         is_taken = self._ground.watch.takeover() is not None
         have_other_order = is_taken or self._pause.has_brought_home
         if not self._holding or have_other_order:
@@ -140,7 +144,6 @@ class _Following:
 
     async def end(self) -> Results:
         """End the following after its time: let the vehicles hold, and judge who has failed."""
-        self._note_stopped()
         self._fail_refused(is_over=True)
         held = await self.hold()
         results = {**held, **self._failed}

@@ -9,6 +9,7 @@ import pytest
 
 from groundstation.missions import following
 from groundstation.missions.api import Fleet
+from groundstation.missions.conditions import battery_below
 from groundstation.orders.result import OrderFailed
 from onboard.config.fleet import ConfigError
 
@@ -23,10 +24,11 @@ class Flight:
         self.lines: list[str] = []
         self.fleet = Fleet(client, say=self._say)
         self.bus = bus
+        self.obeys_hold = True
 
     def _say(self, line: str) -> None:
         self.lines.append(line)
-        if line.startswith("hold"):
+        if line.startswith("hold") and self.obeys_hold:
             self.bus.misbehave.clear()  # who has refused its goals holds
 
     def kinds_of(self, name: str) -> list[str]:
@@ -111,3 +113,29 @@ async def test_who_is_left_out_follows_no_longer_and_keeps_its_order(flight: Fli
     flight.fleet.leave_out("mav1")
     assert list(await follow) == ["mav2"]
     assert flight.kinds_of("mav1") == ["takeoff", "move"]
+
+
+@pytest.mark.parametrize("is_stopped", [True, False])
+async def test_a_reaction_that_ends_the_following_comes_also_when_a_vehicle_does_not_hold(
+    flight: Flight, is_stopped: bool
+) -> None:
+    reactions: list[str] = []
+
+    async def react() -> None:
+        reactions.append("comes")
+
+    low = battery_below(25.0, "mav1")
+    async with flight.fleet.reacting(low, react, ends=True):
+        asyncio.get_running_loop().call_later(0.15, _stop_mav1, flight, is_stopped)
+        await flight.fleet.follow("mav0", 5.0, offsets=BESIDE)
+    assert reactions == ["comes"]
+    assert flight.kinds_of("mav1")[-1] == ("move" if is_stopped else "hold")
+    assert flight.kinds_of("mav2")[-1] == "hold"
+
+
+def _stop_mav1(flight: Flight, is_stopped: bool) -> None:
+    """Let a failsafe land mav1, or let mav1 refuse whatever is ordered."""
+    flight.obeys_hold = False
+    flight.bus.misbehave["mav1"] = "refuse"
+    stopped = {"state": "landing", "reason": "The battery falls: landing.", "follows": ""}
+    flight.bus.tell("mav1", battery_frac=0.2, **(stopped if is_stopped else {}))
