@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Sequence
 import contextlib
 from collections.abc import AsyncIterator, Sequence
 from pathlib import Path
@@ -21,10 +20,9 @@ from groundstation.missions.api import Fleet
 from groundstation.missions.connection import hosted
 from groundstation.missions.runner import MissionRun
 from groundstation.paths.pieces import fitted
-from onboard.config.fleet import ConfigError, FleetConfig
 from groundstation.verdict.expectations import Expect
 from groundstation.verdict.verdict import judge
-from onboard.config.fleet import FleetConfig
+from onboard.config.fleet import ConfigError, FleetConfig
 
 UP = {"do": "takeoff", "height_m": 1.0}
 HALT = {"do": "move", "vehicles": ["mav0"], "position_enu_m": [0, 0, 1.5], "timeout_s": 0.2}
@@ -231,6 +229,8 @@ async def test_a_vehicle_that_is_left_out_follows_nobody_any_more(
     bus.tell("mav0", position_enu_m=(x, y + 0.5, z))
     await asyncio.wait_for(following, 5.0)
     assert ordered(bus, "move") == ["mav1", "mav2", "mav2"]
+
+
 @pytest.mark.parametrize(
     ("failed", "is_left_out", "words"),
     [
