@@ -13,6 +13,13 @@ PX4 and the agent have been restarted.
 PX4's estimate may jump ("reset"). In the air the offset absorbs a jump, so that the position in the
 fleet frame stays continuous. With an origin on Earth the true horizontal offset is known, and the
 offset slowly returns to it. A jump in height stays absorbed.
+
+PX4 may also move the origin of its local frame in flight, for instance when a ground station sets
+it. Then local position and origin jump together. A new origin counts in the air only if it fits the
+jump; one that does not fit may be a packet of somebody else, and suspends the return.
+
+After a landing the vehicle stands on the ground of its take-off spot again, unless it stands
+elsewhere at a height that PX4's errors do not explain. Then it keeps the height of its flight.
 """
 
 from __future__ import annotations
@@ -41,6 +48,15 @@ _BEGAN_SIGMAS = 3.0
 # A vehicle as near to its spot when PX4 restarts counts as standing on it.
 _ON_SPOT_M = 0.5
 
+_SAME_ORIGIN_M = 1.0  # a new origin fits a jump if the two differ by less
+
+# Farther from its spot, a vehicle that has landed may stand on other ground. PX4's height may be
+# wrong by some standard deviations, within these bounds.
+_SAME_GROUND_WITHIN_M = 2.0
+_HEIGHT_SIGMAS = 3.0
+_MIN_HEIGHT_ERROR_M = 0.8
+_MAX_HEIGHT_ERROR_M = 3.0
+
 _RETURN_M_S = 0.2  # speed at which the offset returns to the true one after a horizontal jump
 
 
@@ -65,6 +81,8 @@ class LocalFrame:
     _offset_enu_m: Xyz | None = None  # fleet frame minus local frame; None while not known
     _last: _LocalPosition | None = None  # newest local position
     _has_flown: bool = False
+    # PX4's origin on Earth that counts: latitude, longitude [deg], altitude [m]
+    _px4_origin: Xyz | None = None
     _restarts: int = 0  # how often PX4 had restarted at the newest local position
     _has_px4_lost_it: bool = False  # whether PX4 has restarted away from the take-off spot
 
@@ -84,32 +102,35 @@ class LocalFrame:
         last = self._last
         self._last = local
 
+        has_restarted = snapshot.restarts != self._restarts
+        self._restarts = snapshot.restarts
         if self.origin is None:
-            self._look_where_it_began(snapshot, last, local)
+            self._look_where_it_began(snapshot, last, local, has_restarted=has_restarted)
             if self.displaced_m > 0.0:
                 return None
+        elif has_restarted:
+            self._offset_enu_m = None  # it belonged to the earlier local frame
+            self._has_flown = False
 
         if snapshot.is_armed:
             self._has_flown = True
         is_parked = not snapshot.is_armed and snapshot.landed is Landed.ON_GROUND
 
-        anchored_m = self._anchored_offset_m(local.position_m, snapshot)
+        anchored_m = self._anchored_offset_m(local.position_m, snapshot.global_origin)
         if anchored_m is None:
             return None
         if self._offset_enu_m is None and not is_parked:
             return None  # an agent that starts in the air cannot know the height of the ground
 
-        # without an origin on Earth, the anchored offset is correct only before the first flight
-        is_anchor_right = self.origin is not None or not self._has_flown
-        if self._offset_enu_m is None or (is_parked and is_anchor_right):
-            self._offset_enu_m = anchored_m
-        elif is_parked:
-            # after a flight, only the height of the ground is known
-            x, y, _ = self._offset_enu_m
-            _, _, anchored_z = anchored_m
-            self._offset_enu_m = (x, y, anchored_z)
+        if self._offset_enu_m is None or is_parked:
+            self._offset_enu_m = self._parked_offset_m(anchored_m, local, snapshot)
+            self._px4_origin = snapshot.global_origin
         elif last is not None:
-            self._offset_enu_m = self._absorbed_m(self._offset_enu_m, last, local, anchored_m)
+            offset_m = self._absorbed_m(self._offset_enu_m, last, local)
+            if self._is_origin_right(offset_m, anchored_m, snapshot):
+                self._px4_origin = snapshot.global_origin
+                offset_m = _returned_m(offset_m, anchored_m, last, local)
+            self._offset_enu_m = offset_m
 
         x, y, z = self._offset_enu_m
         local_x, local_y, local_z = local.position_m
@@ -138,7 +159,12 @@ class LocalFrame:
         )
 
     def _look_where_it_began(
-        self, snapshot: Snapshot, last: _LocalPosition | None, local: _LocalPosition
+        self,
+        snapshot: Snapshot,
+        last: _LocalPosition | None,
+        local: _LocalPosition,
+        *,
+        has_restarted: bool,
     ) -> None:
         """Find out whether PX4's local frame begins on the take-off spot.
 
@@ -146,9 +172,8 @@ class LocalFrame:
             snapshot: newest snapshot of PX4.
             last: previous local position.
             local: newest local position.
+            has_restarted: whether PX4 has restarted since the previous local position.
         """
-        has_restarted = snapshot.restarts != self._restarts
-        self._restarts = snapshot.restarts
         if self._has_px4_lost_it:
             return
 
@@ -172,7 +197,47 @@ class LocalFrame:
         else:
             self._has_flown = False
 
-    def _anchored_offset_m(self, local_m: Xyz, snapshot: Snapshot) -> Xyz | None:
+    def _parked_offset_m(self, anchored_m: Xyz, local: _LocalPosition, snapshot: Snapshot) -> Xyz:
+        """Return the offset of a vehicle that is parked.
+
+        Args:
+            anchored_m: offset from the origins on Earth or the take-off spot.
+            local: newest local position.
+            snapshot: newest snapshot of PX4.
+        """
+        x, y, z = anchored_m
+        if self._offset_enu_m is None or not self._has_flown:
+            return anchored_m
+
+        flown_x, flown_y, flown_z = self._offset_enu_m
+        if self.origin is None:
+            # the anchored offset is correct only before the first flight
+            x, y = flown_x, flown_y
+
+        local_x, local_y, local_z = local.position_m
+        away_m = math.dist((local_x + x, local_y + y), self.start_enu_m[:2])
+        reported_m = _HEIGHT_SIGMAS * snapshot.height_accuracy_m
+        error_m = min(max(reported_m, _MIN_HEIGHT_ERROR_M), _MAX_HEIGHT_ERROR_M)
+        higher_m = abs(local_z + flown_z - self.start_enu_m[2])
+        if away_m > _SAME_GROUND_WITHIN_M and higher_m > error_m:
+            z = flown_z
+        return x, y, z
+
+    def _is_origin_right(self, offset_m: Xyz, anchored_m: Xyz, snapshot: Snapshot) -> bool:
+        """Return whether the offset may return to the one from PX4's present origin, in the air.
+
+        Args:
+            offset_m: present offset, which has absorbed the newest jump.
+            anchored_m: offset from the origins on Earth.
+            snapshot: newest snapshot of PX4.
+        """
+        if self.origin is None:
+            return False
+        if snapshot.global_origin == self._px4_origin:
+            return True
+        return math.dist(offset_m[:2], anchored_m[:2]) < _SAME_ORIGIN_M
+
+    def _anchored_offset_m(self, local_m: Xyz, px4_origin: Xyz | None) -> Xyz | None:
         """Return the offset from the origins on Earth, or without them from the take-off spot.
 
         The height always assumes a vehicle on the ground at its take-off spot. The result is None
@@ -182,50 +247,54 @@ class LocalFrame:
         if self.origin is None:
             return x, y, z
 
-        if snapshot.global_origin is None:
+        if px4_origin is None:
             return None
-        latitude_deg, longitude_deg, _ = snapshot.global_origin
+        latitude_deg, longitude_deg, _ = px4_origin
         east_m, north_m = east_north_m(self.origin, latitude_deg, longitude_deg)
         return east_m, north_m, z
 
-    def _absorbed_m(
-        self, offset_m: Xyz, last: _LocalPosition, local: _LocalPosition, anchored_m: Xyz
-    ) -> Xyz:
-        """Return the offset in the air. It absorbs a jump, and returns towards the true offset.
+    def _absorbed_m(self, offset_m: Xyz, last: _LocalPosition, local: _LocalPosition) -> Xyz:
+        """Return the offset in the air, after a jump of PX4's position if there was one.
 
         Args:
             offset_m: present offset.
             last: previous local position.
             local: newest local position.
-            anchored_m: true offset from the origins on Earth; only its horizontal part is used.
         """
-        x, y, z = offset_m  # the new offset, changed in two steps
         dt_s = (local.stamp_ns - last.stamp_ns) * 1e-9
-
-        jump_m = tuple(
+        jump_x, jump_y, jump_z = (
             here - before - speed * dt_s
             for here, before, speed in zip(
                 local.position_m, last.position_m, last.velocity_m_s, strict=True
             )
         )
+
         # An acceleration a moves the vehicle by 0.5 a t^2. The bound is more generous: a t^2, and
         # a t within less than a second.
         reach_m = _JUMP_M + _JUMP_M_S2 * dt_s * max(1.0, dt_s)
-        if math.hypot(*jump_m) > reach_m:
-            self.jumps += 1
-            jump_x, jump_y, jump_z = jump_m
-            x = x - jump_x
-            y = y - jump_y
-            z = z - jump_z
+        if math.hypot(jump_x, jump_y, jump_z) <= reach_m:
+            return offset_m
 
-        # return slowly towards the true offset
-        if self.origin is not None:
-            true_x, true_y, _ = anchored_m
-            remaining_m = math.hypot(true_x - x, true_y - y)
-            moved_share = 0.0
-            if remaining_m > 0.0:
-                moved_share = min(1.0, _RETURN_M_S * dt_s / remaining_m)
-            x = x + moved_share * (true_x - x)
-            y = y + moved_share * (true_y - y)
+        self.jumps += 1
+        x, y, z = offset_m
+        return x - jump_x, y - jump_y, z - jump_z
 
-        return x, y, z
+
+def _returned_m(offset_m: Xyz, anchored_m: Xyz, last: _LocalPosition, local: _LocalPosition) -> Xyz:
+    """Return the offset after a slow return towards the true one; the height stays.
+
+    Args:
+        offset_m: present offset.
+        anchored_m: true offset from the origins on Earth.
+        last: previous local position.
+        local: newest local position.
+    """
+    x, y, z = offset_m
+    true_x, true_y, _ = anchored_m
+    remaining_m = math.hypot(true_x - x, true_y - y)
+    if remaining_m == 0.0:
+        return offset_m
+
+    dt_s = (local.stamp_ns - last.stamp_ns) * 1e-9
+    moved_share = min(1.0, _RETURN_M_S * dt_s / remaining_m)
+    return x + moved_share * (true_x - x), y + moved_share * (true_y - y), z

@@ -511,10 +511,14 @@ class Px4Link:
         self.withholds_poses = sets_ours and not is_settled
 
         if px4_origin is None:
-            self._command(modes.CMD_REQUEST_MESSAGE, float(_GPS_GLOBAL_ORIGIN))
+            self.request_global_origin()
         if self.withholds_poses and time.monotonic_ns() - self._poses_ns > _PAUSE_NS:
             self.set_global_origin()
         return is_settled
+
+    def request_global_origin(self) -> None:
+        """Request PX4's global origin, which PX4 sends by itself only when it sets it."""
+        self._command(modes.CMD_REQUEST_MESSAGE, float(_GPS_GLOBAL_ORIGIN))
 
     def request_rates(self) -> None:
         """Request the rates of all messages that the agent reads, and PX4's version.

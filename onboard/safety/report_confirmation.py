@@ -187,11 +187,6 @@ class ReportConfirmation:
             if self._is_withheld(kind, waiting, snapshot, expected):
                 withheld.update((name, getattr(self._believed, name)) for name in kind.fields)
 
-        # PX4 does not move its global origin in flight
-        origin = self._believed.global_origin
-        if expected.mode and origin is not None and snapshot.global_origin != origin:
-            withheld["global_origin"] = origin
-
         self._believed = snapshot
         if withheld:
             self._believed = replace(snapshot, **withheld)

@@ -186,3 +186,68 @@ def test_with_a_fleet_origin_a_restart_moves_nothing() -> None:
     frame.take(flying(1.0, (0.0, 4.0, -1.0), global_origin=place(0.0, 0.0)))
     restarted = frame.take(parked(60.0, (0.0, 0.0, 0.0), global_origin=place(4.0, 0.0), restarts=1))
     assert restarted == pytest.approx((4.0, 0.0, 0.0), abs=0.01)
+
+
+# -- an origin that PX4 moves in flight ------------------------------------------------------------
+
+
+def hover_with_moved_origin(*, local_jumps_at_s: float, origin_moves_at_s: float) -> float:
+    """Return the largest error [m] of a vehicle that hovers at (0, 4) north of the fleet's origin.
+
+    PX4 moves its origin by 15 m to the east, so its local position moves by 15 m to the west.
+    """
+    frame = LocalFrame((0.0, 0.0, 0.0), ORIGIN)
+    frame.take(parked(0.0, (0.0, 0.0, 0.0), global_origin=place(0.0, 0.0)))
+    error_m = 0.0
+    for tick in range(1, 1500):
+        time_s = 0.02 * tick
+        east_m = -15.0 if time_s > local_jumps_at_s else 0.0
+        origin = place(15.0 if time_s > origin_moves_at_s else 0.0, 0.0)
+        position = frame.take(flying(time_s, (0.0, east_m, -2.0), global_origin=origin))
+        assert position is not None
+        error_m = max(error_m, math.dist(position[:2], (0.0, 0.0)))
+    return error_m
+
+
+@pytest.mark.parametrize("origin_moves_at_s", [4.5, 5.0, 6.0])
+def test_an_origin_that_moves_with_the_local_position_leads_nobody_away(
+    origin_moves_at_s: float,
+) -> None:
+    error_m = hover_with_moved_origin(local_jumps_at_s=5.0, origin_moves_at_s=origin_moves_at_s)
+    assert error_m < 0.25
+
+
+def test_a_new_origin_that_does_not_fit_moves_nothing() -> None:
+    assert hover_with_moved_origin(local_jumps_at_s=1e9, origin_moves_at_s=5.0) < 0.01
+
+
+# -- ground of another height ----------------------------------------------------------------------
+
+
+def landed_at(east_m: float, height_m: float, **changes: object) -> tuple[float, float, float]:
+    """Return the position of a vehicle that has landed and is parked."""
+    frame = LocalFrame((0.0, 0.0, 0.0), ORIGIN)
+    at = place(0.0, 0.0)
+    frame.take(parked(0.0, (0.0, 0.0, 0.0), global_origin=at))
+    climbed_m = 0.0
+    for tick in range(1, 200):
+        climbed_m = 0.005 * tick * height_m
+        ned = (0.0, 0.005 * tick * east_m, -climbed_m)
+        frame.take(flying(0.1 * tick, ned, global_origin=at))
+    ned = (0.0, east_m, -height_m)
+    position = frame.take(parked(30.0, ned, global_origin=at, **changes))
+    assert position is not None
+    return position
+
+
+def test_a_vehicle_that_lands_on_other_ground_keeps_the_height_of_its_flight() -> None:
+    assert landed_at(20.0, 10.0) == pytest.approx((20.0, 0.0, 10.0), abs=0.01)
+    assert landed_at(20.0, -3.5, height_accuracy_m=0.5) == pytest.approx(
+        (20.0, 0.0, -3.5), abs=0.01
+    )
+
+
+def test_an_error_of_px4s_height_is_forgotten_after_a_landing() -> None:
+    assert landed_at(20.0, 0.7)[2] == pytest.approx(0.0)
+    assert landed_at(20.0, 2.5, height_accuracy_m=1.0)[2] == pytest.approx(0.0)
+    assert landed_at(1.0, 10.0)[2] == pytest.approx(0.0), "on its spot"

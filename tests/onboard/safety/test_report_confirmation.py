@@ -140,15 +140,6 @@ def test_what_a_flight_does_not_expect_any_more_is_believed_without_another_repo
     assert not reports.contradicted
 
 
-def test_nobody_moves_the_origin_in_flight() -> None:
-    reports = ReportConfirmation()
-    reports.believe(TRUE, FLYING)
-    moved = replace(TRUE, global_origin=(48.0, 8.0, 0.0))
-    for _ in range(5):
-        assert reports.believe(moved, FLYING).global_origin == TRUE.global_origin
-    assert reports.believe(moved, Expected()).global_origin == moved.global_origin
-
-
 def test_on_the_ground_a_battery_may_be_exchanged_or_fill_up() -> None:
     reports = ReportConfirmation()
     landed = replace(TRUE, landed=Landed.ON_GROUND)
