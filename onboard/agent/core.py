@@ -147,7 +147,12 @@ class AgentCore:
         taken_corrections: CorrectionsConfig | None = None  # None: the vehicle uses none
         if fleet.takes_corrections(vehicle):
             taken_corrections = fleet.corrections
-        self.own = OwnState(vehicle, fleet.fleet.global_origin, taken_corrections)
+        self.own = OwnState(
+            vehicle,
+            fleet.fleet.global_origin,
+            taken_corrections,
+            uses_heights=fleet.fleet.height_share > 0.0,
+        )
         self.neighbours = NeighbourTable(fleet, vehicle_name)
         self.people = People(fleet, first_index=len(self.neighbours.names))
         self.nodes = BusNodes(fleet, vehicle_name)

@@ -154,7 +154,10 @@ class LinkUpkeep:
 
             is_on_ground = self._flight.step.situation is Situation.GROUND
             if is_on_ground:
-                has_origin = self._link.settle_global_origin(sets_ours=self._vehicle.mocap_required)
+                has_origin = self._settle_origin()
+            elif not self._vehicle.mocap_required:
+                # PX4 may move its origin, and the message about it may be lost
+                self._link.request_global_origin()
 
             # The parameters may be read in flight the first time. They are read again only on the
             # ground: after some time, for another version of PX4, and while there are problems.
@@ -202,6 +205,16 @@ class LinkUpkeep:
         for sentence in problems:
             log.warning("%s", sentence)
         return problems
+
+    def _settle_origin(self) -> bool:
+        """Return whether PX4 has the global origin that it needs.
+
+        A PX4 that flies by vision alone has none. Its poses come from another program, so none can
+        be given to it: PX4 v1.18 does not bear a new origin while it fuses poses.
+        """
+        by_vision = not self._vehicle.mocap_required and self._vehicle.px4_position == "vision"
+        is_settled = self._link.settle_global_origin(sets_ours=self._vehicle.mocap_required)
+        return is_settled or by_vision
 
     def _may_set(self) -> bool:
         """Return whether parameters may be set now: on the ground, disarmed, and not too often."""

@@ -51,6 +51,7 @@ from onboard.feasibility.vehicle_checks import (
     wind,
 )
 from onboard.plain_text import listed
+from onboard.safety.limits import LARGEST_PX4_ACCURACY_M
 from onboard.tuples import Xyz
 from onboard.types import TICK_S
 
@@ -92,9 +93,18 @@ def fleet_findings(fleet: FleetConfig, *, errors: ErrorClass | None = None) -> t
     if fleet.own_law is not None:
         findings.append(_own_law(fleet, fleet.own_law))
 
-    without_mocap = [vehicle.name for vehicle in vehicles if not vehicle.mocap_required]
+    without_mocap = [vehicle for vehicle in vehicles if not vehicle.mocap_required]
+    by_vision = [vehicle.name for vehicle in without_mocap if vehicle.px4_position == "vision"]
     if without_mocap and fleet.fleet.global_origin is None:
-        findings.append(_no_origin(without_mocap))
+        cause = "by PX4's own position, and the fleet has no origin on Earth"
+        findings.append(_no_origin([vehicle.name for vehicle in without_mocap], cause))
+    elif by_vision:
+        cause = "by vision, so that PX4 does not know where on Earth its local frame begins"
+        findings.append(_no_origin(by_vision, cause))
+
+    by_satellites = [v.name for v in without_mocap if v.px4_position == "gps"]
+    if by_satellites and fleet.fleet.height_share > 0.0:
+        findings.append(_heights_by_satellites(fleet, by_satellites))
 
     if len(vehicles) > 1:
         findings += pair_findings(fleet, kinds, accuracy)
@@ -165,16 +175,36 @@ def _own_law(fleet: FleetConfig, law: OwnLaw) -> Finding:
     )
 
 
-def _no_origin(names: Sequence[str]) -> Finding:
-    """Return the warning that vehicles without a mocap have no frame in common but their spots."""
-    remedy = "Give the fleet an origin with latitude, longitude and altitude, if it flies outdoors."
+def _no_origin(names: Sequence[str], cause: str) -> Finding:
+    """Return the warning that vehicles have no frame in common but their take-off spots."""
+    remedy = "Outdoors, give the fleet an origin, and fly by satellites."
     sentence = (
-        f"Without a mocap, {listed(names)} flies by PX4's own position, and the fleet has no "
-        "origin on Earth: each must stand on its take-off spot when PX4 and its agent start, and "
-        f"has no position after a restart elsewhere. {remedy}"
+        f"Without a mocap, {listed(names)} flies {cause}: each must stand on its take-off spot "
+        "when PX4 and its agent start, and has no position after a restart elsewhere. "
+        f"{remedy}"
     )
     return Finding(
         name="no origin",
+        status="warning",
+        value=1.0,
+        bound=0.0,
+        unit="",
+        relation="at most",
+        sentence=sentence,
+        remedy=remedy,
+    )
+
+
+def _heights_by_satellites(fleet: FleetConfig, names: Sequence[str]) -> Finding:
+    """Return the warning that heights by satellites are hardly good enough to pass above others."""
+    remedy = "Leave out vertical_separation_m, or fly with RTK."
+    sentence = (
+        f"{listed(names)} flies by satellites, whose heights err by metres, and the fleet passes "
+        f"above each other at {fleet.fleet.vertical_separation_m:g} m: it takes off only while PX4 "
+        f"says that its height errs by {LARGEST_PX4_ACCURACY_M:g} m at most. {remedy}"
+    )
+    return Finding(
+        name="heights by satellites",
         status="warning",
         value=1.0,
         bound=0.0,

@@ -33,6 +33,12 @@ _STANDS_BELOW_M = 0.03
 # landing vehicle a few centimetres above the ground.
 _HOVERS_SHARE = 0.97
 
+# A vehicle without a mocap that lies below its goal, for instance after a crash, pushes upwards and
+# does not move. In the air, so much thrust would climb 6 m within this time.
+_PUSHES_SHARE = 1.15
+_STUCK_S = 3.0
+_STUCK_BELOW_M = 0.5  # its goal is at least this much higher
+
 # Without a mocap PX4's velocity may err by more than _STILL_PX4_M_S. After _LIGHT_LONG_S with
 # little thrust, a vehicle in the air would sink at 3 m/s. A vehicle slower than _LIGHT_SLOW_M_S has
 # landed.
@@ -61,6 +67,7 @@ class ContactSigns(Struct, frozen=True):
     light_ns: int = 0  # its thrust is much less than its weight
     reported_ns: int = 0  # PX4 reports the ground
     slow_ns: int = 0  # its vertical speed is much less than in a fall with little thrust
+    pushing_ns: int = 0  # its thrust is much more than its weight
 
 
 def observe(
@@ -90,12 +97,14 @@ def observe(
 
     is_light = view.thrust_share < _LIGHT_SHARE
     is_slow = abs(sinking_m_s) < _LIGHT_SLOW_M_S
+    is_pushing = view.thrust_share > _PUSHES_SHARE
     return ContactSigns(
         height_m=still_height_m,
         still_ns=signs.still_ns if is_still else now_ns,
         light_ns=signs.light_ns if is_light else now_ns,
         reported_ns=signs.reported_ns if view.is_on_ground else now_ns,
         slow_ns=signs.slow_ns if is_slow else now_ns,
+        pushing_ns=signs.pushing_ns if is_pushing else now_ns,
     )
 
 
@@ -139,6 +148,20 @@ def is_agreed_by_thrust(signs: ContactSigns, view: FlightView) -> bool:
 
     long_ago_ns = view.now_ns - round(1e9 * _LIGHT_LONG_S)
     return signs.light_ns < long_ago_ns and signs.slow_ns < long_ago_ns
+
+
+def is_stuck(signs: ContactSigns, view: FlightView, goal_z_m: float) -> bool:
+    """Return whether a vehicle pushes upwards to its goal for a while, and does not move.
+
+    Args:
+        signs: signs of contact at this tick.
+        view: what the flight sees at this tick.
+        goal_z_m: height of its goal [m].
+    """
+    since_ns = view.now_ns - round(1e9 * _STUCK_S)
+    _, _, z_m = view.position_enu_m
+    is_below = z_m < goal_z_m - _STUCK_BELOW_M
+    return is_below and signs.still_ns < since_ns and signs.pushing_ns < since_ns
 
 
 def is_agreed_blind(signs: ContactSigns, view: FlightView, ground_z_m: float) -> bool:

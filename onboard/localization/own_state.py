@@ -86,6 +86,8 @@ class OwnState:
     vehicle: Vehicle
     origin: Origin | None = None
     corrections: CorrectionsConfig | None = None  # None: the vehicle uses no corrections
+    # whether the fleet passes above each other, so that the accuracy of heights counts, too
+    uses_heights: bool = False
     counts: MessageCounts = field(default_factory=MessageCounts)  # poses that were not used
     heading_offset_rad: float = 0.0  # heading in the fleet frame minus PX4's heading
     # only for vehicles with a mocap
@@ -120,7 +122,10 @@ class OwnState:
     def __post_init__(self) -> None:
         vehicle = self.vehicle
         self.fit = MotionFit(vehicle.drag_1_s)
-        self._local_frame = LocalFrame(vehicle.start_enu_m, self.origin)
+        # A PX4 that flies by vision does not know where on Earth its local frame begins.
+        by_satellites = vehicle.px4_position == "gps"
+        origin = self.origin if by_satellites else None
+        self._local_frame = LocalFrame(vehicle.start_enu_m, origin)
         self._params = KalmanParams(
             drag_1_s=vehicle.drag_1_s,
             gust_time_s=kalman.gust_time_s(vehicle.lag_s),
@@ -185,7 +190,8 @@ class OwnState:
             is_on_ground: whether the vehicle stands on the ground.
         """
         if not self.vehicle.mocap_required:
-            self._notice_lost_satellites(snapshot, now_ns)
+            if self.vehicle.px4_position == "gps":
+                self._notice_lost_satellites(snapshot, now_ns)
             self._queue_local_position(snapshot)
 
         if self._memory is not None:
@@ -331,6 +337,8 @@ class OwnState:
         if fix.is_below(snapshot, self.corrections, snapshot.local_position_ns):
             accuracy_m = max(accuracy_m, snapshot.fix_accuracy_m)
         std_m = accuracy_m * _SQRT_HALF
+        if self.uses_heights:
+            std_m = max(std_m, snapshot.height_accuracy_m)
         least = ACCURACIES[self.vehicle.px4_position]
         self._least_std = (max(least.position_std_m, std_m), least.velocity_std_m_s)
 

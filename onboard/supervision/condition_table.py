@@ -144,7 +144,9 @@ def _is_accuracy_unusable(facts: TickFacts) -> bool:
 def _is_accuracy_out_of_range(facts: TickFacts) -> bool:
     # comparisons with NaN are False, so that NaN is out of range
     is_in_range = 0.0 < facts.slow.px4_accuracy_m <= LARGEST_PX4_ACCURACY_M
-    return not is_in_range and not facts.mocap_required
+    is_height_in_range = facts.slow.px4_height_accuracy_m <= LARGEST_PX4_ACCURACY_M
+    is_accurate = is_in_range and is_height_in_range
+    return not is_accurate and not facts.mocap_required
 
 
 def _accuracy(facts: TickFacts) -> str:
@@ -153,6 +155,8 @@ def _accuracy(facts: TickFacts) -> str:
 
 def _accuracy_and_its_limit(facts: TickFacts) -> str:
     accuracy = "PX4 does not say how accurate it is"
+    if facts.slow.px4_height_accuracy_m > LARGEST_PX4_ACCURACY_M:
+        return f"PX4 says {facts.slow.px4_height_accuracy_m:.1f} m of its height"
     if facts.slow.px4_accuracy_m:
         accuracy = _accuracy(facts)
     return f"{accuracy}; distances cover {LARGEST_PX4_ACCURACY_M:.1f} m"
@@ -171,7 +175,8 @@ def _is_down(facts: TickFacts) -> bool:
     if not facts.mocap_required:
         # without a mocap, a low height is not a sign, because PX4's own height has an error of half
         # a metre
-        return facts.is_flying and facts.is_standing and facts.height_m < MAY_BE_DOWN_M
+        does_not_move = facts.is_standing or facts.is_stuck
+        return facts.is_flying and does_not_move and facts.height_m < MAY_BE_DOWN_M
     is_low = facts.height_above_floor_m < DOWN_HEIGHT_M
     return facts.is_flying and facts.has_position and is_low
 

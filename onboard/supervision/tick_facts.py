@@ -33,6 +33,8 @@ class SlowFacts(Struct, frozen=True, kw_only=True):
     # own position
     # standard deviation that PX4 reports, of two axes together; 0 or NaN: not reported
     px4_accuracy_m: float = 0.0
+    # the same of its height, in a fleet whose vehicles pass above each other; else 0
+    px4_height_accuracy_m: float = 0.0
     has_lost_satellites: bool = False
     is_position_late: bool = False  # whether PX4's velocity follows attitude and throttle late
     position_miss_m: float = 0.0  # how much PX4's positions contradict our own motion
@@ -88,6 +90,7 @@ class TickFacts(Struct, frozen=True, kw_only=True):
     height_above_floor_m: float = 0.0  # above the lowest ground in the fleet file
     height_m: float = 0.0  # above the ground where it took off
     is_standing: bool = False  # by thrust and vertical motion, without using its height
+    is_stuck: bool = False  # it pushes upwards to its goal, and does not move
     mocap_required: bool = True  # False: it uses PX4's own position
     jumps: int = 0  # number of impossible samples in a row
     jumped_onto: str = ""  # vehicle near the newest impossible sample; empty: none

@@ -206,6 +206,7 @@ class TickObserver:
             height_above_floor_m=z_m - self._floor_m,
             height_m=height_m,
             is_standing=contact.is_agreed_by_thrust(flight.contact, view),
+            is_stuck=contact.is_stuck(flight.contact, view, flight.goal_position_enu_m[2]),
             mocap_required=self._vehicle.mocap_required,
             jumps=own.jumps,
             jumped_onto=jumped_onto,
@@ -343,8 +344,13 @@ class TickObserver:
                 floor_frac=context.battery_floor_frac,
             )
 
+        px4_height_accuracy_m = 0.0
+        if self._own.uses_heights:
+            px4_height_accuracy_m = view.snapshot.height_accuracy_m
+
         return SlowFacts(
             px4_accuracy_m=view.snapshot.accuracy_m(now_ns),
+            px4_height_accuracy_m=px4_height_accuracy_m,
             has_lost_satellites=self._own.has_lost_satellites,
             is_position_late=self._own.fit.is_late,
             position_miss_m=self._own.fit.miss_m,

@@ -57,10 +57,10 @@ class MuteLink:
 
 
 async def events_until(
-    link: MuteLink, reads: int, *, applies_params: bool = False
+    link: MuteLink, reads: int, *, applies_params: bool = False, **changes: object
 ) -> list[agent_inputs.AgentInput]:
     """What the upkeep tells until it has read parameters so often."""
-    vehicle = CONFIG.vehicles["mav0"]
+    vehicle = replace(CONFIG.vehicles["mav0"], **changes)
     told = asyncio.Queue[agent_inputs.AgentInput]()
     flight = FlightContext(CONFIG, vehicle)
     upkeep = LinkUpkeep(
@@ -233,3 +233,13 @@ async def test_a_px4_that_does_not_take_what_is_set_is_not_told_for_ever(
     events = await events_until(link, 12, applies_params=True)
     assert len(link.applied) == 3
     assert "COM_OF_LOSS_T is 1" in last_problems(events)[0]
+
+
+@pytest.mark.parametrize(("px4_position", "is_problem"), [("gps", True), ("vision", False)])
+async def test_a_px4_that_flies_by_vision_needs_no_global_origin(
+    px4_position: str, is_problem: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    link = MuteLink()
+    monkeypatch.setattr(link, "settle_global_origin", lambda sets_ours: False)
+    events = await events_until(link, 1, mocap_required=False, px4_position=px4_position)
+    assert ("no global origin" in " ".join(last_problems(events))) is is_problem

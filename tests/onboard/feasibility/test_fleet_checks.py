@@ -518,3 +518,16 @@ def test_vehicles_by_px4s_position_in_a_fleet_without_an_origin_on_earth_are_war
     names = [f.name for f in fleet_findings(fleet_with({**without_mocap, "fleet.origin": origin}))]
     assert "no origin" not in names
     assert "no origin" not in [f.name for f in fleet_findings(fleet_with())]
+
+    by_vision = {**without_mocap, "vehicles.mav1.px4_position": "vision", "fleet.origin": origin}
+    assert "mav1 flies by vision" in named(fleet_with(by_vision), "no origin").sentence
+
+
+def test_heights_by_satellites_are_warned_of_where_vehicles_pass_above_each_other() -> None:
+    above = {"fleet.vertical_separation_m": 1.0}
+    assert "heights by satellites" not in [f.name for f in fleet_findings(fleet_with(above))]
+
+    by_satellites = {**above, "vehicles.mav1.mocap_required": False}
+    finding = named(fleet_with(by_satellites), "heights by satellites")
+    assert finding.status == "warning"
+    assert "mav1 flies by satellites, whose heights err by metres" in finding.sentence

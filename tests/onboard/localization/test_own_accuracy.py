@@ -19,9 +19,15 @@ def _vehicle(*, has_mocap: bool) -> Vehicle:
     return replace(fleet().vehicles["mav0"], mocap_required=has_mocap)
 
 
-def _stood(has_mocap: bool, accuracy_m: float = 0.0) -> tuple[float, float]:
+def _stood(
+    has_mocap: bool,
+    accuracy_m: float = 0.0,
+    *,
+    height_accuracy_m: float = 0.0,
+    uses_heights: bool = False,
+) -> tuple[float, float]:
     """Standard deviations of position and velocity after two seconds on the ground."""
-    own = OwnState(_vehicle(has_mocap=has_mocap))
+    own = OwnState(_vehicle(has_mocap=has_mocap), uses_heights=uses_heights)
     for count in range(1, 101):
         now_ns = count * DT_NS
         seen = Snapshot(
@@ -29,6 +35,7 @@ def _stood(has_mocap: bool, accuracy_m: float = 0.0) -> tuple[float, float]:
             attitude_ns=now_ns,
             landed=Landed.ON_GROUND,
             position_accuracy_m=accuracy_m,
+            height_accuracy_m=height_accuracy_m,
         )
         if has_mocap:
             still = (1e-6 * (count % 2), 0.0, 0.0)
@@ -69,6 +76,12 @@ def test_px4s_own_position_on_vision_is_called_as_accurate_as_the_checks_judge_i
 def test_when_px4_says_that_it_is_worse_it_is_believed_up_to_a_limit() -> None:
     assert _stood(False, 0.6)[0] == pytest.approx(0.424, abs=1e-3)
     assert _stood(False, 1e6)[0] == 0.5
+
+
+def test_the_accuracy_of_heights_counts_where_vehicles_pass_above_each_other() -> None:
+    assert _stood(False, 0.3, height_accuracy_m=1.5)[0] == pytest.approx(0.212, abs=1e-3)
+    above = _stood(False, 0.3, height_accuracy_m=1.5, uses_heights=True)
+    assert above[0] == 0.5, "the largest that is told"
 
 
 def test_a_motion_captures_samples_speak_for_themselves_whatever_px4_says() -> None:

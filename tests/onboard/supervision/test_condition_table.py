@@ -304,6 +304,11 @@ JUST_NOT = [
         {"is_flying": True, "mocap_required": False, "is_standing": True, "height_m": 2.0},
         {"is_flying": True, "mocap_required": False, "is_standing": True, "height_m": 1.99},
     ),
+    (
+        Condition.FALLEN,
+        {"is_flying": True, "mocap_required": False, "is_stuck": True, "height_m": 2.0},
+        {"is_flying": True, "mocap_required": False, "is_stuck": True, "height_m": 1.99},
+    ),
     (Condition.LOOP_LATE, {"period_s": 0.025}, {"period_s": 0.0251}),
     (Condition.LOOP_STALLED, {"period_s": 0.2}, {"period_s": 0.201}),
     (

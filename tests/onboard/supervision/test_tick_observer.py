@@ -59,6 +59,7 @@ class Own:
     jumped_to_enu_m: Xyz | None = None
     corrections: CorrectionsConfig | None = None
     has_lost_satellites: bool = False
+    uses_heights: bool = False
     fit: MotionFit = field(default_factory=MotionFit)
     validator: Any = field(default_factory=lambda: SimpleNamespace(clock_jump_ns=0))
     wind_enu_m_s: tuple[float, float] = (0.0, 0.0)
@@ -700,3 +701,24 @@ def test_the_voltage_that_falls_when_a_vehicle_takes_off_is_no_falling_battery()
 
     observed.snapshot["battery_voltage_v"] = 12.4
     assert observed.run(2.0).slow.is_battery_falling
+
+
+def test_a_vehicle_that_pushes_upwards_and_does_not_move_is_stuck() -> None:
+    observed = Observed(config=without_mocap(FLEET))
+    observed.flies(goal=Goal(Vec3(0.0, 0.0, 2.0), 0.0, 1))
+    observed.view["thrust_share"] = 1.6
+    assert not observed.run(2.9).is_stuck
+    assert observed.run(0.3).is_stuck
+
+    observed.view["thrust_share"] = 1.0
+    assert not observed.run(0.1).is_stuck
+
+
+@pytest.mark.parametrize(("thrust_share", "goal_z_m"), [(1.1, 2.0), (1.6, 1.4)])
+def test_a_vehicle_that_hovers_below_its_goal_or_at_it_is_not_stuck(
+    thrust_share: float, goal_z_m: float
+) -> None:
+    observed = Observed(config=without_mocap(FLEET))
+    observed.flies(goal=Goal(Vec3(0.0, 0.0, goal_z_m), 0.0, 1))
+    observed.view["thrust_share"] = thrust_share
+    assert not observed.run(5.0).is_stuck
