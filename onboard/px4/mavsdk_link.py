@@ -56,6 +56,8 @@ _ONE_AT_A_TIME = threading.Lock()
 # PX4 has restarted if its clock went back by more than this. In the first second after its start it
 # sends no origin.
 _RESTARTED_MS = 500
+_CLOCK_RANGE_MS = 1 << 32  # PX4's clock in messages overflows after this time
+_NEAR_OVERFLOW_MS = 60_000  # a clock this near to an overflow may be beyond it in the next message
 
 # A silence longer than this counts as an interruption of PX4's messages. A cable may have been
 # unplugged.
@@ -334,6 +336,8 @@ class Px4Link:
                     fields = {"text": payload}
                 else:
                     fields = fields_of(name, payload)
+                if "time_boot_ms" in fields:
+                    fields["time_boot_ms"] = self._without_overflow_ms(fields["time_boot_ms"])
                 change = PARSERS[name](fields, arrived_ns)
             except ValueError:
                 continue
@@ -342,7 +346,7 @@ class Px4Link:
             changes |= change
             arrivals_ns.append(arrived_ns)
             if "time_boot_ms" in fields:
-                clocks_ms.append(int(fields["time_boot_ms"]))
+                clocks_ms.append(fields["time_boot_ms"])
 
         if not arrivals_ns:
             return known
@@ -362,9 +366,21 @@ class Px4Link:
         PX4's local positions are then relative to a new origin. With the old origin, a vehicle that
         was carried while off would seem to be at its old position.
         """
-        before_ms = self._clock_ms
+        has_restarted = clock_ms + _RESTARTED_MS < self._clock_ms
         self._clock_ms = clock_ms
-        return clock_ms + _RESTARTED_MS < before_ms
+        if has_restarted:
+            self._clock_ms %= _CLOCK_RANGE_MS
+        return has_restarted
+
+    def _without_overflow_ms(self, clock_ms: int) -> int:
+        """Return PX4's clock of 32 bits, continued beyond its overflow after 49.7 days."""
+        overflows, last_ms = divmod(self._clock_ms, _CLOCK_RANGE_MS)
+        late_ms = _CLOCK_RANGE_MS - _NEAR_OVERFLOW_MS
+        if last_ms > late_ms and clock_ms < _NEAR_OVERFLOW_MS:
+            overflows += 1
+        elif overflows and last_ms < _NEAR_OVERFLOW_MS and clock_ms > late_ms:
+            overflows -= 1  # a message from before the overflow
+        return overflows * _CLOCK_RANGE_MS + clock_ms
 
     # -- out ---------------------------------------------------------------------------------------
 

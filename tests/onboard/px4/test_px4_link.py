@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import socket
+import struct
 import subprocess
 import sys
 import time
@@ -221,3 +222,24 @@ def test_nobody_there_is_no_error() -> None:
     finally:
         found.stop()
         found.stop()
+
+
+def test_an_overflow_of_px4s_clock_is_no_restart() -> None:
+    link = Px4Link("udpin://127.0.0.1:1", 3)
+    overflow_ms = 1 << 32
+
+    def read(clock_ms: int) -> Snapshot:
+        payload = struct.pack("<I4f", clock_ms, 1.0, 0.0, 0.0, 0.0)
+        link._unread["ATTITUDE_QUATERNION", b""] = (payload, time.monotonic_ns())
+        return link.snapshot()
+
+    for clock_ms in (overflow_ms - 40, overflow_ms - 20, 0, 20):
+        seen = read(clock_ms)
+    assert seen.px4_boot_ms == overflow_ms + 20
+    assert read(overflow_ms - 10).px4_boot_ms == overflow_ms - 10, "a late message"
+    assert read(40).px4_boot_ms == overflow_ms + 40
+    assert read(90_000).px4_boot_ms == overflow_ms + 90_000
+    assert seen.restarts == 0
+
+    assert read(2_000).restarts == 1
+    assert read(2_020).px4_boot_ms == 2_020
