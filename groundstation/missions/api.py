@@ -179,8 +179,9 @@ class Fleet(Group):
             taken: who has taken the fleet.
             begin_ns: start of the script, on the ground's clock [ns].
         """
-        self.say(taken.sentence)
         try:
+            taken = await self.ground.watch.whole_takeover(taken)
+            self.say(taken.sentence)
             await stay(self.client, taken, begin_ns, self.say)
         except asyncio.CancelledError:
             await self.land_all(is_by_person=True)

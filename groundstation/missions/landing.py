@@ -133,6 +133,22 @@ async def land_all(
     return not remaining
 
 
+async def wait_for_landings(client: FleetClient, timeout_s: float) -> None:
+    """Wait until no vehicle lands any more; nothing is ordered.
+
+    Args:
+        client: fleet client that has been started.
+        timeout_s: longest wait [s], in addition to twice the time of the descent from the vehicles'
+            heights.
+    """
+
+    def lands_nobody(_: FleetState) -> bool:
+        return not any(_is_landing(client, name) for name in client.fleet.enabled_names)
+
+    descent_s = longest_descent_s(client.fleet, client.state)
+    await client.wait_for(lands_nobody, min(timeout_s + _DESCENT_FACTOR * descent_s, _EVER_S))
+
+
 def _say_failures(client: FleetClient, results: Results, say: Callable[[str], None]) -> None:
     """Say which vehicles the last order has not landed, and why."""
     silent = silent_in_flight(client)

@@ -25,6 +25,7 @@ from groundstation.missions.beginning import begin_refusal, step_times, time_ref
 from groundstation.missions.conditions import ConditionTimeout
 from groundstation.missions.countdown import CountdownEnded
 from groundstation.missions.hover_check import WindTooStrong
+from groundstation.missions.landing import wait_for_landings
 from groundstation.missions.left_out_awaits import left_out_awaits
 from groundstation.missions.own_link import SILENT_S, silent_in_flight
 from groundstation.missions.step_runner import MissionFailed, StepRunner
@@ -509,19 +510,13 @@ class MissionRun:
     async def _leave_to(self, taken: Taken) -> None:
         """Leave the fleet to whoever has taken it.
 
-        If `stays` is set, wait until the fleet is down, or for the longest stay; an interruption
-        lands all vehicles.
+        If `stays` is set, wait until the fleet is down, or for the longest stay; else until those
+        that land are down. An interruption lands all vehicles.
         """
         self._observations.failure = taken.sentence
         self._observations.is_left_flying = True
         self._observations.is_taken = True
-        self.client.publish_event("warning", "fleet-taken", taken.sentence)
-        self.fleet.say(f"The mission ends here: {taken.sentence}")
-        if not self._stays:
-            return
-
-        staying = stay(self.client, taken, self._observations.begin_ns, self.fleet.say)
-        self._staying = asyncio.create_task(staying)
+        self._staying = asyncio.create_task(self._stay(taken))
         try:
             _, waiting = await asyncio.wait({self._staying}, timeout=self._longest_stay_s)
         except asyncio.CancelledError:
@@ -534,6 +529,17 @@ class MissionRun:
                 f"{taken.by} has had the fleet for {self._longest_stay_s:g} s, and is not waited"
                 " for any longer."
             )
+
+    async def _stay(self, taken: Taken) -> None:
+        """Say who has taken the fleet, and wait for its vehicles; nothing is ordered."""
+        taken = await self.fleet.ground.watch.whole_takeover(taken)
+        self._observations.failure = taken.sentence
+        self.client.publish_event("warning", "fleet-taken", taken.sentence)
+        self.fleet.say(f"The mission ends here: {taken.sentence}")
+        if self._stays:
+            await stay(self.client, taken, self._observations.begin_ns, self.fleet.say)
+        else:
+            await wait_for_landings(self.client, LAND_TIMEOUT_S)
 
     async def _bring_down_after_a_stop(self) -> None:
         """Land all after an interruption, or after a reason from outside."""

@@ -14,7 +14,7 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Callable, Collection
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from groundstation.client.client import FleetClient
 from groundstation.fleet.state import FleetState, VehicleView
@@ -23,6 +23,8 @@ from onboard.bus.control_token import EMERGENCY, ORDER_STAYS
 
 # Longest wait for telemetry about an order that has replaced an order of the mission.
 HEARD_S = 1.0
+# Longest wait for the telemetry of all vehicles about the order that has taken the fleet.
+_GATHER_S = 0.3
 _REPEAT_S = 10.0  # time between two lines about the new operator of the fleet
 _LOOK_S = 0.5  # time between two checks of a fleet that was taken
 # longest flight of a vehicle without hover_time_s in the fleet file
@@ -132,6 +134,29 @@ class FleetWatch:
 
         if self.has_begun:
             self.note_earlier_orders()
+        self.taken = self._taken_by_order()
+        return self.taken
+
+    async def whole_takeover(self, first: Taken) -> Taken:
+        """Return a takeover with all vehicles of its order, which report it one after the other.
+
+        Args:
+            first: the takeover as it was noticed, by the telemetry of the first vehicles.
+        """
+
+        def is_reported_by_all(state: FleetState) -> bool:
+            return all(
+                self._has_order_of_others(name, view) for name, view in state.vehicles.items()
+            )
+
+        await self._client.wait_for(is_reported_by_all, _GATHER_S)
+        whole = self._taken_by_order()
+        if whole is not None:
+            self.taken = replace(whole, since_ns=first.since_ns)
+        return self.taken or first
+
+    def _taken_by_order(self) -> Taken | None:
+        """Return who has the fleet by an order, as the vehicles report now; None if nobody has."""
         vehicles_by_order: dict[tuple[str, str], list[str]] = {}  # author and verb -> vehicles
         is_by_other = False  # whether one of these orders came from another ground
         for name, view in self._client.state.vehicles.items():
@@ -143,14 +168,14 @@ class FleetWatch:
             order = (telemetry.taken_order_from, telemetry.taken_order_kind)
             vehicles_by_order.setdefault(order, []).append(name)
 
-        if vehicles_by_order:
-            # If there are several orders, the one to the most vehicles is named.
-            (author, verb), names = max(vehicles_by_order.items(), key=lambda item: len(item[1]))
-            words = f"has ordered {verb} {','.join(names)}"
-            self.taken = Taken(
-                by=author, words=words, since_ns=self._client.now_ns(), is_by_other=is_by_other
-            )
-        return self.taken
+        if not vehicles_by_order:
+            return None
+        # If there are several orders, the one to the most vehicles is named.
+        (author, verb), names = max(vehicles_by_order.items(), key=lambda item: len(item[1]))
+        words = f"has ordered {verb} {','.join(names)}"
+        return Taken(
+            by=author, words=words, since_ns=self._client.now_ns(), is_by_other=is_by_other
+        )
 
     async def after_failure(self, results: Results) -> Taken | None:
         """Return who has taken the fleet, if that explains how an order of the mission ended.

@@ -754,6 +754,38 @@ async def test_ctrl_c_in_the_landing_after_an_end_from_outside_is_a_persons_land
     assert not client.state.airborne_names
 
 
+async def test_a_mission_that_an_order_to_land_has_ended_is_judged_when_all_are_down(
+    fleet: FleetConfig, client: Any, bus: Any
+) -> None:
+    client.has_person = True
+    steps = [HOP[0], {"do": "wait", "duration_s": 60.0}]
+    run = MissionRun(make(fleet, steps, expect={"all_landed": True}), client)
+    task = asyncio.create_task(run.run())
+    assert await client.wait_for(lambda state: len(state.airborne_names) == 3, 5.0)
+
+    bus.accept_only = {"land"}
+    order = client.submit_now("land all")
+    for name in fleet.enabled_names:  # each reports the order by itself
+        bus.tell(
+            name,
+            state="landing",
+            taken_order_id=order.results[name].order_id,
+            taken_order_kind="land",
+            taken_order_from="tester (ground-test)",
+        )
+        run.check()
+        await asyncio.sleep(0.02)
+    assert not (await asyncio.wait({task}, timeout=0.1))[0]
+
+    for name in fleet.enabled_names:
+        bus.tell(name, state="landed", is_airborne=False, is_armed=False)
+    verdict = await asyncio.wait_for(task, 5.0)
+    assert verdict.exit_status == 1
+    assert all(verdict.landed.values())
+    assert "Landed and disarmed: all." in [check.sentence for check in verdict.checks]
+    assert "tester (ground-test) has ordered land mav0,mav1,mav2: that stays" in verdict.summary
+
+
 async def test_a_mission_that_is_not_flown_changes_no_formation(
     fleet: FleetConfig, client: Any
 ) -> None:
