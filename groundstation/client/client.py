@@ -405,6 +405,14 @@ class FleetClient:
             return True
         return self._orders.has_open(vehicle, _STARTS)
 
+    def has_open_landing(self, vehicle: str) -> bool:
+        """Whether an order of this client to land was sent to a vehicle and has not ended.
+
+        Args:
+            vehicle: name of the vehicle.
+        """
+        return self._orders.has_open(vehicle, ("land",))
+
     async def submit(self, order: Intent | str, *, is_by_mission: bool = False) -> OrderResult:
         """Plan an order and send it at once.
 

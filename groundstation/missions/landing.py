@@ -75,10 +75,12 @@ async def land_all(
     wait_s = min(timeout_s + _DESCENT_FACTOR * descent_s, _EVER_S)
     end_ns = client.now_ns() + int(wait_s * 1e9)
 
-    if superseded:
-        # The next telemetry shows whether the new order is to land.
+    # Vehicles that somebody else may have ordered to land, or the console in which the mission
+    # flies: the next telemetry shows whether they land.
+    ordered_before = {*superseded, *(name for name in up if client.has_open_landing(name))}
+    if ordered_before:
         await client.wait_for(
-            lambda _: all(_is_landing(client, name) for name in superseded), TELEMETRY_WITHIN_S
+            lambda _: all(_is_landing(client, name) for name in ordered_before), TELEMETRY_WITHIN_S
         )
 
     shown_lines: set[str] = set()

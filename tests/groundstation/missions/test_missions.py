@@ -543,6 +543,29 @@ async def test_an_interruption_lands_everybody_and_says_so(
     assert [order.kind for name, order in bus.orders if name == "mav2"] == ["takeoff", "land"]
 
 
+async def test_an_interruption_orders_no_landing_that_the_console_has_just_ordered(
+    fleet: FleetConfig, client: Any, bus: Any
+) -> None:
+    run = MissionRun(make(fleet, [HOP[0], {"do": "wait", "duration_s": 60.0}]), client)
+    task = asyncio.create_task(run.run())
+    assert await client.wait_for(lambda state: len(state.airborne_names) == 3, 5.0)
+
+    bus.accept_only = {"land"}
+    run.interrupt()
+    order = client.submit_now("land all")
+    await asyncio.sleep(0.02)
+    for name in fleet.enabled_names:
+        bus.tell(name, state="landing")
+    await asyncio.sleep(0.02)
+    for name in fleet.enabled_names:
+        bus.tell(name, state="landed", is_airborne=False, is_armed=False)
+    verdict = await asyncio.wait_for(task, 5.0)
+
+    assert all(verdict.landed.values())
+    assert {result.phase for result in order.results.values()} == {"accepted"}
+    assert [order.kind for name, order in bus.orders if name == "mav2"] == ["takeoff", "land"]
+
+
 async def test_an_interruption_just_after_the_order_to_take_off_ends_when_nothing_starts_any_more(
     fleet: FleetConfig, client: Any, bus: Any
 ) -> None:
