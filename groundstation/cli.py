@@ -20,14 +20,21 @@ import os
 import sys
 import warnings
 from collections.abc import Callable, Sequence
-from contextlib import redirect_stderr, redirect_stdout
+from contextlib import AbstractContextManager, nullcontext, redirect_stderr, redirect_stdout
 from importlib.util import find_spec
 from types import ModuleType
 from typing import TYPE_CHECKING, NamedTuple
 
+from groundstation.missions.lasting_output import lasting_output
 from onboard.bus.protocol import BusError, NoRouterError
 from onboard.config.fleet import ConfigError
-from onboard.exit_status import EXIT_INTERRUPTED, EXIT_NO_ANSWER, EXIT_OK, EXIT_WRONG_INPUT
+from onboard.exit_status import (
+    EXIT_INTERRUPTED,
+    EXIT_NO_ANSWER,
+    EXIT_NO_READER,
+    EXIT_OK,
+    EXIT_WRONG_INPUT,
+)
 from onboard.plain_text import PlainStream, drawing, fitted, meant_words
 
 if TYPE_CHECKING:
@@ -201,6 +208,10 @@ FORMER: dict[str, tuple[str, ...]] = {
     "sitl-truth": ("sitl", "truth"),
 }
 
+# Commands that run until they are stopped. They end when nobody reads their output any more; all
+# others go on to their own exit status.
+_UNTIL_STOPPED = ("agent", "corrections", "mocap", "router", "sitl", "web")
+
 _NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 _HELP_WORDS = ("--help", "-h")
 _COMPLETION_WORD = "--install-completion"
@@ -229,7 +240,13 @@ def main(argv: Sequence[str] | None = None) -> int:
         words.remove("--ascii")
         os.environ["COVEY_ASCII"] = "1"
 
+    current = current_words(words)
+    output: AbstractContextManager[None] = lasting_output(BrokenPipeError)
+    if current and current[0] in _UNTIL_STOPPED:
+        output = nullcontext()
+
     with (
+        output,
         redirect_stdout(PlainStream(sys.stdout)),
         redirect_stderr(PlainStream(sys.stderr)),
         warnings.catch_warnings(),
@@ -243,7 +260,9 @@ def main(argv: Sequence[str] | None = None) -> int:
 def _run_in_sentences(words: list[str]) -> int:
     """Run one command and write its errors as sentences; return the exit status."""
     try:
-        return _run(words)
+        status = _run(words)
+        sys.stdout.flush()
+        return status
     except NoRouterError as error:
         _refuse(str(error))
         return EXIT_NO_ANSWER
@@ -263,9 +282,9 @@ def _run_in_sentences(words: list[str]) -> int:
     except KeyboardInterrupt:
         return EXIT_INTERRUPTED
     except BrokenPipeError:
-        # The reader has read enough, as in `covey check FILE | head`.
-        os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
-        return EXIT_OK
+        # The reader has read enough, as in `covey sitl FILE | head`.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return EXIT_NO_READER
     except OSError as error:
         # An agent's log keeps the traceback; so does whatever is no matter of a file.
         is_of_file = error.filename is not None or error.errno in _NO_ROOM

@@ -6,3 +6,4 @@ EXIT_WRONG_INPUT = 2  # a wrong file, option or combination: nothing was started
 EXIT_NO_ANSWER = 10  # no vehicle, agent, body or autopilot answered
 EXIT_MIXED = 50  # some vehicles succeeded and some did not
 EXIT_INTERRUPTED = 130  # Ctrl-C
+EXIT_NO_READER = 141  # nobody reads the output any more; what SIGPIPE ends with in a shell

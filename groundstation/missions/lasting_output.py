@@ -16,11 +16,16 @@ from typing import Any, TextIO, cast
 
 
 @contextlib.contextmanager
-def lasting_output() -> Iterator[None]:
-    """Drop the output of the block that nobody can read any more, instead of raising an error."""
+def lasting_output(dropped: type[OSError] = OSError) -> Iterator[None]:
+    """Drop the output of the block that nobody can read any more, instead of raising an error.
+
+    Args:
+        dropped: error after which output is dropped. A BrokenPipeError means that its reader has
+            ended; others, as of a full disk, are raised then.
+    """
     before = sys.stdout, sys.stderr
-    sys.stdout = cast("TextIO", _LastingStream(sys.stdout))
-    sys.stderr = cast("TextIO", _LastingStream(sys.stderr))
+    sys.stdout = cast("TextIO", _LastingStream(sys.stdout, dropped))
+    sys.stderr = cast("TextIO", _LastingStream(sys.stderr, dropped))
     try:
         yield
     finally:
@@ -57,16 +62,18 @@ class _LastingStream:
 
     Args:
         stream: standard output or standard error.
+        dropped: error after which output is dropped.
     """
 
-    def __init__(self, stream: TextIO) -> None:
+    def __init__(self, stream: TextIO, dropped: type[OSError]) -> None:
         self._stream = stream
+        self._dropped = dropped
 
     def write(self, text: str) -> int:
         """Write a text, or drop it."""
         try:
             return self._stream.write(text)
-        except OSError:
+        except self._dropped:
             self._drop_further()
             return len(text)
 
@@ -74,7 +81,7 @@ class _LastingStream:
         """Write what waits, or drop it."""
         try:
             self._stream.flush()
-        except OSError:
+        except self._dropped:
             self._drop_further()
 
     def _drop_further(self) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import os
 import subprocess
@@ -121,6 +122,32 @@ def test_each_finding_about_a_missions_steps_fails_on_purpose(
     found = [row for row in found if str(row["name"]).partition(",")[0] == name]
     assert next(row["status"] for row in found) == status
     assert code == (1 if status == "refused" else 0)
+
+
+def unread_status(*words: str) -> int:
+    """The exit status of a command that writes to a pipe whose reader has ended."""
+    reader, writer = os.pipe()
+    os.close(reader)
+    stream = os.fdopen(writer, "w", buffering=1, encoding="utf-8")
+    with stream, contextlib.redirect_stdout(stream):
+        return cli.main(list(words))
+
+
+def test_a_command_whose_reader_ends_keeps_its_exit_status(tmp_path: Path) -> None:
+    refused = edited(MISSION, tmp_path, ("[0.3, 0.0, 1.2]", "[3.1, 0.0, 1.2]"))
+    assert unread_status("check", refused) == 1
+    assert unread_status("check", str(MISSION)) == 0
+
+
+def test_a_command_that_runs_until_it_is_stopped_ends_when_nobody_reads_it(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    def run(_words: list[str]) -> int:
+        print("ready")
+        return 0
+
+    monkeypatch.setattr(cli, "_run", run)
+    assert unread_status("router") == 141
 
 
 def test_a_vehicle_moved_close_to_another_that_stays_is_refused(
