@@ -5,9 +5,9 @@ Examples:
   covey mocap --fleet fleet.toml --source vicon --hostname 192.168.1.5
   covey mocap --fleet fleet.toml --check
 
-Exit status: 0 stopped, or at the end every vehicle's body is tracked (with --check also: each
-vehicle has its own body, and right stamps); 1 one of these is wrong; 2 wrong input; 10 no body was
-seen.
+Exit status: 0 stopped, or at the end every vehicle's body is tracked and does not repeat the same
+numbers (with --check also: each vehicle has its own body, and right stamps); 1 one of these is
+wrong; 2 wrong input; 10 no body was seen.
 docs/mocap.md says more.
 """
 

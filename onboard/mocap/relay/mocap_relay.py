@@ -164,7 +164,7 @@ class MocapRelay:
         return EXIT_FAILED
 
     def _print(self, was_complete: bool) -> bool:
-        """Print a report, and return whether every vehicle's body is tracked."""
+        """Print a report, and return whether it is complete: see :class:`MocapStatistics`."""
         with self._lock:
             self.statistics.close_window(time.monotonic_ns())
             rows = list(self.statistics.rows())

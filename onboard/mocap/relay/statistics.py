@@ -129,10 +129,12 @@ class MocapStatistics:
 
     @property
     def is_complete(self) -> bool:
-        """Whether every vehicle's body is tracked now."""
+        """Whether every vehicle's body is tracked now, and does not repeat the same numbers."""
         for name in self.vehicles.values():
             body = self.bodies.get(name)
             if body is None or not body.is_tracked or body.age_s >= _GONE_S:
+                return False
+            if body.still_s > _STILL_S:
                 return False
         return True
 

@@ -93,9 +93,7 @@ def test_the_process_puts_every_body_on_the_bus_and_ends_cleanly_on_ctrl_c(tmp_p
         relay = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
         assert relay.stdout is not None
         try:
-            assert any(
-                line.startswith("ready: every vehicle's body is tracked") for line in relay.stdout
-            )
+            assert any("3 bodies, 3 vehicles" in line for line in relay.stdout)
             end = time.monotonic() + 20.0
             while len({pose.body for pose in ear.poses}) < 3 or len(ear.poses) < 60:
                 assert time.monotonic() < end, "no poses came"
@@ -220,15 +218,14 @@ def test_numbers_that_are_not_finite_count_as_jumps() -> None:
     assert body.jumps == 2
 
 
-def test_a_body_that_gives_the_same_numbers_is_named() -> None:
-    assert not any(
-        "same numbers" in line
-        for line in _report(*[body_pose(0.01 * n, 1e-4 * n) for n in range(1, 200)]).findings()
-    )
-    assert any(
-        "same numbers" in line
-        for line in _report(*[body_pose(0.01 * n, 1.0) for n in range(1, 200)]).findings()
-    )
+def test_a_body_that_gives_the_same_numbers_is_named_and_is_not_ready() -> None:
+    moving = _report(*[body_pose(0.01 * n, 1e-4 * n) for n in range(1, 200)])
+    assert not any("same numbers" in line for line in moving.findings())
+    assert moving.is_complete
+
+    still = _report(*[body_pose(0.01 * n, 1.0) for n in range(1, 200)])
+    assert any("same numbers" in line for line in still.findings())
+    assert not still.is_complete
 
 
 def test_a_body_that_is_lost_now_is_named() -> None:
