@@ -31,7 +31,8 @@ from groundstation.flights.simulation_settings import (
 from groundstation.processes.free_ports import toml_text
 from groundstation.starter.fleet_edit import edited
 from onboard.config.file_reading import toml_values
-from onboard.config.fleet import ConfigError
+from onboard.config.fleet import KNOWN_KEYS, ConfigError
+from onboard.plain_text import meant_words
 
 _BUS = "bus."
 _LAW = "law."
@@ -73,7 +74,7 @@ def parse_change(text: str) -> Change:
     """Return the change of a text KEY=VALUE.
 
     Raises:
-        ConfigError: the text has another form.
+        ConfigError: the text has another form, or there is no such change.
     """
     key, sign, value = text.partition("=")
     key = key.strip()
@@ -82,7 +83,14 @@ def parse_change(text: str) -> Change:
             f"--what-if is '{text}'; write KEY=VALUE, for instance law.kappa_1_1_s=5, wind=3,0,"
             " bus.delay_s=0.1, 'fault=mav1 motor_dead motor=2' or 'order=hold all'."
         )
-    return Change(key=key, value=value.strip())
+    change = Change(key=key, value=value.strip())
+    if change.is_of_fleet_file and key.partition(".")[0] not in KNOWN_KEYS:
+        meant = meant_words(key, (*_NOT_OF_FLEET_FILE, *KNOWN_KEYS))
+        raise ConfigError(
+            f"--what-if {change.text}: there is no such change.{meant} Give"
+            f" {', '.join(_NOT_OF_FLEET_FILE)}, {_BUS}KEY, law, or a key of the fleet file."
+        )
+    return change
 
 
 def changed(origin: FlightOrigin, changes: Sequence[Change], at_s: float | None) -> FlightOrigin:

@@ -45,7 +45,8 @@ def open_recorded(folder: Path) -> RecordedFlight:
     if not settings.is_lockstep:
         raise ConfigError(
             f"{folder}: this flight was simulated in real time, where no two flights are alike."
-            " Only flights in lockstep can be flown again: add --lockstep."
+            " Only flights in lockstep can be flown again: record it with covey fly MISSION"
+            " --lockstep."
         )
     suffix = Path(settings.mission_path).suffix
     if not suffix:

@@ -40,7 +40,7 @@ from onboard.config.vehicle_tables import (
 )
 from onboard.tuples import Xyz
 
-_KNOWN_KEYS = (
+KNOWN_KEYS = (
     "corrections",
     "defaults",
     "fences",
@@ -104,8 +104,8 @@ def _resolved(data: Mapping[str, Any], *, path: str, text: str, needs_folders: b
             f"covey fly {path}"
         )
     for key in data:
-        if key not in _KNOWN_KEYS:
-            raise unknown_key(path, key, key, _KNOWN_KEYS)
+        if key not in KNOWN_KEYS:
+            raise unknown_key(path, key, key, KNOWN_KEYS)
     for key in ("fleet", "vehicles"):
         if key not in data:
             raise ConfigError(f"{path}: the table '{key}' is missing. Add [{key}].")

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import pytest
 
 from groundstation.flights.changes import FlightOrigin, changed, parse_change
-from groundstation.flights.simulation_settings import SimulationSettings
+from groundstation.flights.recorded_flight import open_recorded
+from groundstation.flights.simulation_settings import SimulationSettings, write_settings
 from onboard.config.fleet import ConfigError
 
 FAULT = "mav1 motor_dead motor=2 at=1"
@@ -32,3 +35,20 @@ def test_a_number_that_makes_no_sense_is_refused(text: str, at_s: float | None) 
     origin = FlightOrigin(fleet_text="", mission_text="", settings=settings)
     with pytest.raises(ConfigError):
         changed(origin, [parse_change(text)], at_s)
+
+
+@pytest.mark.parametrize("text", ["wnd=5", "bus=0.1", "without_fualt=1", "wind.east=3"])
+def test_a_change_that_does_not_exist_is_refused_with_those_that_do(text: str) -> None:
+    with pytest.raises(ConfigError) as refused:
+        parse_change(text)
+    sentence = str(refused.value)
+    assert sentence.startswith(f"--what-if {text}: there is no such change.")
+    assert "Give wind, gust, fault, order, " in sentence
+
+
+def test_a_flight_in_real_time_is_refused_with_the_command_that_records_one_in_lockstep(
+    tmp_path: Path,
+) -> None:
+    write_settings(tmp_path, SimulationSettings(is_lockstep=False))
+    with pytest.raises(ConfigError, match=r"record it with covey fly MISSION --lockstep\."):
+        open_recorded(tmp_path)
