@@ -13,6 +13,7 @@ from groundstation.shows.output import write_show
 from groundstation.shows.skyc import read_skyc
 from onboard.config.example_files import EXAMPLES
 from onboard.config.fleet import ConfigError
+from onboard.plain_text import meant_words
 
 SHOW = "thirty"  # a .skyc file, which is imported before it flies
 GALLERY = (
@@ -54,7 +55,11 @@ def gallery_mission(name: str, folder: Path) -> Mission:
         ConfigError: there is no such mission.
     """
     if name not in GALLERY:
-        raise ConfigError(f"'{name}' is no mission of the gallery: it has {', '.join(GALLERY)}.")
+        names = (*GALLERY, *ACCIDENTS)
+        raise ConfigError(
+            f"'{name}' is no mission of the gallery.{meant_words(name.lower(), names)}"
+            f" It has {', '.join(names)}."
+        )
     if name != SHOW:
         return load_mission(_file(name))
 

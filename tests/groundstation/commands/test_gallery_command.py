@@ -29,7 +29,17 @@ def test_a_name_that_is_none_is_refused_with_those_that_are(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
     assert main(["gallery", "nothing"]) == 2
-    assert "dense-swap" in capsys.readouterr().err
+    assert ", ".join((*GALLERY, *ACCIDENTS)) in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("typed", "meant"), [("londn", "london"), ("London", "london"), ("swp", "swap")]
+)
+def test_a_name_that_is_nearly_right_is_refused_with_the_right_one(
+    typed: str, meant: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["demo", "gallery", typed]) == 2
+    assert f"Did you mean '{meant}'?" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(
