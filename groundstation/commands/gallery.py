@@ -33,7 +33,7 @@ from groundstation.commands.parameters import (
 )
 from groundstation.flights.flight_settings import flight_folder
 from groundstation.mission_files.loading import load_mission
-from groundstation.shows.gallery import ACCIDENTS, GALLERY, gallery_mission, sentence_of
+from groundstation.shows.gallery import ACCIDENTS, GALLERY, SHOW, gallery_mission, sentence_of
 from onboard.config.fleet import ConfigError
 from onboard.exit_status import EXIT_OK
 from sitl.lockstep.accidents import fly_both as fly_accident
@@ -93,7 +93,7 @@ def _print_list() -> None:
     )
     print(_listed(ACCIDENTS, width))
     print("Fly one in simulated time: covey demo gallery NAME.")
-    print("With console and real processes: covey fly NAME --sitl.")
+    print(f"With console and real processes (all but {SHOW}): covey fly NAME --sitl.")
 
 
 def _listed(names: Sequence[str], width: int) -> str:

@@ -6,6 +6,7 @@ import pytest
 
 from groundstation.cli import main
 from groundstation.shows.gallery import ACCIDENTS, GALLERY, sentence_of
+from onboard.config.example_files import example_names
 
 
 def test_all_are_listed_with_what_they_show(capsys: pytest.CaptureFixture[str]) -> None:
@@ -13,6 +14,14 @@ def test_all_are_listed_with_what_they_show(capsys: pytest.CaptureFixture[str]) 
     lines = capsys.readouterr().out.splitlines()
     names = [line.split()[0] for line in lines if line.startswith("  ") and line[2] != " "]
     assert names == [*GALLERY, *ACCIDENTS]
+
+
+def test_the_list_says_which_missions_other_commands_do_not_know_by_name(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    assert main(["gallery"]) == 0
+    unknown = sorted({*GALLERY, *ACCIDENTS} - set(example_names("mission file")))
+    assert f"(all but {', '.join(unknown)}): covey fly NAME --sitl." in capsys.readouterr().out
 
 
 def test_the_list_breaks_its_lines_between_words_at_the_width_of_the_terminal(
