@@ -243,6 +243,8 @@ async def _mission(flight: Lockstep, mission: Mission, ground_ends_in: str) -> s
     await asyncio.wait({mission_task, gone_task}, return_when=asyncio.FIRST_COMPLETED)
     gone_task.cancel()
     if not mission_task.done():
+        run.abort("The ground is gone.", can_land=False)
+        await mission_task
         return "the ground is gone"
 
     verdict = mission_task.result()
