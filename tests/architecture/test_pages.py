@@ -105,11 +105,26 @@ def test_nobody_is_told_to_install_a_name_that_no_index_has() -> None:
             assert told is None, f"{path}: {told}"
 
 
+def _anchors(page: Path) -> set[str]:
+    """The anchors of a page's headings, as GitHub makes them."""
+    text = re.sub(r"```.*?```", "", page.read_text(encoding="utf-8"), flags=re.DOTALL)
+    anchors: set[str] = set()
+    for heading in re.findall(r"^#+ (.*)", text, flags=re.MULTILINE):
+        words = re.sub(r"\]\([^)]*\)", "]", heading).lower()  # a link counts by its text
+        anchors.add(re.sub(r"[^\w\- ]", "", words).strip().replace(" ", "-"))
+    return anchors
+
+
 def test_every_page_is_in_the_index_and_its_links_lead_somewhere() -> None:
     index = (DOCS / "index.md").read_text(encoding="utf-8")
     for page in DOCS.glob("*.md"):
         assert page.name == "index.md" or f"({page.name})" in index, (
             f"name {page.name} in docs/index.md"
         )
-        for target in re.findall(r"\]\(([^)#: ]+)(?:#[^)]*)?\)", page.read_text(encoding="utf-8")):
-            assert (DOCS / target).exists(), f"{page.name}: {target}"
+    for page in (*DOCS.glob("*.md"), *ROOT.glob("*.md")):
+        text = page.read_text(encoding="utf-8")
+        for target, anchor in re.findall(r"\]\(([^)#: ]*)(?:#([^) ]*))?\)", text):
+            linked = page.parent / target if target else page
+            assert linked.exists(), f"{page.name}: {target}"
+            if anchor and linked.suffix == ".md":
+                assert anchor in _anchors(linked), f"{page.name}: {target}#{anchor}"
