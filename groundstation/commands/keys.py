@@ -93,6 +93,9 @@ def secure(fleet: FleetArgument, /, *, mavlink: bool = False) -> int:
         "  to whoever only watches: the same with viewer; "
         "to the relay of a motion capture: with mocap"
     )
+    if secured.corrections is not None:
+        files = _listed(copied_files(secured, NodeRole.CORRECTIONS))
+        print(f"  to the computer of covey corrections: {file}, {files}")
     print(f"{folder_of(secured) / 'ca.key'} makes new nodes: it stays here.")
     return EXIT_OK
 

@@ -52,6 +52,20 @@ def test_every_node_gets_its_files_and_the_comments_of_the_fleet_file_stay(made:
     assert credentials_of(load_fleet(PAPER), "mav0") is None
 
 
+@pytest.mark.parametrize("has_corrections", [False, True])
+def test_the_files_of_the_relay_of_corrections_are_named_if_the_fleet_has_one(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], has_corrections: bool
+) -> None:
+    text = PAPER.with_name("px4-sitl.toml").read_text(encoding="utf-8")
+    if has_corrections:
+        text += '\n[corrections]\nsource = "mock"\n'
+    path = tmp_path / "fleet.toml"
+    path.write_text(text, encoding="utf-8")
+    assert main(["keys", "secure", str(path)]) == 0
+    line = "to the computer of covey corrections: fleet.toml, keys/ca.pem, keys/corrections.pem"
+    assert (line in capsys.readouterr().out) is has_corrections
+
+
 def test_a_second_call_changes_nothing_and_makes_what_is_missing(folder: Path) -> None:
     before = {path.name: path.read_bytes() for path in (folder / "keys").iterdir()}
     (folder / "keys" / "mav1.key").unlink()
