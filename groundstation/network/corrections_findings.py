@@ -1,6 +1,7 @@
 """Findings of ``covey check`` about the GNSS corrections of a fleet file.
 
-Files that the fleet file names must exist. The source is not contacted; ``covey corrections
+Files that the fleet file names must exist, and the password must be in its file, which only its
+owner may read. The source is not contacted; ``covey corrections
 --check`` does that, and tells which messages it sends and where its base is.
 """
 
@@ -8,8 +9,10 @@ from __future__ import annotations
 
 import os
 
+from onboard.config.config_error import ConfigError
 from onboard.config.corrections import CorrectionsConfig, beside
 from onboard.config.fleet import FleetConfig
+from onboard.corrections.relay.sources import password_of
 from onboard.feasibility.finding import Finding, Status
 
 _DEMANDS = {
@@ -34,7 +37,7 @@ def corrections_findings(fleet: FleetConfig) -> list[Finding]:
 
     findings = [
         _finding("warning", sentence, remedy)
-        for sentence, remedy in _missing_files(fleet, corrections)
+        for sentence, remedy in _wrong_files(fleet, corrections)
     ]
     remedy = f"What it sends, and where its base is: covey corrections --fleet {fleet.path} --check"
     sentence = (
@@ -45,18 +48,26 @@ def corrections_findings(fleet: FleetConfig) -> list[Finding]:
     return findings
 
 
-def _missing_files(fleet: FleetConfig, corrections: CorrectionsConfig) -> list[tuple[str, str]]:
-    """Return sentence and remedy for each file that [corrections] names and that is missing."""
+def _wrong_files(fleet: FleetConfig, corrections: CorrectionsConfig) -> list[tuple[str, str]]:
+    """Return sentence and remedy for each file of [corrections] that covey corrections refuses."""
     named = {"corrections.password_file": corrections.password_file}
     if corrections.source == "file":
         named["corrections.address"] = corrections.address
 
-    missing = []
+    wrong = []
     for key, path in named.items():
         if path and not os.path.isfile(beside(fleet.path, path)):
             remedy = f"Put it there, beside {fleet.path}, or correct '{key}'."
-            missing.append((f"'{key}' names {path}, which is not there. {remedy}", remedy))
-    return missing
+            wrong.append((f"'{key}' names {path}, which is not there. {remedy}", remedy))
+    if wrong:
+        return wrong
+
+    try:
+        password_of(corrections, fleet.path, environment={})
+    except ConfigError as error:
+        remedy = "Mend the file that 'corrections.password_file' names."
+        wrong.append((f"covey corrections refuses the password: {error}", remedy))
+    return wrong
 
 
 def _source_words(corrections: CorrectionsConfig) -> str:
