@@ -65,13 +65,23 @@ async def test_the_worst_alarm_is_visible_on_every_screen(
         assert colour == theme.BAD
 
 
-async def test_a_console_that_hears_nobody_says_what_to_start(fleet: FleetConfig) -> None:
+@pytest.mark.parametrize(
+    ("size", "advice"),
+    [
+        ((80, 24), "Start covey agent, "),  # the remedy comes first, because the line is cut
+        ((120, 40), "Start covey agent, or fly --sitl, unless they start now."),
+    ],
+    ids=str,
+)
+async def test_a_console_that_hears_nobody_says_what_to_start(
+    fleet: FleetConfig, size: tuple[int, int], advice: str
+) -> None:
     app = ConsoleApp(fleet, FakeClient(fleet), forecaster=Oracle())
 
     def said() -> str:
         return "".join(piece for piece, _ in last_line(app))
 
-    # the advice is not cut at 120 columns, beside the three names and a long wait
-    async with app.run_test(size=(120, 40)) as pilot:
+    # beside the three names and a long wait
+    async with app.run_test(size=size) as pilot:
         await until(pilot, lambda: "Waiting for mav0, mav1, mav2" in said(), 10.0)
-        assert "start covey agent, or fly --sitl" in said()
+        assert advice in said()
