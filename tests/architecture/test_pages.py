@@ -105,6 +105,44 @@ def test_nobody_is_told_to_install_a_name_that_no_index_has() -> None:
             assert told is None, f"{path}: {told}"
 
 
+def _finding_names(source: str) -> Iterator[str]:
+    """The names of the findings that a module makes, without what a mission's step adds to them."""
+    tree = ast.parse(source)
+    constants = {
+        ast.unparse(node.targets[0]): node.value
+        for node in tree.body
+        if isinstance(node, ast.Assign)
+    }
+    for node in ast.walk(tree):
+        makers = ("Finding", "at_least", "at_most")
+        if not isinstance(node, ast.Call) or ast.unparse(node.func) not in makers:
+            continue
+        values = {keyword.arg: keyword.value for keyword in node.keywords}
+        name = values.get("name")
+        if isinstance(name, ast.Name):
+            name = constants.get(name.id)
+        if isinstance(name, ast.JoinedStr):
+            name = name.values[0]
+        if isinstance(name, ast.Constant):
+            yield str(name.value).removesuffix(", ")
+
+
+def test_the_page_of_the_check_has_every_finding() -> None:
+    _, _, table = (DOCS / "check.md").read_text(encoding="utf-8").partition("## The findings")
+    cells = re.findall(r"^\| ([^|]*) \|", table, flags=re.MULTILINE)
+    described = {name for cell in cells for name in cell.split(", ")}
+
+    names: set[str] = set()
+    for room in ("onboard/feasibility", "groundstation"):
+        for path in (ROOT / room).rglob("*.py"):
+            source = path.read_text(encoding="utf-8")
+            if "feasibility.finding" in source:
+                names.update(_finding_names(source))
+    assert {"wind", "own law", "spacing", "path spacing"} <= names
+    for name in names:
+        assert any(row.startswith(name) for row in described), f"docs/check.md lacks '{name}'"
+
+
 def _anchors(page: Path) -> set[str]:
     """The anchors of a page's headings, as GitHub makes them."""
     text = re.sub(r"```.*?```", "", page.read_text(encoding="utf-8"), flags=re.DOTALL)
