@@ -534,7 +534,7 @@ class Group:
         Args:
             vehicles: vehicles to order.
             height_m: height of the way back, above the fleet's origin [m]; None: each vehicle keeps
-                its present height.
+                its present height, or rises above its spot.
             duration_s: duration of the way back [s]; 0 leaves it to the vehicles' limits.
             timeout_s: longest wait [s].
         """
@@ -562,7 +562,7 @@ class Group:
         Args:
             vehicles: vehicles to order.
             height_m: height of the way back, above the fleet's origin [m]; None: each vehicle keeps
-                its present height.
+                its present height, or rises above its spot.
             duration_s: duration of the way back [s]; 0 leaves it to the vehicles' limits.
             timeout_s: longest wait [s].
         """

@@ -39,7 +39,7 @@ from groundstation.orders.intents import (
     Yaw,
 )
 from onboard.config.fleet import FleetConfig
-from onboard.config.ground import floor_m, least_height_m
+from onboard.config.ground import ground_under_m, least_height_m
 from onboard.tuples import Xyz
 
 _PEAK_OF_MEAN = 1.9  # peak speed divided by mean speed of a quintic from rest to rest, rounded up
@@ -140,7 +140,7 @@ def _home(intent: Home, facts: GoalFacts) -> Goals:
         if height_m is None:
             # A vehicle on the ground gets a goal as well; its agent refuses the order with a better
             # reason.
-            lowest_m = floor_m(facts.fleet) + least_height_m(vehicle)
+            lowest_m = float(ground_under_m(facts.fleet, x, y)) + least_height_m(vehicle)
             _, _, present_height_m = destinations[name]
             height_m = max(present_height_m, lowest_m)
         goals[name] = (x, y, height_m)
@@ -176,7 +176,8 @@ def _bring_home(intent: BringHome, facts: GoalFacts) -> Goals:
         x, y, _ = facts.spot_enu_m(takes.get(name, name))
         height_m = intent.height_m
         if height_m is None:
-            lowest_m = floor_m(facts.fleet) + least_height_m(facts.fleet.vehicles[name])
+            least_m = least_height_m(facts.fleet.vehicles[name])
+            lowest_m = float(ground_under_m(facts.fleet, x, y)) + least_m
             _, _, present_height_m = positions[name]
             height_m = max(present_height_m, lowest_m)
         goals[name] = (x, y, height_m)

@@ -505,7 +505,8 @@ class Home(Intent, frozen=True, kw_only=True):
     has_goals = True
     begins = "in air"
 
-    height_m: float | None = None  # height of the way back; by default each keeps its own
+    # height of the way back; by default each keeps its own, or rises above its spot
+    height_m: float | None = None
     duration_s: float = 0.0  # duration of the way back, as for move
     timeout_s: float = 90.0
 

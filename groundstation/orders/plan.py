@@ -47,7 +47,7 @@ from onboard.config.fleet import (
     parking_height_share,
 )
 from onboard.config.flight_space import flight_space_of
-from onboard.config.ground import floor_m, least_height_m
+from onboard.config.ground import ground_under_m, least_height_m
 from onboard.config.pair_separation import separation_m
 from onboard.config.toml_reading import convert
 from onboard.tuples import Xyz
@@ -468,9 +468,9 @@ def _space_refusal(name: str, goal: Xyz, fleet: FleetConfig) -> str | None:
     if area_words:
         return f"{name}: the goal {goal_text} lies {area_words}. Choose another one."
 
-    ground_m = floor_m(fleet)
+    x, y, height_m = goal
+    ground_m = float(ground_under_m(fleet, x, y))
     least_m = least_height_m(fleet.vehicles[name])
-    _, _, height_m = goal
     if height_m < ground_m + least_m:
         return (
             f"{name}: the goal {goal_text} is less than {least_m:g} m above the ground at "

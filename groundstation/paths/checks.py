@@ -16,7 +16,7 @@ import numpy as np
 from onboard.arrays import Array
 from onboard.config.fleet import FleetConfig, above_words, parking_distance_m, parking_height_share
 from onboard.config.flight_space import flight_space_of
-from onboard.config.ground import floor_m, least_height_m
+from onboard.config.ground import ground_under_m, least_height_m
 from onboard.constants import GRAVITY_M_S2
 from onboard.control.path import MAX_JUMP_M, MAX_JUMP_M_S, Path, jumps, sampled
 from onboard.feasibility.finding import Finding, at_least, at_most, worst
@@ -427,7 +427,7 @@ def _room(fleet: FleetConfig, flown: SampledPaths, where: str) -> list[Finding]:
     _, top = fence.z
     to_box_m = np.minimum.reduce([x - low_x, high_x - x, y - low_y, high_y - y, top - z])
     to_fence_m = np.minimum(to_box_m, clearances_m(flight_space_of(fleet).areas, positions))
-    height_m = z - floor_m(fleet)
+    height_m = z - ground_under_m(fleet, x, y)
     least_m = max([LOWEST_M, *(least_height_m(fleet.vehicles[name]) for name in flown.names)])
 
     findings = []

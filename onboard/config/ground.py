@@ -1,11 +1,16 @@
 """The height of a fleet's ground, and the least height of goals above it. Pure.
 
+The fleet file says how high the ground is at the take-off spots; between them a slope is not known.
+
 The floor of the geofence is not the ground. For vehicles that use PX4's height, the floor is a
 metre below the ground, so that an error of the height does not breach the fence.
 """
 
 from __future__ import annotations
 
+import numpy as np
+
+from onboard.arrays import Array
 from onboard.config.fleet_config import FleetConfig, Vehicle
 
 # Least height of goals and paths above the ground. With satellites, PX4's own height has a standard
@@ -28,6 +33,24 @@ def floor_m(fleet: FleetConfig) -> float:
     """Return the height [m] of the ground or of the geofence's floor, whichever is higher."""
     low_m, _ = fleet.fleet.geofence_m.z
     return max(ground_m(fleet), low_m)
+
+
+def ground_under_m(fleet: FleetConfig, x_m: Array | float, y_m: Array | float) -> Array:
+    """Return the height [m] of the ground under points, as far as the fleet file tells it.
+
+    Within a body's diameter of a take-off spot, the ground is at least as high as the spot.
+
+    Args:
+        fleet: the fleet file.
+        x_m: coordinates of the points to the east.
+        y_m: coordinates to the north, of the same shape.
+    """
+    heights_m = np.full(np.shape(x_m), floor_m(fleet))
+    for name in fleet.enabled_names:
+        spot_x, spot_y, spot_m = fleet.vehicles[name].start_enu_m
+        is_near = np.hypot(x_m - spot_x, y_m - spot_y) <= fleet.fleet.body_diameter_m
+        heights_m = np.where(is_near, np.maximum(heights_m, spot_m), heights_m)
+    return heights_m
 
 
 def least_height_m(vehicle: Vehicle) -> float:

@@ -211,6 +211,20 @@ def test_goals_of_one_order_are_judged_together_and_the_way_home_leads_over_the_
     assert turned.orders["mav1"].yaw_deg == 45.0
 
 
+@pytest.mark.parametrize("line", ["home mav1", "bring home mav1"])
+def test_the_way_home_ends_above_a_spot_that_is_higher_than_the_vehicle(
+    fleet: FleetConfig, line: str
+) -> None:
+    raised = msgspec.structs.replace(fleet.vehicles["mav1"], start_enu_m=(0.0, -1.5, 1.4))
+    hill = msgspec.structs.replace(fleet, vehicles={**fleet.vehicles, "mav1": raised})
+    state = flying_at(hill, {"mav1": (0.0, 2.0, 1.0)})
+    home = planned(parse(line, hill), hill, state)
+    assert home.orders["mav1"].position_enu_m == (0.0, -1.5, pytest.approx(1.6))
+
+    too_low = planned(parse(f"{line} 1.5", hill), hill, state)
+    assert "above the ground at 1.4 m" in too_low.refusals["mav1"]
+
+
 def test_a_turned_formation_is_remembered_and_turned_further(fleet: FleetConfig) -> None:
     first = planned(parse("formation triangle 0 0 1 turned 350", fleet), fleet)
     assert first.held.rotation_deg == 350.0

@@ -6,6 +6,7 @@ from pathlib import Path as FilePath
 
 import numpy as np
 import pytest
+from msgspec.structs import replace
 
 from groundstation.paths.checks import path_findings, refusals
 from groundstation.paths.pieces import quintic, resting
@@ -63,3 +64,13 @@ def test_each_path_must_end_at_rest_also_if_another_one_is_longer() -> None:
         sentences = refused(paths)
         assert len(sentences) == 1
         assert "on mav0's path speed at the ends is 0.6 m/s at 4.0 s" in sentences[0]
+
+
+def test_a_path_over_a_raised_spot_keeps_its_height_above_the_spot() -> None:
+    raised = replace(PAPER.vehicles["mav0"], start_enu_m=(-1.2, -1.2, 0.8))
+    hill = replace(PAPER, vehicles={**PAPER.vehicles, "mav0": raised})
+    paths = {"mav1": path_of([resting(6.0, motion(-1.2)[0]).tolist()])}
+
+    assert not refused(paths)
+    (sentence,) = refusals(path_findings(hill, paths, "step[2]"))
+    assert "on mav1's path height is 0.2 m" in sentence

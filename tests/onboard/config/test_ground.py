@@ -6,9 +6,11 @@ import tomllib
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from onboard.agent.core import AgentCore
 from onboard.config.fleet import FleetConfig, fleet_from_mapping
-from onboard.config.ground import ground_m
+from onboard.config.ground import ground_m, ground_under_m
 
 PAPER = Path(__file__).parents[3] / "configs/fleets/paper.toml"
 
@@ -28,3 +30,13 @@ def test_an_agent_starts_and_reports_in_a_fleet_without_enabled_vehicles() -> No
     for tick in range(1, 20):
         core.tick(tick * 20_000_000)
     assert any("disables this vehicle" in sentence for sentence in core.preflight.not_ready)
+
+
+def test_the_ground_near_a_raised_spot_is_as_high_as_the_spot() -> None:
+    data = tomllib.loads(PAPER.read_text())
+    data["vehicles"]["mav1"]["start_enu_m"] = [1.0, 0.0, 0.4]
+    fleet = fleet_from_mapping(data)
+    near_m = fleet.fleet.body_diameter_m
+    x_m = 1.0 + np.array([0.0, near_m - 0.01, near_m + 0.01])
+    assert ground_under_m(fleet, x_m, np.zeros(3)).tolist() == [0.4, 0.4, 0.0]
+    assert float(ground_under_m(fleet, 1.0, near_m + 0.01)) == 0.0

@@ -382,6 +382,24 @@ def test_goals_are_higher_for_a_vehicle_whose_height_errs() -> None:
     _check(refused, "above the ground at 0 m (its height is PX4's own, which errs by that much)")
 
 
+@pytest.mark.parametrize("then_land", [True, False])
+@pytest.mark.parametrize(
+    ("goal_enu_m", "words"),
+    [
+        ((1.5, 0.0, 2.2), ""),
+        ((1.5, 0.0, 2.19), "less than 0.2 m above the ground at 2 m"),
+        ((0.0, 0.0, 0.2), ""),
+    ],
+)
+def test_a_goal_over_a_raised_spot_is_above_that_spot(
+    goal_enu_m: tuple[float, float, float], words: str, then_land: bool
+) -> None:
+    raised = replace(_FLEET.vehicles["mav1"], start_enu_m=(1.5, 0.0, 2.0))
+    hill = replace(_FLEET, vehicles={**_FLEET.vehicles, "mav1": raised})
+    order = _order("move", position_enu_m=goal_enu_m, then_land=then_land)
+    _check(_refused(order, _flight(), _facts(fleet=hill)), words)
+
+
 @pytest.mark.parametrize(
     ("config", "others", "words"),
     [
