@@ -19,7 +19,7 @@ from groundstation.paths.lights import TimedColour
 from groundstation.paths.path_files import write_path
 from groundstation.processes.free_ports import in_another_folder, toml_text
 from groundstation.shows.conversion import Converted, converted
-from groundstation.shows.show import Show
+from groundstation.shows.show import Show, from_origin
 from groundstation.starter.starter_files import Answers, endpoint_lines, law_lines, type_lines
 from onboard.config.fleet import (
     ConfigError,
@@ -85,6 +85,7 @@ def write_show(
         vehicles = [f"mav{index}" for index in range(count)]
     else:
         vehicles = list(fleet.enabled_names[:count])
+        show = from_origin(show, fleet.fleet.global_origin)
     names = {drone.name: vehicle for drone, vehicle in zip(show.drones, vehicles, strict=True)}
     if len(names) < count:
         raise ConfigError("Two drones of the show have one name. Give each its own.")

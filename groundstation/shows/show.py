@@ -7,12 +7,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from groundstation.paths.lights import TimedColour
-from groundstation.paths.pieces import GRID_S, fitted
+from groundstation.paths.pieces import GRID_S, fitted, moved
+from onboard.config.earth import east_north_m
+from onboard.config.fences import FARTHEST_M
 from onboard.config.fleet import ConfigError, Origin
 from onboard.control.path import MAX_JUMP_M, MAX_JUMP_M_S, Path, jumps, path_of, sampled
 from onboard.tuples import Xyz
@@ -23,6 +25,8 @@ MAX_LIGHTS = 1_000_000  # colours of all drones together
 # a path that exceeds these bounds is not in metres and seconds
 _FAR_M = 2000.0
 _FAST_M_S = 40.0
+
+_SAME_PLACE_M = 0.005  # origins nearer than this to each other are one
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,6 +50,46 @@ class Show:
     is_outdoors: bool = False
     origin: Origin | None = None  # origin of the show's frame; None if the file gives none
     notes: tuple[str, ...] = ()  # sentences about values that were converted when they were read
+
+
+def from_origin(show: Show, origin: Origin | None) -> Show:
+    """Return a show in metres from another origin on Earth, so that it is flown at its own place.
+
+    A show without an origin on Earth stays as it is, and so do heights: vehicles measure them from
+    the ground.
+
+    Args:
+        show: the show in metres from its own origin.
+        origin: origin of the fleet that flies it; None if the fleet has none on Earth.
+
+    Raises:
+        ConfigError: the two origins are far apart.
+    """
+    if not show.is_outdoors or show.origin is None or origin is None:
+        return show
+
+    east_m, north_m = east_north_m(origin, show.origin.latitude_deg, show.origin.longitude_deg)
+    distance_m = math.hypot(east_m, north_m)
+    if distance_m > FARTHEST_M:
+        raise ConfigError(
+            f"The show's place on Earth lies {distance_m / 1000.0:.0f} km from the fleet's origin; "
+            f"{FARTHEST_M / 1000.0:g} km are the most. Write as fleet.origin a place where the "
+            "show is flown."
+        )
+    if distance_m < _SAME_PLACE_M:
+        return show
+
+    by = np.array([east_m, north_m, 0.0, 0.0])  # x, y, z and yaw
+    drones = []
+    for drone in show.drones:
+        x, y, z = drone.home_enu_m
+        home_enu_m = (x + east_m, y + north_m, z)
+        drones.append(replace(drone, home_enu_m=home_enu_m, path=moved(drone.path, by)))
+    note = (
+        f"the show's origin lies {east_m:.2f} m east and {north_m:.2f} m north of the fleet's: "
+        "homes and paths are moved by that, to stay at their place on Earth"
+    )
+    return replace(show, drones=tuple(drones), origin=origin, notes=(*show.notes, note))
 
 
 def check_light_count(name: str, drones: Sequence[Drone]) -> None:

@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import json
 import math
+import tomllib
 import zipfile
 from dataclasses import replace
 from pathlib import Path
 
+import msgspec
 import numpy as np
 import pytest
+import tomli_w
 
 from groundstation.cli import main
 from groundstation.mission_files.loading import load_mission
@@ -27,7 +30,14 @@ from groundstation.shows.output import write_show
 from groundstation.shows.show import bezier_piece, path_from_pieces
 from groundstation.shows.skyc import read_skyc
 from onboard.arrays import Array
-from onboard.config.fleet import ConfigError, FleetConfig, Origin, load_fleet
+from onboard.config.earth import latitude_longitude_deg
+from onboard.config.fleet import (
+    ConfigError,
+    FleetConfig,
+    Origin,
+    fleet_from_mapping,
+    load_fleet,
+)
 from onboard.control.path import jumps, path_of, point_at
 from tests.groundstation.shows.made_shows import (
     crossing,
@@ -305,6 +315,46 @@ def test_types_and_endpoints_come_from_the_fleet_that_is_named(tmp_path: Path) -
     assert mission.fleet.vehicles["mav1"].start_enu_m[0] == 1.6
     with pytest.raises(ConfigError, match="4 drones"):
         imported(write_skyc(tmp_path / "four.skyc", line_of(4), 12.0), tmp_path / "four", own)
+
+
+_HERE = Origin(47.397742, 8.545594, 489.4)
+
+
+def _outdoors(fleet_origin: Origin) -> FleetConfig:
+    """A fleet of two with an origin on Earth, and a fence of 200 m around it."""
+    data = tomllib.loads((ROOT / "configs" / "fleets" / "paper.toml").read_text())
+    data["fleet"]["origin"] = msgspec.to_builtins(fleet_origin)
+    data["fleet"]["geofence_m"] = {"x": [-200.0, 200.0], "y": [-200.0, 200.0], "z": [-1.0, 9.0]}
+    return fleet_from_mapping(data, text=tomli_w.dumps(data))
+
+
+def _show_at(origin: Origin, file: Path) -> Path:
+    location = {"origin": [origin.latitude_deg, origin.longitude_deg, origin.altitude_m]}
+    environment = {"type": "outdoor", "location": location}
+    ways = line_of(2, metres=0.5)
+    return write_skyc(file, ways, 12.0, show={"environment": environment})
+
+
+def test_a_show_stays_at_its_place_on_earth_in_a_fleet_with_another_origin(
+    tmp_path: Path,
+) -> None:
+    latitude_deg, longitude_deg = latitude_longitude_deg(_HERE, 50.0, -100.0)
+    show = _show_at(Origin(latitude_deg, longitude_deg, 520.0), tmp_path / "show.skyc")
+
+    mission = imported(show, tmp_path / "out", _outdoors(_HERE))
+
+    assert mission.fleet.fleet.global_origin == _HERE
+    assert mission.fleet.vehicles["mav1"].start_enu_m == pytest.approx((51.6, -100.0, 0.0))
+    begin_enu_m = point_at(mission.paths["paths/mav1.csv"], 0.0).position_enu_m
+    assert begin_enu_m == pytest.approx((51.6, -100.0, 1.0), abs=0.06)
+    text = (tmp_path / "out" / "fleet.toml").read_text()
+    assert "50.00 m east and -100.00 m north of the fleet's" in text
+
+
+def test_a_show_far_from_the_origin_of_its_fleet_is_refused(tmp_path: Path) -> None:
+    show = _show_at(msgspec.structs.replace(_HERE, latitude_deg=48.0), tmp_path / "show.skyc")
+    with pytest.raises(ConfigError, match=r"67 km from the fleet's origin; 10 km are the most"):
+        imported(show, tmp_path / "out", _outdoors(_HERE))
 
 
 def _yaws_deg(tmp_path: Path, setpoints: list[list[float]], times_s: list[float]) -> list[float]:
