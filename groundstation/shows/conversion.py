@@ -34,9 +34,11 @@ from onboard.config.fleet import ConfigError
 from onboard.control.path import LONGEST_S, Path, path_of, point_at, sampled
 from onboard.tuples import Xyz
 
+# heights of the take-off above the highest home
 _TAKEOFF_M = 1.0
 _LOWEST_TAKEOFF_M = 0.5
 _TAKEOFF_SHARE = 0.8  # a take-off reaches at most this share of the lowest path's greatest height
+_LEVEL_M = 0.1  # homes at heights below this lie on level ground, at 0
 # A path that begins or ends in motion gets a piece from or to rest. It replaces this time of the
 # show, and takes twice this time.
 _JOIN_S = 1.0
@@ -109,10 +111,16 @@ def converted(
     Raises:
         ConfigError: homes or paths are too near to each other, or the show is far too fast.
     """
-    takeoff_m = _takeoff_height_m(show)
+    homes = {names[drone.name]: drone.home_enu_m for drone in show.drones}
+    is_level = all(abs(home_m) < _LEVEL_M for _, _, home_m in homes.values())
+    if is_level:
+        homes = {name: (x, y, 0.0) for name, (x, y, _) in homes.items()}
+    highest_home_m = max(home_m for _, _, home_m in homes.values())
+
+    takeoff_m = _takeoff_height_m(show, highest_home_m)
     flyable = Converted(
         takeoff_m=takeoff_m,
-        homes={names[drone.name]: (*drone.home_enu_m[:2], 0.0) for drone in show.drones},
+        homes=homes,
         paths={},
         lights={},
         notes=list(show.notes),
@@ -128,6 +136,12 @@ def converted(
         f"take-off to {takeoff_m:g} m and landing are Covey's own; the show is flown above that "
         "height"
     )
+    if not is_level:
+        lowest_home_m = min(home_m for _, _, home_m in homes.values())
+        flyable.notes.append(
+            f"homes lie at heights from {lowest_home_m:.1f} to {highest_home_m:.1f} m (start_enu_m "
+            "in the fleet file): all take off to a height above the highest one"
+        )
 
     for drone in show.drones:
         begin_s, pieces = flown_parts[drone.name]
@@ -148,14 +162,20 @@ def converted(
     return flyable
 
 
-def _takeoff_height_m(show: Show) -> float:
-    """Return the take-off height, from which the show is flown; every path reaches it."""
+def _takeoff_height_m(show: Show, highest_home_m: float) -> float:
+    """Return the take-off height, from which the show is flown; every path reaches it.
+
+    Args:
+        show: the show as it was read.
+        highest_home_m: height of the highest home, above which all vehicles take off.
+    """
     highest_m = {
         drone.name: float(_heights_m(drone.path, _grid(drone.path)).max()) for drone in show.drones
     }
-    takeoff_m = min(_TAKEOFF_M, round(_TAKEOFF_SHARE * min(highest_m.values()), 2))
-    if takeoff_m < _LOWEST_TAKEOFF_M:
-        least_m = _LOWEST_TAKEOFF_M / _TAKEOFF_SHARE
+    room_m = min(highest_m.values()) - highest_home_m  # for all paths above the highest home
+    climb_m = min(_TAKEOFF_M, round(_TAKEOFF_SHARE * room_m, 2))
+    if climb_m < _LOWEST_TAKEOFF_M:
+        least_m = highest_home_m + _LOWEST_TAKEOFF_M / _TAKEOFF_SHARE
         low = [name for name, height_m in highest_m.items() if height_m < least_m]
         deepest_m = min(
             float(_heights_m(drone.path, _grid(drone.path)).min()) for drone in show.drones
@@ -166,10 +186,11 @@ def _takeoff_height_m(show: Show) -> float:
                 " show with z up."
             )
         raise ConfigError(
-            f"{', '.join(low)}: the path does not rise to {least_m:.2f} m. Take these drones out of"
-            " the show, or export it higher."
+            f"{', '.join(low)}: the path does not rise to {least_m:.2f} m, "
+            f"{least_m - highest_home_m:.2f} m above the highest home. Take these drones out of "
+            "the show, or export it higher."
         )
-    return takeoff_m
+    return round(highest_home_m + climb_m, 2)
 
 
 def _grid(path: Path) -> Array:

@@ -114,7 +114,8 @@ def _geographic_show(folder: FilePath, places: Mapping[FilePath, Places | None])
         span_s = (found.first_s, found.first_s + float(found.times_s[-1]))
         first_s, drone = _drone(file, path_of_places(found, origin), span_s)
         first_times_s.append(first_s)
-        drones.append(drone)
+        # altitudes also tell how high a home lies above the lowest one
+        drones.append(replace(drone, home_enu_m=point_at(drone.path, 0.0).position_enu_m))
     notes = [
         "latitudes and longitudes became metres from the first place of the show "
         f"({origin.latitude_deg:.6f}, {origin.longitude_deg:.6f}); heights count from its lowest "

@@ -172,7 +172,9 @@ def _fleet_text(
         homes = {name: (10.0 * index, 0.0, 0.0) for index, name in enumerate(vehicles)}
     else:
         homes = flyable.homes
-    starts_enu_m = {name: [round(x, 3), round(y, 3), 0.0] for name, (x, y, _) in homes.items()}
+    starts_enu_m = {
+        name: [round(x, 3), round(y, 3), round(z, 3)] for name, (x, y, z) in homes.items()
+    }
 
     if fleet is not None:
         return _changed_fleet_text(
@@ -302,7 +304,10 @@ def _fence(show: Show, flyable: Converted | None) -> list[str]:
     high_x, high_y, _ = np.ceil(points.max(0) + _FENCE_MARGIN_M)
     x = [float(low_x), float(high_x)]
     y = [float(low_y), float(high_y)]
-    floor = -1.0 if show.is_outdoors else 0.0
+    lowest_home_m = min(home_m for _, _, home_m in flyable.homes.values())
+    floor = min(0.0, float(np.floor(lowest_home_m)))
+    if show.is_outdoors:
+        floor -= 1.0
     top = float(np.ceil(points[:, 2].max() + _FENCE_ABOVE_M))
     return [
         f"geofence_m = {{ x = {x}, y = {y}, z = [{floor}, {top}] }}  "

@@ -19,6 +19,7 @@ from groundstation.mission_files.loading import load_mission
 from groundstation.mission_files.mission import Mission
 from groundstation.mission_files.mission_findings import mission_findings
 from groundstation.mission_files.steps import FollowPathStep
+from groundstation.orders.intents import Takeoff
 from groundstation.paths.lights import colour_at
 from groundstation.paths.path_files import write_path
 from groundstation.paths.pieces import quintic, resting
@@ -355,6 +356,37 @@ def test_a_show_far_from_the_origin_of_its_fleet_is_refused(tmp_path: Path) -> N
     show = _show_at(msgspec.structs.replace(_HERE, latitude_deg=48.0), tmp_path / "show.skyc")
     with pytest.raises(ConfigError, match=r"67 km from the fleet's origin; 10 km are the most"):
         imported(show, tmp_path / "out", _outdoors(_HERE))
+
+
+def _on_a_slope(folder: Path, top_m: float) -> Path:
+    """Places on Earth of three drones whose homes lie 3 m above each other, up to one altitude."""
+    folder.mkdir()
+    for k in range(3):
+        home_m = 40.0 + 3.0 * k
+        lines = ["time,latitude,longitude,altitude"]
+        for tick in range(61):
+            latitude_deg, longitude_deg = latitude_longitude_deg(_HERE, 5.0 * k, 0.0)
+            share = eased(tick / 15) * eased((60 - tick) / 15)
+            altitude_m = home_m + (top_m - home_m) * share
+            lines.append(f"{tick},{latitude_deg:.9f},{longitude_deg:.9f},{altitude_m:.4f}")
+        (folder / f"d{k}.csv").write_text("\n".join(lines))
+    return folder
+
+
+def test_homes_of_a_show_keep_their_heights(tmp_path: Path) -> None:
+    mission = imported(_on_a_slope(tmp_path / "show", 50.0), tmp_path / "out")
+
+    starts_m = [vehicle.start_enu_m[2] for vehicle in mission.fleet.vehicles.values()]
+    assert starts_m == pytest.approx([0.0, 3.0, 6.0], abs=0.01)
+    (takeoff,) = (step for step in mission.steps if isinstance(step, Takeoff))
+    assert takeoff.height_m == 7.0  # a metre above the highest home
+    for path in mission.paths.values():
+        heights_m = [point_at(path, float(t)).position_enu_m.z for t in range(60)]
+        assert max(heights_m) == pytest.approx(10.0, abs=0.02)
+    assert "from 0.0 to 6.0 m" in (tmp_path / "out" / "fleet.toml").read_text()
+
+    with pytest.raises(ConfigError, match=r"does not rise to 6\.62 m, 0\.62 m above the highest"):
+        imported(_on_a_slope(tmp_path / "low", 46.5), tmp_path / "no")
 
 
 def _yaws_deg(tmp_path: Path, setpoints: list[list[float]], times_s: list[float]) -> list[float]:
