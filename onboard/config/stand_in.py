@@ -16,6 +16,7 @@ from onboard.config.wind_limit import wind_limit_m_s
 # largest horizontal distance from the middle of the spot
 BY_MOCAP_M = 0.5  # the same as in the preflight check
 BY_SATELLITES_M = 1.5  # a satellite position itself has an error of a metre
+_SAME_HEIGHT_M = 0.1  # largest difference of the heights of two spots at the same height
 
 
 def stand_in_refusal(
@@ -74,6 +75,16 @@ def _difference(fleet: FleetConfig, spare: Vehicle, other: Vehicle) -> str:
     if has_frame_of_its_own:
         return (
             "its frame begins where the fleet file says that it stands. Write the spot there: "
+            f"vehicles.{spare.name}.start_enu_m"
+        )
+
+    _, _, own_spot_m = spare.start_enu_m
+    _, _, other_spot_m = other.start_enu_m
+    has_other_height = abs(own_spot_m - other_spot_m) > _SAME_HEIGHT_M
+    if has_other_height and not spare.mocap_required:
+        return (
+            f"its heights count from its own spot, which the fleet file puts at {own_spot_m:g} m, "
+            f"and the spot of {other.name} lies at {other_spot_m:g} m. Write that height there: "
             f"vehicles.{spare.name}.start_enu_m"
         )
 

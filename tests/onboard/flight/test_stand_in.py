@@ -7,7 +7,7 @@ from msgspec.structs import replace
 
 from onboard import agent_inputs
 from onboard.bus.schema import Telemetry
-from onboard.config.fleet import FleetConfig, fleet_from_mapping
+from onboard.config.fleet import FleetConfig, Origin, fleet_from_mapping
 from onboard.config.stand_in import stand_in_refusal
 from tests.onboard.agent.rig import Rig, hovering_rig, ready_rig
 
@@ -109,5 +109,31 @@ def test_a_spare_has_to_do_what_the_mission_was_checked_with(
     of_spare: dict[str, object], words: str
 ) -> None:
     sentence = stand_in_refusal(two(**of_spare), "mav1", "mav0", ON_SPOT)
+    assert words in sentence
+    assert bool(sentence) == bool(words)
+
+
+@pytest.mark.parametrize(
+    ("by_mocap", "spot_m", "words"),
+    [
+        (False, 0.1, ""),
+        (False, 0.11, "its own spot, which the fleet file puts at 0 m, and the spot of mav0 lies"),
+        (False, -5.0, "lies at -5 m. Write that height there: vehicles.mav1.start_enu_m"),
+        (True, 5.0, ""),
+    ],
+)
+def test_a_spare_without_mocap_has_a_spot_of_the_same_height(
+    by_mocap: bool, spot_m: float, words: str
+) -> None:
+    fleet = two()
+    on_earth = replace(fleet.fleet, origin=Origin(47.0, 8.0, 400.0))
+    vehicles = {
+        name: replace(vehicle, mocap_required=by_mocap) for name, vehicle in fleet.vehicles.items()
+    }
+    vehicles["mav0"] = replace(vehicles["mav0"], start_enu_m=(0.0, 0.0, spot_m))
+    fleet = replace(fleet, fleet=on_earth, vehicles=vehicles)
+
+    sentence = stand_in_refusal(fleet, "mav1", "mav0", ON_SPOT)
+
     assert words in sentence
     assert bool(sentence) == bool(words)
