@@ -65,7 +65,7 @@ class VehicleSpec:
     name: str
     system_id: int
     profile: VehicleProfile
-    start_enu_m: tuple[float, float, float]
+    start_enu_m: tuple[float, float, float]  # on the ground, which is as high wherever it flies
     px4: Version = DEFAULT  # version of its PX4
     # Time that a full battery hovers; None: the time of PX4's simulator.
     hover_time_s: float | None = None
@@ -150,16 +150,18 @@ class Emulator:
         self.specs = list(specs)
         self.origin = origin
         names = [spec.name for spec in specs]
-        starts = [spec.start_enu_m for spec in specs]
+        starts_enu_m = np.array([spec.start_enu_m for spec in specs], dtype=np.float64)
+        starts_enu_m = starts_enu_m.reshape(-1, 3)
 
         self.world = World(
             [spec.profile for spec in specs],
-            np.array(starts, dtype=np.float64).reshape(-1, 3),
+            starts_enu_m,
             body_diameter_m=body_diameter_m,
             seed=seed,
             wind=environment.wind,
             downwash=environment.downwash,
             names=names,
+            ground_m=starts_enu_m[:, 2],
         )
         self.estimator = Estimator(
             self.world.vehicles.states.position_ned_m,

@@ -495,12 +495,11 @@ def scaled_pressure(v: View) -> Values:
 
 
 def distance_sensor(v: View) -> Values | None:
-    height_m = -float(v.emulator.world.vehicles.states.position_ned_m[v.index, 2])
     return _ordered(
         "DISTANCE_SENSOR",
         time_boot_ms=v.boot_ms,
         max_distance=10_000,
-        current_distance=_clip(100.0 * height_m, 0, _UINT16_MAX),
+        current_distance=_clip(100.0 * v.true_height_m, 0, _UINT16_MAX),
         orientation=25,  # down
     )
 

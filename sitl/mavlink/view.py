@@ -140,11 +140,16 @@ class View:
         return self.to_global(self.sensed.position_ned_m)
 
     @property
-    def true_altitude_m(self) -> float:
-        """True altitude above the sea; each vehicle starts at that of the ground."""
+    def true_height_m(self) -> float:
+        """True height above the ground, on which each vehicle starts."""
         _, _, start_up_m = self.emulator.specs[self.index].start_enu_m
         down_m = float(self.emulator.world.vehicles.states.position_ned_m[self.index, 2])
-        return self.ground_altitude_m - (down_m + start_up_m)
+        return -(down_m + start_up_m)
+
+    @property
+    def true_altitude_m(self) -> float:
+        """True altitude above the sea."""
+        return self.ground_altitude_m + self.true_height_m
 
     def to_global(self, position_ned_m: Vector) -> Vector:
         """Return latitude [deg], longitude [deg], altitude [m] of a position in the local frame."""

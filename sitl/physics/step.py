@@ -1,7 +1,7 @@
 """One step of 4 ms of all vehicles: the records of a vehicle, and its equations of motion.
 
-numba compiles these functions where it is installed (`jit.py`). Frames: NED world, FRD body, ground
-at z = 0.
+numba compiles these functions where it is installed (`jit.py`). Frames: NED world, FRD body. The
+ground under a vehicle is level, and each vehicle has its own.
 
 PX4's inner loops are not computed. Their measured responses are computed instead:
 
@@ -53,7 +53,7 @@ MOTION = np.dtype(
         # Angular acceleration about body x and y by a dead motor, per lift [rad/s^2 per m/s^2].
         ("tumble", "f8", 2),
         ("rate_steps", "i8"),  # steps since body rates were first commanded
-        ("highest", "f8"),  # largest height since the last contact with the ground [m]
+        ("highest", "f8"),  # largest height above the ground since the last contact with it [m]
         ("touchdowns", "i8"),  # number of flights that have ended on the ground
         ("touchdown_speed", "f8"),  # speed downwards at the newest touchdown [m/s]
         ("touchdown_powered", "?"),  # whether the motors had all their thrust at that touchdown
@@ -64,8 +64,9 @@ MOTION = np.dtype(
     align=True,
 )
 
-RESPONSE = np.dtype(  # constants of one vehicle, from its profile
+RESPONSE = np.dtype(  # constants of one vehicle: its ground, and its response from its profile
     [
+        ("ground", "f8"),  # down coordinate of the ground under it, NED [m]
         # Factors from tilt and tilt rate to those one step later, about body x and y.
         ("tilt_by_tilt", "f8", 2),
         ("tilt_by_rate", "f8", 2),
@@ -335,9 +336,9 @@ def _move(m: Record, r: Record, lift: float, air: Array, push: Array) -> None:
     ve = v[1] + STEP_S * ae
     vd = v[2] + STEP_S * ad
     down = m.position[2] + STEP_S * vd
-    touches = down >= 0.0
+    touches = down >= r.ground
 
-    m.highest = max(m.highest, -m.position[2])
+    m.highest = max(m.highest, r.ground - m.position[2])
     if touches and not m.on_ground:
         _meet_ground(m, vd)
 
@@ -346,7 +347,7 @@ def _move(m: Record, r: Record, lift: float, air: Array, push: Array) -> None:
     if not rests:
         m.position[0] += STEP_S * vn
         m.position[1] += STEP_S * ve
-        m.position[2] = 0.0 if touches else down
+        m.position[2] = r.ground if touches else down
         if touches and tilt_cos < CRASH_TILT_COS:
             m.motors_dead = True
 

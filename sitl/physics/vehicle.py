@@ -2,7 +2,7 @@
 
 Vehicles differ in their `VehicleProfile`. The inner loops of PX4 are not computed. Their measured
 responses are computed instead (`step.py`). A weak loop additionally has a gain below one and a
-constant tilt bias. All random numbers are seeded. Frames: NED world, FRD body, ground at z = 0.
+constant tilt bias. All random numbers are seeded. Frames: NED world, FRD body.
 """
 
 from __future__ import annotations
@@ -221,10 +221,17 @@ class Vehicles:
         position_ned_m: start positions (n, 3).
         yaw_rad: headings at the start (n,).
         seed: seed of noise and biases.
+        ground_m: heights (n,) of the ground under each vehicle; None: 0 for all.
     """
 
     def __init__(
-        self, profiles: list[VehicleProfile], position_ned_m: Array, yaw_rad: Array, *, seed: int
+        self,
+        profiles: list[VehicleProfile],
+        position_ned_m: Array,
+        yaw_rad: Array,
+        *,
+        seed: int,
+        ground_m: Array | None = None,
     ) -> None:
         n = len(profiles)
         self.profiles = list(profiles)
@@ -238,6 +245,8 @@ class Vehicles:
         self._is_noisy = any(p.thrust_noise_frac > 0.0 for p in profiles)
 
         self._response = _response(profiles)
+        if ground_m is not None:
+            self._response["ground"] = 0.0 - ground_m  # 0, and not -0, for the height 0
         largest_bias_rad = np.radians([p.tilt_bias_deg for p in profiles])[:, None]
         self._response["bias"] = largest_bias_rad * self._rng.uniform(-1.0, 1.0, (n, 2))
 
@@ -261,7 +270,7 @@ class Vehicles:
         self.motion["attitude"] = attitude
         self.motion["lift_scale"] = 1.0
         self.motion["lift_cap"] = 1.0
-        self.motion["on_ground"] = self.motion["position"][:, 2] >= 0.0
+        self.motion["on_ground"] = self.motion["position"][:, 2] >= self._response["ground"]
         self.states = VehicleStates(
             position_ned_m=self.motion["position"],
             velocity_ned_m_s=self.motion["velocity"],

@@ -28,7 +28,7 @@ class SpawnError(ValueError):
 
 
 class World:
-    """Vehicles on one floor.
+    """Vehicles, each above level ground of its own height.
 
     Args:
         profiles: profile of each vehicle.
@@ -38,6 +38,7 @@ class World:
         wind: settings of the wind; without them the air is calm.
         downwash: downwash of each vehicle.
         names: names of the vehicles for the sentence when two start inside each other.
+        ground_m: heights (n,) of the ground under each vehicle; None: 0 for all.
     """
 
     def __init__(
@@ -50,13 +51,15 @@ class World:
         wind: WindSettings | None = None,
         downwash: Downwash | None = None,
         names: Sequence[str] = (),
+        ground_m: Array | None = None,
     ) -> None:
         n = len(profiles)
         _check_spawn(start_enu_m, body_diameter_m, names or [f"vehicle {i}" for i in range(n)])
 
         # Body x along fleet x, which is east: a quarter turn in PX4's north-based heading.
         yaw_rad = np.full(n, 0.5 * np.pi)
-        self.vehicles = Vehicles(profiles, frames.swap_enu_ned(start_enu_m), yaw_rad, seed=seed)
+        start_ned_m = frames.swap_enu_ned(start_enu_m)
+        self.vehicles = Vehicles(profiles, start_ned_m, yaw_rad, seed=seed, ground_m=ground_m)
         self.commands = Commands.level(yaw_rad)
 
         self.collisions: list[Collision] = []

@@ -10,6 +10,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from sitl.mavlink.messages import distance_sensor
+from sitl.mavlink.view import View
 from sitl.physics import frames
 from sitl.physics import step as physics
 from sitl.physics.vehicle import (
@@ -21,7 +23,7 @@ from sitl.physics.vehicle import (
     VehicleStates,
 )
 from tests.oracles import emulated_vehicles
-from tests.sitl.sitl_flying import ARDRONE, SIH
+from tests.sitl.sitl_flying import ARDRONE, SIH, emulator, height_m, run_for
 
 
 def hovering(profile: VehicleProfile, yaw_rad: float = 0.0) -> tuple[Vehicles, Commands]:
@@ -332,3 +334,30 @@ def test_conversions_to_the_fleet_frame_are_those_of_a_rotation_matrix() -> None
     )
     north = frames.enu_flu_from_ned_frd(np.array([1.0, 0.0, 0.0, 0.0]))
     np.testing.assert_allclose(emulated_vehicles.heading(north), np.pi / 2, atol=1e-12)
+
+
+def test_each_vehicle_stands_and_lands_on_the_ground_of_its_own_spot() -> None:
+    emu = emulator((0.0, 0.0, 0.0), (4.0, 0.0, 5.0), (8.0, 0.0, -0.9))
+    states = emu.world.vehicles.states
+    spots_m = [0.0, 5.0, -0.9]
+    run_for(emu, 0.2)
+    assert [height_m(emu, index) for index in range(3)] == spots_m
+    assert states.on_ground.all()
+
+    states.position_ned_m[:, 2] -= 1.0  # a metre up, from where they fall
+    run_for(emu, 0.2)
+    assert not states.on_ground.any()
+    run_for(emu, 0.8)
+    assert [height_m(emu, index) for index in range(3)] == spots_m
+    assert states.on_ground.all()
+    assert emu.world.vehicles.motion["touchdowns"].tolist() == [1, 1, 1]
+    speeds_m_s = emu.world.vehicles.motion["touchdown_speed"]
+    np.testing.assert_allclose(speeds_m_s, speeds_m_s[0], rtol=1e-6)
+
+
+def test_the_distance_sensor_measures_from_the_ground_of_the_own_spot() -> None:
+    emu = emulator((4.0, 0.0, 5.0))
+    emu.world.vehicles.states.position_ned_m[0, 2] -= 2.5
+    message = distance_sensor(View(emu, 0))
+    assert message is not None
+    assert 250 in message
