@@ -13,6 +13,7 @@ import math
 
 from onboard.config.fleet import FleetConfig, Vehicle
 from onboard.config.flight_space import flight_space_of
+from onboard.config.stand_in import BY_SATELLITES_M
 from onboard.preflight.frame_fit import fit_frame
 from onboard.preflight.preflight_facts import OLDEST_SAMPLE_S, PreflightFacts
 from onboard.preflight.preflight_rule import (
@@ -20,6 +21,7 @@ from onboard.preflight.preflight_rule import (
     NO_POSITION,
     NO_PX4,
     OK,
+    OWN_FRAME,
     PASSED,
     SKIP,
     Judgement,
@@ -37,6 +39,7 @@ HEADING_MISS_DEG = 25.0
 TILT_MISS_DEG = 6.0
 MOVING_M_S = 0.3
 OFF_SPOT_M = 0.5
+OFF_SPOT_SIGMAS = 3.0  # by satellites, besides BY_SATELLITES_M
 UNSEEN_TURN_DEG = 2.0
 
 # conditions in which samples arrive but are rejected; the rule "failsafe" reports them
@@ -131,8 +134,8 @@ def _at_rest(facts: PreflightFacts, fleet: FleetConfig, vehicle: Vehicle) -> Jud
 
 
 def _spot(facts: PreflightFacts, fleet: FleetConfig, vehicle: Vehicle) -> Judgement:
-    if not vehicle.mocap_required:
-        return NO_MOCAP
+    if _begins_where_it_stands(fleet, vehicle):
+        return OWN_FRAME
     if not facts.has_position:
         return NO_POSITION
 
@@ -144,7 +147,14 @@ def _spot(facts: PreflightFacts, fleet: FleetConfig, vehicle: Vehicle) -> Judgem
         "spot": coordinates(spot_enu_m),
         "position": coordinates(facts.position_enu_m),
     }
-    if off_m <= OFF_SPOT_M or facts.has_flown:
+    if facts.has_flown:
+        return OK, words
+    if not vehicle.mocap_required:
+        most_m = BY_SATELLITES_M + OFF_SPOT_SIGMAS * facts.position_std_m
+        if off_m <= most_m:
+            return OK, words
+        return "elsewhere", {**words, "most": most_m}
+    if off_m <= OFF_SPOT_M:
         return OK, words
 
     slot_owner = vehicle.name
@@ -160,8 +170,8 @@ def _spot(facts: PreflightFacts, fleet: FleetConfig, vehicle: Vehicle) -> Judgem
 
 
 def _frame(facts: PreflightFacts, fleet: FleetConfig, vehicle: Vehicle) -> Judgement:
-    if not vehicle.mocap_required and fleet.fleet.global_origin is None:
-        return SKIP, {"reason": "for a vehicle whose frame begins where it stands"}
+    if _begins_where_it_stands(fleet, vehicle):
+        return OWN_FRAME
     if facts.has_flown:
         return SKIP, {"reason": "after a flight"}
 
@@ -210,6 +220,11 @@ def _fence(facts: PreflightFacts, fleet: FleetConfig, vehicle: Vehicle) -> Judge
     return PASSED
 
 
+def _begins_where_it_stands(fleet: FleetConfig, vehicle: Vehicle) -> bool:
+    """Return whether the vehicle's frame begins on its take-off spot, wherever it was put."""
+    return not vehicle.mocap_required and fleet.fleet.global_origin is None
+
+
 def _spot_enu_m(facts: PreflightFacts, fleet: FleetConfig, vehicle: Vehicle) -> Xyz:
     """Return the vehicle's take-off spot [m]: its own, or that of the vehicle it replaces."""
     if facts.stands_in_for:
@@ -231,6 +246,8 @@ POSITION_RULES = rules(
     HEADING_MISS_DEG=HEADING_MISS_DEG,
     MOVING_M_S=MOVING_M_S,
     OFF_SPOT_M=OFF_SPOT_M,
+    OFF_SPOT_SIGMAS=OFF_SPOT_SIGMAS,
+    BY_SATELLITES_M=BY_SATELLITES_M,
     UNSEEN_TURN_DEG=UNSEEN_TURN_DEG,
     OLDEST_SAMPLE_S=OLDEST_SAMPLE_S,
     POSITION_STALE_S=POSITION_STALE_S,

@@ -25,6 +25,7 @@ PASSED: Judgement = (OK, {})
 NO_PX4: Judgement = (SKIP, {"reason": "while PX4 is silent"})
 NO_POSITION: Judgement = (SKIP, {"reason": "without a fresh position"})
 NO_MOCAP: Judgement = (SKIP, {"reason": "for a vehicle that flies on PX4's own position"})
+OWN_FRAME: Judgement = (SKIP, {"reason": "for a vehicle whose frame begins where it stands"})
 
 
 @dataclass(frozen=True, slots=True)

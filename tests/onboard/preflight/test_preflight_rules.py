@@ -13,7 +13,7 @@ import msgspec
 import pytest
 
 from onboard.autopilot import Refused
-from onboard.config.fleet import CorrectionsConfig, FleetConfig, Person, load_fleet
+from onboard.config.fleet import CorrectionsConfig, FleetConfig, Origin, Person, load_fleet
 from onboard.corrections.status import BaseFault, BaseJudgement, CorrectionsStatus
 from onboard.preflight import all_rules
 from onboard.preflight.all_rules import RULES
@@ -34,6 +34,9 @@ WEAK = msgspec.structs.replace(VEHICLE, px4_params={"COM_FLTT_LOW_ACT": 3})
 STEADY = msgspec.structs.replace(VEHICLE, px4_params={"MC_ROLL_P": 6.5, "MC_PITCH_P": 6.5})
 RTK = msgspec.structs.replace(
     FLEET, corrections=CorrectionsConfig(source="tcp", address="x:1", fix="rtk_fixed")
+)
+ON_EARTH = msgspec.structs.replace(
+    FLEET, fleet=msgspec.structs.replace(FLEET.fleet, origin=Origin(47.4, 8.5, 400.0))
 )
 ANY_FIX = msgspec.structs.replace(FLEET, corrections=CorrectionsConfig(source="mock"))
 CORRECTED = CorrectionsStatus(age_s=0.6, base_id=7, base_distance_m=420.0)
@@ -227,6 +230,15 @@ CASES: dict[tuple[str, str], tuple[dict[str, Any], str]] = {
     ("spot", "away"): (
         {"position_enu_m": (1.5, 0.0, 0.0), "fuses_position": False},
         "2.12 m from its take-off spot",
+    ),
+    ("spot", "elsewhere"): (
+        {
+            "fleet": ON_EARTH,
+            "vehicle": BARE,
+            "position_enu_m": (0.0, 0.61, 0.0),
+            "position_std_m": 0.2,
+        },
+        "2.11 m from its take-off spot (0.00, -1.50, 0.00) m; 2.10 m are allowed",
     ),
     ("fence", "spot outside"): (
         {
@@ -464,6 +476,24 @@ def test_what_cannot_be_judged_says_so_and_refuses_nothing_by_itself() -> None:
     blind = {check.name: check for check in judged(position_age_s=math.inf, sample_age_s=math.inf)}
     assert [name for name, check in blind.items() if not check.is_ok] == ["position"]
     assert blind["spot"].sentence == "Not judged without a fresh position."
+
+
+@pytest.mark.parametrize(
+    ("fleet", "north_m", "changes", "is_ready"),
+    [
+        (ON_EARTH, 0.59, {}, True),
+        (ON_EARTH, 0.61, {}, False),
+        (ON_EARTH, 0.61, {"position_std_m": 0.3}, True),
+        (ON_EARTH, 0.61, {"has_flown": True}, True),
+        (FLEET, 0.61, {}, True),  # its frame begins where it stands
+    ],
+)
+def test_a_vehicle_by_satellites_stands_near_its_spot_before_its_first_flight(
+    fleet: FleetConfig, north_m: float, changes: dict[str, Any], is_ready: bool
+) -> None:
+    facts = {"position_enu_m": (0.0, north_m, 0.0), "position_std_m": 0.2, **changes}
+    found = {check.name: check for check in judged(fleet=fleet, vehicle=BARE, **facts)}
+    assert found["spot"].is_ok is is_ready
 
 
 def test_numbers_that_are_not_finite_never_make_a_vehicle_ready() -> None:
