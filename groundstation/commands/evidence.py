@@ -209,7 +209,8 @@ def _print_summary(summary: Evidence, out: Path) -> None:
     shapes = summary.volumes
     print(
         f"\nContingency volume: {shapes.excursion_m:.1f} m around the flight geography, up to"
-        f" {shapes.contingency_height_m:.1f} m. Ground risk buffer: {shapes.fall_reach_m:.1f} m."
+        f" {shapes.contingency_above_ground_m:.1f} m."
+        f" Ground risk buffer: {shapes.fall_reach_m:.1f} m."
     )
     print(
         f"{summary.flights} flights, {summary.wrong_flights} wrong. Digest {summary.digest[:16]}."

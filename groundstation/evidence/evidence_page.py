@@ -107,21 +107,21 @@ def _volumes(evidence: Evidence, picture: bytes) -> str:
     rows = [
         (
             "Flight geography",
-            f"{volumes.geography_height_m:.1f} m high",
+            f"{volumes.geography_above_ground_m:.1f} m high",
             "around what the mission plans and what was flown in this wind while nothing failed",
         ),
         (
             "Contingency volume",
-            f"{volumes.excursion_m:.1f} m wider, {volumes.contingency_height_m:.1f} m high",
+            f"{volumes.excursion_m:.1f} m wider, {volumes.contingency_above_ground_m:.1f} m high",
             "the farthest and the highest that any vehicle came in all flights",
         ),
         (
             "Ground risk buffer",
             f"{volumes.fall_reach_m:.1f} m wider",
-            f"a fall of {volumes.fall_s:.1f} s from {volumes.contingency_height_m:.1f} m, with"
-            f" {volumes.fastest_m_s:.1f} m/s over the ground and {wind_with_gusts_m_s:.1f} m/s of"
-            " wind with gusts;"
-            f" by the rule of one to one it would be {volumes.contingency_height_m:.1f} m",
+            f"a fall of {volumes.fall_s:.1f} s from {volumes.contingency_above_ground_m:.1f} m,"
+            f" with {volumes.fastest_m_s:.1f} m/s over the ground and {wind_with_gusts_m_s:.1f} m/s"
+            " of wind with gusts;"
+            f" by the rule of one to one it would be {volumes.contingency_above_ground_m:.1f} m",
         ),
     ]
     cells = "".join(

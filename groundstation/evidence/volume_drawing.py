@@ -40,9 +40,9 @@ def draw_volumes(
         buffer = f"ground risk buffer (+{shapes.fall_reach_m:.1f} m)"
         contingency = (
             f"contingency volume (+{shapes.excursion_m:.1f} m, up to"
-            f" {shapes.contingency_height_m:.1f} m)"
+            f" {shapes.contingency_above_ground_m:.1f} m)"
         )
-        geography = f"flight geography (up to {shapes.geography_height_m:.1f} m)"
+        geography = f"flight geography (up to {shapes.geography_above_ground_m:.1f} m)"
         _add_outline(axes, shapes.buffer, _RED, buffer)
         _add_outline(axes, shapes.contingency, _YELLOW, contingency)
         _add_outline(axes, shapes.geography, _GREEN, geography)

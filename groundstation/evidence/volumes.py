@@ -8,8 +8,8 @@ Each of the three is a convex outline, seen from above, with a height.
   that any vehicle came outside of it when something failed. Its height is that of the highest
   vehicle.
 * The **ground risk buffer** is the contingency volume, widened by the greatest distance that a
-  vehicle without thrust can fall, from the greatest height and at the greatest speed flown, with
-  the wind.
+  vehicle without thrust can fall, from the greatest height to the lowest ground of the fleet file
+  and at the greatest speed flown, with the wind.
 
 The distance of a fall is an upper bound. Drag lengthens the time of the fall but does not slow the
 vehicle horizontally, where its greatest speed and the wind with gusts add up.
@@ -23,6 +23,7 @@ from typing import Any, NamedTuple
 
 from onboard.config.fleet import FleetConfig
 from onboard.config.fleet_config import Origin
+from onboard.config.ground import floor_m
 
 Point = tuple[float, float]  # east, north [m]
 Outline = tuple[Point, ...]  # counter-clockwise; the first point is not repeated at the end
@@ -46,9 +47,20 @@ class Volumes(NamedTuple):
     excursion_m: float  # greatest horizontal distance outside of the geography
     rise_m: float  # greatest height above the geography
     fastest_m_s: float  # greatest horizontal speed
-    fall_s: float  # time of a fall from the greatest height
+    fall_s: float  # time of a fall from the greatest height to the lowest ground
     fall_reach_m: float  # width that the buffer adds
     wind_m_s: float
+    ground_m: float = 0.0  # height of the lowest ground
+
+    @property
+    def geography_above_ground_m(self) -> float:
+        """Height of the flight geography above the lowest ground [m]."""
+        return self.geography_height_m - self.ground_m
+
+    @property
+    def contingency_above_ground_m(self) -> float:
+        """Height of the contingency volume above the lowest ground [m]."""
+        return self.contingency_height_m - self.ground_m
 
 
 def volumes(
@@ -87,7 +99,8 @@ def volumes(
     contingency_height_m = max(geography_height_m, highest_m + half_body_m)
 
     most_drag_1_s = max(fleet.vehicles[name].drag_1_s for name in fleet.enabled_names)
-    fall_s = fall_time_s(contingency_height_m, most_drag_1_s)
+    ground_m = floor_m(fleet)
+    fall_s = fall_time_s(contingency_height_m - ground_m, most_drag_1_s)
     reach_m = (fastest_m_s + GUST_OF_MEAN * wind_m_s) * fall_s + half_body_m
     return Volumes(
         geography=geography,
@@ -101,6 +114,7 @@ def volumes(
         fall_s=fall_s,
         fall_reach_m=reach_m,
         wind_m_s=wind_m_s,
+        ground_m=ground_m,
     )
 
 

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from groundstation.evidence.volumes import (
+    Volumes,
     convex_hull,
     distance_outside_m,
     fall_time_s,
@@ -83,6 +84,26 @@ def test_the_buffer_is_wider_by_the_fall_with_the_speed_and_the_wind_with_its_gu
     assert found.fall_s >= math.sqrt(2.0 * found.contingency_height_m / 9.81) - 0.01
     assert shapes(paper, wind_m_s=8.0).fall_reach_m > found.fall_reach_m
     assert shapes(paper, highest_m=9.0).fall_reach_m > found.fall_reach_m
+
+
+def test_a_fall_ends_on_the_lowest_ground_of_the_fleet(paper) -> None:
+    fence = msgspec.structs.replace(paper.fleet.geofence_m, z=(-41.0, 10.0))
+    vehicles = dict(paper.vehicles)
+    vehicles["mav1"] = msgspec.structs.replace(vehicles["mav1"], start_enu_m=(0.0, -1.5, -40.0))
+    deep = msgspec.structs.replace(
+        paper, fleet=msgspec.structs.replace(paper.fleet, geofence_m=fence), vehicles=vehicles
+    )
+
+    found = shapes(deep)
+
+    above_ground_m = 2.0 + 0.5 * paper.fleet.body_diameter_m + 40.0
+    assert found.contingency_above_ground_m == pytest.approx(above_ground_m)
+    assert found.fall_s == pytest.approx(shapes(paper, highest_m=42.0).fall_s)
+
+
+def test_volumes_that_were_written_without_the_ground_are_read(paper) -> None:
+    *written, _ = shapes(paper)
+    assert msgspec.convert(written, Volumes) == shapes(paper)
 
 
 def test_without_an_origin_the_geojson_says_that_it_is_in_metres(paper) -> None:
