@@ -9,8 +9,8 @@ metre below the ground, so that an error of the height does not breach the fence
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
-from onboard.arrays import Array
 from onboard.config.fleet_config import FleetConfig, Vehicle
 
 # Least height of goals and paths above the ground. With satellites, PX4's own height has a standard
@@ -35,7 +35,9 @@ def floor_m(fleet: FleetConfig) -> float:
     return max(ground_m(fleet), low_m)
 
 
-def ground_under_m(fleet: FleetConfig, x_m: Array | float, y_m: Array | float) -> Array:
+def ground_under_m(
+    fleet: FleetConfig, x_m: NDArray[np.float64] | float, y_m: NDArray[np.float64] | float
+) -> NDArray[np.float64]:
     """Return the height [m] of the ground under points, as far as the fleet file tells it.
 
     Within a body's diameter of a take-off spot, the ground is at least as high as the spot.
