@@ -201,7 +201,8 @@ def _heights_by_satellites(fleet: FleetConfig, names: Sequence[str]) -> Finding:
     sentence = (
         f"{listed(names)} flies by satellites, whose heights err by metres, and the fleet passes "
         f"above each other at {fleet.fleet.vertical_separation_m:g} m: it takes off only while PX4 "
-        f"says that its height errs by {LARGEST_PX4_ACCURACY_M:g} m at most. {remedy}"
+        f"says that its height errs by {LARGEST_PX4_ACCURACY_M:.1f} m at most, and lands when it "
+        f"errs by more. {remedy}"
     )
     return Finding(
         name="heights by satellites",

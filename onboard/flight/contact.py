@@ -16,9 +16,12 @@ ground only after a while without thrust (MPC_MANTHR_MIN in its MulticopterLandD
 
 from __future__ import annotations
 
+import math
+
 from msgspec import Struct
 
 from onboard.flight.types import FlightView
+from onboard.frames import body_up
 
 AGREED_S = 0.35  # both signs must hold for this time
 
@@ -34,9 +37,10 @@ _STANDS_BELOW_M = 0.03
 _HOVERS_SHARE = 0.97
 
 # A vehicle without a mocap that lies below its goal, for instance after a crash, pushes upwards and
-# does not move. In the air, so much thrust would climb 6 m within this time.
-_PUSHES_SHARE = 1.15
+# does not move. In the air, so much vertical thrust would climb 8 m within this time.
+_PUSHES_SHARE = 1.2
 _STUCK_S = 3.0
+_STUCK_M_S = 0.3  # it does not move horizontally below this speed
 _STUCK_BELOW_M = 0.5  # its goal is at least this much higher
 
 # Without a mocap PX4's velocity may err by more than _STILL_PX4_M_S. After _LIGHT_LONG_S with
@@ -67,7 +71,7 @@ class ContactSigns(Struct, frozen=True):
     light_ns: int = 0  # its thrust is much less than its weight
     reported_ns: int = 0  # PX4 reports the ground
     slow_ns: int = 0  # its vertical speed is much less than in a fall with little thrust
-    pushing_ns: int = 0  # its thrust is much more than its weight
+    pushing_ns: int = 0  # its thrust is much more than its weight, and it does not move along
 
 
 def observe(
@@ -97,7 +101,9 @@ def observe(
 
     is_light = view.thrust_share < _LIGHT_SHARE
     is_slow = abs(sinking_m_s) < _LIGHT_SLOW_M_S
-    is_pushing = view.thrust_share > _PUSHES_SHARE
+    along_m_s = math.hypot(*view.velocity_enu_m_s[:2])
+    _, _, up_share = body_up(view.attitude_wxyz)
+    is_pushing = view.thrust_share * up_share > _PUSHES_SHARE and along_m_s < _STUCK_M_S
     return ContactSigns(
         height_m=still_height_m,
         still_ns=signs.still_ns if is_still else now_ns,

@@ -37,7 +37,7 @@ _FEEL_M_S = 0.4  # speed of the slow part
 _FEEL_M_S2 = 0.5  # acceleration to that speed
 
 _SLOW_SHARE = 0.25  # mean speed of a slowed move, as a share of the top speed
-_SLOW_CLIMB = 2.0  # a slowed climb takes this many times as long
+SLOW_CLIMB = 2.0  # a slowed climb takes this many times as long
 _SLOW_PATH_S = 1.0  # one request slows a show for this time
 
 # A move or a landing may take this time, plus _PATIENCE times its duration without other vehicles.
@@ -322,7 +322,7 @@ def _climb_above(
     _, _, own_z_m = view.position_enu_m
     up_s = climb_duration_s(top_m - own_z_m, flight.vehicle.max_speed_m_s)
     if flight.is_slow:
-        up_s = _SLOW_CLIMB * up_s
+        up_s = SLOW_CLIMB * up_s
     _set_goal(flight, (x, y, top_m), max(_MIN_CLIMB_S, up_s))
 
 

@@ -9,10 +9,11 @@ from __future__ import annotations
 
 import math
 
+from onboard.control.climb_duration import climb_duration_s
 from onboard.flight import contact, takeover
 from onboard.flight.arrival import has_turned, is_at, is_at_rest, is_near_and_slow
 from onboard.flight.context import FlightContext
-from onboard.flight.effects import LIFT_M, takeoff_height_m
+from onboard.flight.effects import LIFT_M, SLOW_CLIMB, takeoff_height_m
 from onboard.flight.types import FlightStep, FlightView
 from onboard.safety.limits import AUTOPILOT_SILENT_S
 
@@ -242,8 +243,11 @@ def at_goal(flight: FlightContext, view: FlightView) -> bool:
 
 def climb_late(flight: FlightContext, view: FlightView) -> bool:
     """Return whether it has not reached its height in time."""
-    limit_s = max(_CLIMB_TIMEOUT_S, _PATIENCE * flight.goal.duration_s)
-    return flight.seconds(view) > limit_s
+    height_m = takeoff_height_m(flight.order) - flight.ground_z_m
+    planned_s = climb_duration_s(height_m, flight.vehicle.max_speed_m_s)
+    if flight.is_slow:
+        planned_s = SLOW_CLIMB * planned_s
+    return flight.seconds(view) > max(_CLIMB_TIMEOUT_S, _PATIENCE * planned_s)
 
 
 def at_rest(flight: FlightContext, view: FlightView) -> bool:
@@ -414,7 +418,8 @@ def stopped_while_sinking(flight: FlightContext, view: FlightView) -> bool:
     later. If it has reported the ground for longer than that, it has disarmed after a landing.
     """
     reported_s = 1e-9 * (view.now_ns - flight.contact.reported_ns)
-    return px4_confirms_disarmed(flight, view) and reported_s < _DISARMED_KNOWN_S
+    is_new = view.has_landed_report and reported_s < _DISARMED_KNOWN_S
+    return is_new and px4_confirms_disarmed(flight, view)
 
 
 def _is_sinking(view: FlightView, least_m_s: float) -> bool:

@@ -45,17 +45,19 @@ _JUMP_M_S2 = 3.0
 # this distance of the frame's origin, plus some standard deviations of PX4's position.
 _BEGAN_WITHIN_M = 1.0
 _BEGAN_SIGMAS = 3.0
-# A vehicle as near to its spot when PX4 restarts counts as standing on it.
+# A vehicle as near to its spot when PX4 restarts, and some standard deviations, counts as standing
+# on it.
 _ON_SPOT_M = 0.5
 
 _SAME_ORIGIN_M = 1.0  # a new origin fits a jump if the two differ by less
 
 # Farther from its spot, a vehicle that has landed may stand on other ground. PX4's height may be
-# wrong by some standard deviations, within these bounds.
+# wrong by some standard deviations, within these bounds: a barometer drifts by a metre or two in a
+# flight.
 _SAME_GROUND_WITHIN_M = 2.0
 _HEIGHT_SIGMAS = 3.0
-_MIN_HEIGHT_ERROR_M = 0.8
-_MAX_HEIGHT_ERROR_M = 3.0
+_MIN_HEIGHT_ERROR_M = 2.5
+_MAX_HEIGHT_ERROR_M = 6.0
 
 _RETURN_M_S = 0.2  # speed at which the offset returns to the true one after a horizontal jump
 
@@ -177,12 +179,16 @@ class LocalFrame:
         if self._has_px4_lost_it:
             return
 
+        wandered_m = _BEGAN_SIGMAS * snapshot.position_accuracy_m
         if self._offset_enu_m is None:
-            # this agent has just started; PX4 may have flown before
-            x, y, _ = local.position_m
-            began_within_m = _BEGAN_WITHIN_M + _BEGAN_SIGMAS * snapshot.position_accuracy_m
-            away_m = math.hypot(x, y)
-            self.displaced_m = away_m if away_m > began_within_m else 0.0
+            # This agent has just started; PX4 may have flown before. Poses of another program may
+            # also be in the fleet's frame; then the local position is the spot itself.
+            local_m = local.position_m[:2]
+            away_m = math.hypot(*local_m)
+            nearest_m = min(away_m, math.dist(local_m, self.start_enu_m[:2]))
+            self.displaced_m = 0.0
+            if nearest_m > _BEGAN_WITHIN_M + wandered_m:
+                self.displaced_m = away_m
             return
 
         if not has_restarted or not self._has_flown or last is None:
@@ -191,7 +197,7 @@ class LocalFrame:
         offset_x, offset_y, _ = self._offset_enu_m
         away_m = math.dist((x + offset_x, y + offset_y), self.start_enu_m[:2])
         self._offset_enu_m = None
-        if away_m > _ON_SPOT_M:
+        if away_m > _ON_SPOT_M + wandered_m:
             self.displaced_m = away_m
             self._has_px4_lost_it = True
         else:

@@ -13,6 +13,7 @@ from msgspec.structs import replace
 
 from onboard.autopilot import Landed, Snapshot
 from onboard.bus.schema import Order, OrderKind
+from onboard.control.climb_duration import climb_duration_s
 from onboard.control.path import path_of
 from onboard.flight import arrival, contact, predicates
 from onboard.flight.contact import ContactSigns
@@ -118,9 +119,11 @@ def test_what_lasts_too_long_is_late_after_its_limit(predicate: Any, limit_s: fl
 
 
 def test_a_climb_that_is_planned_for_long_may_take_three_times_as_long() -> None:
-    flight = _flight(goal=Goal(ZERO_3, 20.0, 1))
-    assert predicates.climb_late(flight, _view(60.001))
-    assert not predicates.climb_late(flight, _view(59.999))
+    order = _order("takeoff", height_m=12.0)
+    planned_s = climb_duration_s(12.0, _flight().vehicle.max_speed_m_s)
+    for flight, factor in ((_flight(order=order), 3.0), (_flight(order=order, is_slow=True), 6.0)):
+        assert predicates.climb_late(flight, _view(factor * planned_s + 0.001))
+        assert not predicates.climb_late(flight, _view(factor * planned_s - 0.001))
 
 
 def test_a_landing_by_px4_may_take_longer_only_where_its_height_is_known() -> None:

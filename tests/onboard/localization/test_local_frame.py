@@ -245,9 +245,16 @@ def test_a_vehicle_that_lands_on_other_ground_keeps_the_height_of_its_flight() -
     assert landed_at(20.0, -3.5, height_accuracy_m=0.5) == pytest.approx(
         (20.0, 0.0, -3.5), abs=0.01
     )
+    assert landed_at(20.0, 5.0, height_accuracy_m=3.0)[2] == pytest.approx(0.0)
 
 
 def test_an_error_of_px4s_height_is_forgotten_after_a_landing() -> None:
-    assert landed_at(20.0, 0.7)[2] == pytest.approx(0.0)
+    assert landed_at(20.0, 2.0)[2] == pytest.approx(0.0)
     assert landed_at(20.0, 2.5, height_accuracy_m=1.0)[2] == pytest.approx(0.0)
     assert landed_at(1.0, 10.0)[2] == pytest.approx(0.0), "on its spot"
+
+
+def test_poses_of_another_program_in_the_fleets_frame_are_no_restart_away_from_the_spot() -> None:
+    frame = LocalFrame((4.0, 1.0, 0.0), None)
+    assert frame.take(parked(0.0, (1.1, 4.0, 0.0))) == pytest.approx((4.0, 1.0, 0.0))
+    assert frame.displaced_m == 0.0
