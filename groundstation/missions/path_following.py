@@ -40,6 +40,7 @@ from onboard.tuples import Xyz
 AHEAD_S = 3.0  # time from the order to the start, in which all replies arrive
 # Longest wait after the paths' own end: vehicles that fall behind slow the clock of the paths.
 _LATE_S = 60.0
+_SLOWEST_RATE = 0.5  # rate of the paths while a failsafe slows all (onboard/flight/path_flight.py)
 _SAY_S = 10.0  # time between two lines of progress
 _LOAD_S = 10.0  # longest wait for the reply to one part of a path
 _LOOK_S = 0.5  # time between two checks for a pause
@@ -104,7 +105,8 @@ async def follow_paths(
         lights: colours of the vehicles, which are shown and recorded.
         on_lag: reaction of a vehicle that falls behind for too long; the others go on.
         at: wall-clock time at which they start; None: at once.
-        timeout_s: longest flight along the paths [s]; None: their own duration plus a minute.
+        timeout_s: longest flight along the paths [s]; None: twice their own duration, because all
+            may be slowed, plus a minute.
 
     Returns:
         One result per vehicle that has started. A vehicle that has left its path has failed; the
@@ -151,7 +153,7 @@ async def follow_paths(
     ]
     try:
         if not timeout_s:
-            timeout_s = AHEAD_S + longest_s + _LATE_S
+            timeout_s = AHEAD_S + longest_s / _SLOWEST_RATE + _LATE_S
         results = await _end_of(ground, order, timeout_s)
     finally:
         for task in tasks:
