@@ -7,6 +7,7 @@ the pause: pause_watch.py brings all followers home while that battery has enoug
 from __future__ import annotations
 
 import asyncio
+from collections.abc import Iterable
 from typing import Protocol
 
 from groundstation.missions.pause_watch import PauseGround, PauseWatch
@@ -73,6 +74,14 @@ class FollowPause:
                 continue
             stopped[name] = telemetry
         return stopped
+
+    def begin_anew(self, names: Iterable[str]) -> None:
+        """Forget that vehicles have followed, because they will follow again.
+
+        Args:
+            names: names of the vehicles.
+        """
+        self._have_followed.difference_update(names)
 
     def leave_out(self, names: tuple[str, ...]) -> None:
         """Forget these vehicles, which no longer follow.

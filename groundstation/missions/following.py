@@ -37,7 +37,7 @@ _PERIOD_S = 0.5
 _AHEAD_S = 1.0
 _MOVED_M = 0.1  # a goal that has moved less is not ordered again
 _REFUSED_S = 5.0  # longest time for which all goals of a vehicle may be refused
-_REFUSED_AT_END_S = 1.0  # longest such time just before the end
+_REFUSED_AT_END_S = 1.5  # longest such time just before the end
 _HEARD_S = 1.0  # longest wait for the leader's telemetry after this ground's link is back
 _INSIDE_M = 0.1  # smallest distance of goals from the fence
 _HOLD_S = 15.0  # longest wait for the hold at the end
@@ -166,8 +166,22 @@ class _Following:
             return 0
 
         await client.wait_for(self._hears_leader, _HEARD_S)
+        await self._restart_stopped()
         self._order_anew()  # the vehicles may not have received the last goals
         return client.now_ns() - begin_ns
+
+    async def _restart_stopped(self) -> None:
+        """Order those to hold who hold by a failsafe, so that they take goals again.
+
+        The failsafe may have been that they heard nobody, as this ground did.
+        """
+        stopped = self._pause.stopped()
+        holding = [name for name, telemetry in stopped.items() if telemetry.state == "holding"]
+        is_taken = self._ground.watch.takeover() is not None
+        if not holding or is_taken:
+            return
+        await self._ground.order(Hold(vehicles=tuple(holding)), _HOLD_S)
+        self._pause.begin_anew(holding)
 
     def _hears_leader(self, state: FleetState) -> bool:
         return state.vehicles[self._leader].is_fresh(self._client.now_ns())

@@ -139,3 +139,26 @@ def _stop_mav1(flight: Flight, is_stopped: bool) -> None:
     flight.bus.misbehave["mav1"] = "refuse"
     stopped = {"state": "landing", "reason": "The battery falls: landing.", "follows": ""}
     flight.bus.tell("mav1", battery_frac=0.2, **(stopped if is_stopped else {}))
+
+
+async def test_who_holds_by_a_failsafe_while_this_ground_heard_nobody_follows_again(
+    flight: Flight, client: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    looks = 0
+
+    async def wait_while_lost() -> bool:
+        nonlocal looks
+        looks += 1
+        if looks != 3:
+            return False
+        flight.bus.tell("mav1", state="holding", reason="Bus lost: holding.", follows="")
+        assert await client.wait_for(
+            lambda state: state.vehicles["mav1"].telemetry.state == "holding", 5.0
+        )
+        return True
+
+    monkeypatch.setattr(flight.fleet.ground.link, "wait_while_lost", wait_while_lost)
+    results = await flight.fleet.follow("mav0", 0.6, offsets=BESIDE)
+    assert results["mav1"].is_done
+    assert flight.kinds_of("mav1") == ["takeoff", "move", "hold", "move", "hold"]
+    assert flight.kinds_of("mav2") == ["takeoff", "move", "move", "hold"]
