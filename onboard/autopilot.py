@@ -29,6 +29,10 @@ class LinkError(RuntimeError):
     """The link cannot be opened. The message says what failed, where, and what to do."""
 
 
+class EndpointAbsentError(LinkError):
+    """The device or the address of the link is not there, or not for this user; it may come."""
+
+
 Version = tuple[int, int]  # major and minor number of PX4, as PX4 reports them
 # oldest and newest version that Covey was measured with
 MEASURED_VERSIONS: tuple[Version, Version] = ((1, 16), (1, 18))

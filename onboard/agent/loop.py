@@ -21,14 +21,15 @@ from onboard.agent.core import AgentCore
 from onboard.agent.inbox import Inbox
 from onboard.agent.link_upkeep import LinkUpkeep
 from onboard.agent.log_relay import LogRelay
+from onboard.agent.start_attempts import started
 from onboard.agent.ticker import Ticker
 from onboard.agent.warm_up import warm_up
 from onboard.autopilot import LinkError
 from onboard.bus.codec import Malformed
-from onboard.bus.protocol import BusError, NoRouterError, UntrustedOrder
+from onboard.bus.protocol import BusError, UntrustedOrder
 from onboard.bus.schema import Order, OrderReply
 from onboard.bus.session import BusSession
-from onboard.config.fleet import FleetConfig, MocapConfig
+from onboard.config.fleet import ConfigError, FleetConfig, MocapConfig
 from onboard.exit_status import EXIT_INTERRUPTED, EXIT_OK, EXIT_WRONG_INPUT
 from onboard.preflight.preflight_facts import HEARTBEAT_SILENT_S
 from onboard.process import realtime
@@ -146,6 +147,7 @@ class AgentProcess:
         self._ticks = 0
         self._failed_ticks = 0  # in a row
         self._signals = 0  # number of signals that asked to stop
+        self._stop_requested = asyncio.Event()  # set by the first signal
         self._has_said_ready = False
 
     async def run(self) -> int:
@@ -158,11 +160,11 @@ class AgentProcess:
             loop.add_signal_handler(number, self._signalled)
 
         warm_up(self._fleet, self._name)
-        self._link.start()
 
         try:
-            if not await self._join_bus():
-                return EXIT_OK
+            for start in (self._link.start, self._bus.start):
+                if not await started(self._name, start, self._stop_requested):
+                    return EXIT_OK
 
             self._inbox.start()
             self._log_relay.start()
@@ -187,27 +189,6 @@ class AgentProcess:
             self._inbox.stop()
             self._bus.stop()
             self._link.stop()
-
-    async def _join_bus(self) -> bool:
-        """Open the bus; return False if a signal asks to stop before it is open.
-
-        If the fleet has routers, this waits for one of them.
-        """
-        is_reported = False
-        while not self._signals:
-            try:
-                self._bus.start()
-                return True
-            except NoRouterError as error:
-                if not is_reported:
-                    print(
-                        f"agent {self._name}: {error} It goes on looking.",
-                        file=sys.stderr,
-                        flush=True,
-                    )
-                is_reported = True
-                await asyncio.sleep(0.0)  # lets the event loop handle signals
-        return False
 
     def _order_on_bus_thread(
         self, message: Order | Malformed | UntrustedOrder, reply: Callable[[OrderReply], None]
@@ -253,6 +234,7 @@ class AgentProcess:
             )
             os._exit(EXIT_INTERRUPTED)
         else:
+            self._stop_requested.set()
             log.info("asked to stop: landing first if in the air")
             self._inbox.notices.append(agent_inputs.ShutdownRequested())
 
@@ -389,13 +371,28 @@ def run_agent(
     Returns:
         The exit status.
     """
+
+    async def run() -> int:
+        # AgentProcess has handlers of its own
+        stop_requested = asyncio.Event()
+        for number in (signal.SIGINT, signal.SIGTERM):
+            asyncio.get_running_loop().add_signal_handler(number, stop_requested.set)
+
+        if not await started(name, lambda: credentials_of(fleet, name), stop_requested):
+            return EXIT_OK
+        agent = AgentProcess(
+            fleet,
+            name,
+            apply_params=apply_params,
+            is_realtime=is_realtime,
+            has_bus_mocap=has_bus_mocap,
+        )
+        return await agent.run()
+
     log_listener = realtime.log_in_thread(name, os.environ.get("COVEY_LOG", "INFO"))
-    agent = AgentProcess(
-        fleet, name, apply_params=apply_params, is_realtime=is_realtime, has_bus_mocap=has_bus_mocap
-    )
     try:
-        return asyncio.run(agent.run())
-    except (LinkError, BusError) as error:
+        return asyncio.run(run())
+    except (ConfigError, LinkError, BusError) as error:
         print(f"agent {name}: {error}", file=sys.stderr, flush=True)
         return EXIT_WRONG_INPUT
     finally:

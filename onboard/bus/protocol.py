@@ -103,6 +103,10 @@ class BusError(RuntimeError):
     """The bus could not be opened: a sentence that says what failed, where, and what to do."""
 
 
+class AddressAbsentError(BusError):
+    """This computer does not have the address to listen at; its network may still come."""
+
+
 class NoRouterError(BusError):
     """The fleet has routers, and none of them answers."""
 

@@ -8,6 +8,7 @@ a callback can deadlock.
 from __future__ import annotations
 
 import contextlib
+import errno
 import json
 import os
 import secrets
@@ -20,6 +21,7 @@ from onboard.bus.codec import Malformed, decode, encode
 from onboard.bus.presence import Presence
 from onboard.bus.protocol import (
     MAX_COLLECTED,
+    AddressAbsentError,
     BusError,
     NodeCredentials,
     NoRouterError,
@@ -52,6 +54,8 @@ os.environ.setdefault("ZENOH_RUNTIME", f"({', '.join(_RUNTIMES)})")
 
 _MAX_NAMES = 1000  # number of names of one topic that are cached by key
 _MAX_FOLLOWED = 16  # at most this many samples of a followed name wait for delivery
+# words of zenoh's errors about an address that this computer does not have, or not yet
+_NO_ADDRESS = (f"(os error {errno.EADDRNOTAVAIL})", "failed to lookup address")
 _FAULT_NAME = "fault"  # last part of the key for fault orders
 _EVERY_NAME = "*"
 
@@ -438,7 +442,8 @@ def open_zenoh(settings: Iterable[Setting]) -> zenoh.Session:
     Args:
         settings: settings from :mod:`onboard.bus.zenoh_settings`.
     Raises:
-        BusError: an endpoint to listen at is taken or not valid, or no router answers.
+        BusError: an endpoint to listen at is taken or not valid, this computer does not have its
+            address, or no router answers.
     """
     by_path = dict(settings)
     config = zenoh.Config()
@@ -454,10 +459,18 @@ def open_zenoh(settings: Iterable[Setting]) -> zenoh.Session:
                 "Start one with covey router, or correct [fleet] routers; with keys, both ends "
                 "need those of one authority (covey keys list)."
             ) from None
+
+        refused = (
+            f"The bus cannot listen at {_listed(by_path['listen/endpoints'])} ({_reason(error)})."
+        )
+        if any(words in str(error) for words in _NO_ADDRESS):
+            raise AddressAbsentError(
+                f"{refused} No network interface of this computer has this address: connect the "
+                "network, or change the endpoint in the fleet file."
+            ) from None
         raise BusError(
-            f"The bus cannot listen at {_listed(by_path['listen/endpoints'])} ({_reason(error)}). "
-            "Another agent or emulator of this fleet may be running: stop it, or change the "
-            "endpoint in the fleet file."
+            f"{refused} Another agent or emulator of this fleet may be running: stop it, or change "
+            "the endpoint in the fleet file."
         ) from None
 
 

@@ -7,7 +7,9 @@ and never repeats packets.
 
 from __future__ import annotations
 
+import errno
 import logging
+import socket
 import threading
 import time
 from collections.abc import Callable
@@ -15,7 +17,7 @@ from typing import NamedTuple
 
 from msgspec.structs import replace
 
-from onboard.autopilot import AUTOPILOT_COMPONENT, LinkError, Refused
+from onboard.autopilot import AUTOPILOT_COMPONENT, EndpointAbsentError, LinkError, Refused
 from onboard.px4.packets import Packet, Remainder, cut, is_read, packed
 from onboard.px4.signing import SignatureVerdict, Signer
 from onboard.px4.transport import Address, Transport, open_transport
@@ -26,6 +28,22 @@ _ANOTHER_NS = 3_000_000_000  # after this silence, PX4 may send from another add
 _GREET_NS = 900_000_000  # shortest time between two greetings
 # a greeting is a HEARTBEAT of an onboard controller (type 18); this is its payload
 _GREETING = bytes((0, 0, 0, 0, 18, 8, 0, 4, 3))
+
+# errors of an endpoint that is not there yet: a device, the right to open it (udev gives it some
+# time after the device has come), or a network interface
+_ABSENT = frozenset(
+    (
+        errno.ENOENT,
+        errno.ENODEV,
+        errno.ENXIO,
+        errno.EIO,
+        errno.EACCES,
+        errno.EADDRNOTAVAIL,
+        errno.ENETUNREACH,
+        errno.ENETDOWN,
+        errno.EHOSTUNREACH,
+    )
+)
 
 # verdict about a wrong signature -> field of ``Refused`` that counts it
 _BY_VERDICT = {
@@ -83,11 +101,17 @@ class MavlinkRelay:
         """Open the endpoint, and start receiving.
 
         Raises:
+            EndpointAbsentError: The endpoint cannot be opened, but may be there later.
             LinkError: The endpoint cannot be opened.
         """
         try:
             self._transport = open_transport(self._endpoint)
         except (OSError, ValueError) as error:
+            if _may_come(error):
+                raise EndpointAbsentError(
+                    f"{self._endpoint} cannot be opened ({error}). Connect it, allow this user to "
+                    "open it, or correct 'autopilot' of this vehicle in the fleet file."
+                ) from None
             raise LinkError(
                 f"{self._endpoint} cannot be opened ({error}). Correct 'autopilot' of this vehicle "
                 "in the fleet file."
@@ -248,3 +272,10 @@ def _in_words(address: Address | None) -> str:
         return ""
     host, port = address
     return f"{host} port {port}"
+
+
+def _may_come(error: Exception) -> bool:
+    """Return whether an endpoint that could not be opened may be there later, by itself."""
+    if isinstance(error, socket.gaierror):  # a name that cannot be resolved without a network
+        return True
+    return isinstance(error, OSError) and error.errno in _ABSENT

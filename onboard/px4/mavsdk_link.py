@@ -209,6 +209,7 @@ class Px4Link:
         """Open the endpoint. PX4 need not be running yet.
 
         Raises:
+            EndpointAbsentError: The endpoint is not there, but may be there later.
             LinkError: The port is taken, or the endpoint cannot be used.
         """
         if self._mavsdk is not None:

@@ -15,12 +15,16 @@ from __future__ import annotations
 
 import datetime
 
-from onboard.config.fleet import FleetConfig, Vehicle
+from onboard.config.fleet import ConfigError, FleetConfig, Vehicle
 
 _SPARE_S = 3600.0  # spare time, added to the longest flight
 _UNKNOWN_FLIGHT_S = 7200.0  # flight time plus spare time of a vehicle without hover_time_s
 SOON_S = 30.0 * 86400.0  # a certificate that expires within this time should be renewed
 _IN_HOURS_S = 2.0 * 86400.0  # a shorter time is printed in hours
+
+
+class NotYetValidError(ConfigError):
+    """By this computer's clock, a certificate is not valid yet; the clock may still be set."""
 
 
 def required_validity_s(vehicle: Vehicle) -> float:

@@ -18,6 +18,7 @@ from cryptography.x509.oid import NameOID
 
 from onboard.config.file_reading import KEY_FILE, read_bytes
 from onboard.config.fleet import ConfigError
+from onboard.security.certificate_times import NotYetValidError
 from onboard.security.node_roles import NodeRole
 
 # raised for data that is no certificate, or one of an unknown version or kind
@@ -34,7 +35,8 @@ def check(authority: str, certificate: str, key: str, node: str, now: datetime.d
         node: name that the certificate's holder must have.
         now: time at which both certificates must be valid.
     Raises:
-        ConfigError: they do not match, or are not valid now.
+        NotYetValidError: a certificate is not valid yet.
+        ConfigError: they do not match, or are not valid any more.
     """
     issuer = read_certificate(
         authority,
@@ -68,20 +70,17 @@ def check(authority: str, certificate: str, key: str, node: str, now: datetime.d
 
 
 def _check_time(path: str, certificate: x509.Certificate, now: datetime.datetime) -> None:
-    """Check that a certificate is valid at a time."""
+    """Check that a certificate is valid at a time; otherwise raise ConfigError."""
     first = certificate.not_valid_before_utc
     last = certificate.not_valid_after_utc
-    if now < first:
-        fault = f"is not valid before {first:%Y-%m-%d}"
-    elif now > last:
-        fault = f"has expired on {last:%Y-%m-%d}"
-    else:
-        return
-
-    raise ConfigError(
-        f"{path} {fault}; this computer's clock says {now:%Y-%m-%d}. Set the clock, or issue "
-        "new certificates: covey keys renew FLEET"
+    remedy = (
+        f"this computer's clock says {now:%Y-%m-%d}. Set the clock, or issue new certificates: "
+        "covey keys renew FLEET"
     )
+    if now < first:
+        raise NotYetValidError(f"{path} is not valid before {first:%Y-%m-%d}; {remedy}")
+    if now > last:
+        raise ConfigError(f"{path} has expired on {last:%Y-%m-%d}; {remedy}")
 
 
 def check_hosts(certificate: str, node: str, hosts: Iterable[str]) -> None:

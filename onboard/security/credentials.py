@@ -69,8 +69,9 @@ def credentials_of(
     Returns:
         the credentials; their files exist and match.
     Raises:
-        ConfigError: a file is missing, damaged, of another certificate authority, not valid now, or
-            readable by other users.
+        NotYetValidError: a certificate is not valid yet.
+        ConfigError: a file is missing, damaged, of another certificate authority, not valid any
+            more, or readable by other users.
     """
     if not fleet.has_keys:
         return None

@@ -3,17 +3,21 @@
 from __future__ import annotations
 
 import asyncio
+import datetime
+import re
 import signal
 import socket
 import subprocess
 import sys
 import threading
 import time
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import pytest
 
+from groundstation.keys.secured_fleet import secure_fleet
 from onboard.agent.main import main
 from onboard.agent.ticker import Ticker
 from onboard.process.background_queue import BackgroundQueue
@@ -88,6 +92,57 @@ def test_a_second_agent_for_the_same_vehicle_is_refused_in_words_with_status_2(
         assert first.poll() is None
         first.terminate()
         assert first.wait(10) == 0
+
+
+def _without_device(fleet_file: Path) -> None:
+    text = re.sub("udpin://.*[0-9]", "serial:///dev/covey-absent:921600", fleet_file.read_text())
+    fleet_file.write_text(text, encoding="utf-8")
+
+
+def _without_address(fleet_file: Path) -> None:
+    # an address that no computer has (RFC 5737)
+    text = fleet_file.read_text().replace("tcp/127.0.0.1", "tcp/192.0.2.1")
+    fleet_file.write_text(text, encoding="utf-8")
+
+
+def _with_keys_of_tomorrow(fleet_file: Path) -> None:
+    text = fleet_file.read_text().replace("tcp/", "quic/")
+    fleet_file.write_text(text, encoding="utf-8")
+    tomorrow = datetime.datetime.now(datetime.UTC) + datetime.timedelta(days=2)
+    secure_fleet(str(fleet_file), tomorrow)
+
+
+@pytest.mark.parametrize(
+    ("spoil", "words"),
+    [
+        (_without_device, "or correct 'autopilot' of this vehicle"),
+        (_without_address, "No network interface of this computer has this address"),
+        (_with_keys_of_tomorrow, "Set the clock"),
+    ],
+)
+def test_what_a_booting_computer_mends_is_waited_for_until_a_signal(
+    fleet_file: Path, spoil: Callable[[Path], None], words: str
+) -> None:
+    spoil(fleet_file)
+    with _start(fleet_file) as process:
+        assert process.stderr is not None
+        assert words in process.stderr.readline()
+        assert "tries again" in process.stderr.readline()
+        process.terminate()
+        assert process.wait(10) == 0
+
+
+def test_an_endpoint_that_can_never_be_right_ends_the_agent_with_status_2(
+    fleet_file: Path, tmp_path: Path
+) -> None:
+    no_device = tmp_path / "tty"
+    no_device.touch()
+    text = re.sub("udpin://.*[0-9]", f"serial://{no_device}:921600", fleet_file.read_text())
+    fleet_file.write_text(text, encoding="utf-8")
+    with _start(fleet_file) as process:
+        _, errors = process.communicate(timeout=20)
+        assert process.returncode == 2
+        assert "is no serial device" in errors
 
 
 @pytest.mark.parametrize(

@@ -91,7 +91,7 @@ def test_a_port_of_an_ipv6_address_is_claimed_and_refused_while_another_program_
 @pytest.mark.parametrize("host", ["203.0.113.1", "nobody.invalid"])
 def test_an_address_of_another_computer_is_not_called_in_use(host: str) -> None:
     link = Px4Link(f"udpin://{host}:28993", 1)
-    with pytest.raises(LinkError, match=r"cannot be opened .* Correct 'autopilot'"):
+    with pytest.raises(LinkError, match=r"cannot be opened .* correct 'autopilot'"):
         link.start()
 
 
