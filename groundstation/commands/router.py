@@ -16,8 +16,6 @@ from __future__ import annotations
 import signal
 import sys
 import threading
-import time
-from collections.abc import Sequence
 from json import dumps
 from typing import Annotated
 
@@ -26,10 +24,9 @@ from cyclopts import Parameter
 from groundstation.commands.parameters import FileName
 from onboard.bus.router import Router, router_endpoint, router_settings
 from onboard.bus.zenoh_settings import nested
-from onboard.config.fleet import FleetConfig, load_fleet
+from onboard.config.fleet import load_fleet
 from onboard.exit_status import EXIT_FAILED, EXIT_OK
-from onboard.security.certificate_ends import first_end
-from onboard.security.certificate_times import longest_required_validity_s
+from onboard.security.certificate_ends import links_left_s
 from onboard.security.credentials import router_credentials
 from onboard.security.node_roles import ROUTER
 
@@ -65,26 +62,15 @@ def router(
     names = ", ".join(fleet.fleet.name for fleet in loaded)
     print(f"router: {listening} for {names}; other routers: {others}. Ctrl-C ends.", flush=True)
 
-    is_asked_to_stop = stopped.wait(_links_left_s(loaded))
+    left_s = links_left_s(loaded, ROUTER)
+    if left_s is not None:
+        left_s = min(left_s, threading.TIMEOUT_MAX)
+    is_asked_to_stop = stopped.wait(left_s)
     node.stop()
     if is_asked_to_stop:
         return EXIT_OK
     print("router: its certificate has ended: all links are closed now.", file=sys.stderr)
     return EXIT_FAILED
-
-
-def _links_left_s(fleets: Sequence[FleetConfig]) -> float | None:
-    """Return the time [s] from now after which all links are closed; None without keys.
-
-    The links stay open after the certificate's end for as long as the longest flight, so that every
-    vehicle in flight can land. The caller counts the time by a monotonic clock, since the time of
-    day can be set.
-    """
-    end = first_end(fleets[0], ROUTER)  # a router has one certificate for all fleets
-    if end is None:
-        return None
-    left_s = end.left_s(time.time()) + max(longest_required_validity_s(fleet) for fleet in fleets)
-    return min(left_s, threading.TIMEOUT_MAX)
 
 
 def _bare(endpoints: list[str]) -> list[str]:

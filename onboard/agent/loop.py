@@ -30,14 +30,13 @@ from onboard.bus.protocol import BusError, UntrustedOrder
 from onboard.bus.schema import Order, OrderReply
 from onboard.bus.session import BusSession
 from onboard.config.fleet import ConfigError, FleetConfig, MocapConfig
-from onboard.exit_status import EXIT_INTERRUPTED, EXIT_OK, EXIT_WRONG_INPUT
+from onboard.exit_status import EXIT_FAILED, EXIT_INTERRUPTED, EXIT_OK, EXIT_WRONG_INPUT
 from onboard.preflight.preflight_facts import HEARTBEAT_SILENT_S
 from onboard.process import realtime
 from onboard.process.systemd import Notifier
 from onboard.px4.mavsdk_link import Px4Link
 from onboard.safety.failsafe_table import Situation
-from onboard.security.certificate_ends import first_end
-from onboard.security.certificate_times import longest_required_validity_s
+from onboard.security.certificate_ends import first_end, links_left_s
 from onboard.security.credentials import credentials_of
 from onboard.security.mavlink_key import mavlink_key
 from onboard.types import TICK_S
@@ -105,6 +104,11 @@ class AgentProcess:
 
         # earliest expiry of the certificates that the links use; None without certificates
         self._certificate_end = first_end(fleet, name)
+        # monotonic time at which the links are closed; None without certificates
+        self._links_end_ns: int | None = None
+        left_s = links_left_s([fleet], name)
+        if left_s is not None:
+            self._links_end_ns = time.monotonic_ns() + round(left_s * 1e9)
         self._ends_links = False  # whether the process ends because of its certificate
 
         mocap = fleet.mocap
@@ -239,8 +243,11 @@ class AgentProcess:
             self._inbox.notices.append(agent_inputs.ShutdownRequested())
 
     def _exit(self) -> None:
+        status = EXIT_OK
+        if self._ends_links:
+            status = EXIT_FAILED
         if self._ended is not None and not self._ended.done():
-            self._ended.set_result(EXIT_OK)
+            self._ended.set_result(status)
 
     # -- tick --------------------------------------------------------------------------------------
 
@@ -321,17 +328,17 @@ class AgentProcess:
 
         Open links survive the expiry of a certificate, so no flight is interrupted. Once the
         certificate has been expired for longer than the longest flight, the process ends as soon as
-        the vehicle is on the ground. That closes the links.
+        the vehicle is on the ground. That closes the links. This time is counted from the start of
+        the process by the monotonic clock: a time of day that is wrong for a moment ends nothing.
         """
         end = self._certificate_end
-        if end is None:
+        if end is None or self._links_end_ns is None:
             return
 
         left_s = end.left_s(time.time())
         self._core.handle(agent_inputs.CertificateChecked(end.node, left_s), now_ns)
 
-        expired_s = -left_s
-        is_long_expired = expired_s > longest_required_validity_s(self._fleet)
+        is_long_expired = now_ns > self._links_end_ns
         is_on_ground = self._core.flight.step.situation is Situation.GROUND
         if is_long_expired and is_on_ground and not self._ends_links:
             self._ends_links = True

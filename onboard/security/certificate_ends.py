@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import os
+import time
+from collections.abc import Sequence
 from typing import NamedTuple
 
 from onboard.config.fleet import ConfigError, FleetConfig
+from onboard.security.certificate_times import longest_required_validity_s
 from onboard.security.credentials import files_of
 from onboard.security.node_roles import ROUTER, NodeRole
 
@@ -57,6 +60,25 @@ def first_end(fleet: FleetConfig, own: str) -> CertificateEnd | None:
         if end_s is not None:
             ends.append(CertificateEnd(holder, end_s))
     return min(ends, key=lambda end: end.end_s, default=None)
+
+
+def links_left_s(fleets: Sequence[FleetConfig], own: str) -> float | None:
+    """Return the time [s] from now after which a node closes all of its links.
+
+    The links stay open after the certificate's end for as long as the longest flight, so that every
+    vehicle in flight can land. The caller counts the time by a monotonic clock, since the time of
+    day can be set.
+
+    Args:
+        fleets: fleets of the node, which has one certificate for all of them.
+        own: node that runs here.
+    Returns:
+        the time; None for a bus without keys, or if no certificate can be read.
+    """
+    end = first_end(fleets[0], own)
+    if end is None:
+        return None
+    return end.left_s(time.time()) + max(longest_required_validity_s(fleet) for fleet in fleets)
 
 
 def end_of(path: str) -> float | None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import datetime
 import re
 import shutil
@@ -23,7 +24,7 @@ from onboard.bus.schema import Order
 from onboard.bus.session import BusSession
 from onboard.bus.topics import Topic
 from onboard.config.fleet import ConfigError, FleetConfig, load_fleet
-from onboard.security.certificate_ends import CertificateEnd, first_end
+from onboard.security.certificate_ends import first_end
 from onboard.security.certificate_times import (
     end_words,
     left_words,
@@ -203,13 +204,39 @@ def test_an_agent_on_the_ground_ends_its_links_one_flight_and_an_hour_after_the_
     fleet: FleetConfig,
 ) -> None:
     agent = AgentProcess(fleet, "mav0", apply_params=False)
+    end = first_end(fleet, "mav0")
+    assert end is not None
+    left_s = end.left_s(time.time()) + longest_required_validity_s(fleet)
     for over_s, ends in ((-60.0, False), (60.0, True)):
-        end_s = time.time() - longest_required_validity_s(fleet) - over_s
-        agent._certificate_end = CertificateEnd("mav0", end_s)
+        now_ns = time.monotonic_ns() + round((left_s + over_s) * 1e9)
         for _ in range(2):
-            agent._check_certificate(1)
-        requests = [one for one in agent._inbox.notices if isinstance(one, ShutdownRequested)]
-        assert len(requests) == int(ends)
+            agent._check_certificate(now_ns)
+        assert _requests_to_end(agent) == int(ends)
+
+
+def _requests_to_end(agent: AgentProcess) -> int:
+    return sum(isinstance(notice, ShutdownRequested) for notice in agent._inbox.notices)
+
+
+def test_a_time_of_day_that_jumps_far_ahead_does_not_end_an_agent(
+    fleet: FleetConfig, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    agent = AgentProcess(fleet, "mav0", apply_params=False)
+    years_ahead_s = time.time() + 1e9
+    monkeypatch.setattr("onboard.agent.loop.time.time", lambda: years_ahead_s)
+    agent._check_certificate(time.monotonic_ns())
+    assert _requests_to_end(agent) == 0
+
+
+@pytest.mark.parametrize(("after_s", "status"), [(0.0, 0), (1e9, 1)])
+async def test_an_agent_whose_certificate_has_ended_ends_with_status_1(
+    fleet: FleetConfig, after_s: float, status: int
+) -> None:
+    agent = AgentProcess(fleet, "mav0", apply_params=False)
+    agent._ended = asyncio.get_running_loop().create_future()
+    agent._check_certificate(time.monotonic_ns() + round(after_s * 1e9))
+    agent._exit()
+    assert await agent._ended == status
 
 
 def test_nobody_starts_with_a_certificate_that_has_ended(fleet: FleetConfig) -> None:
