@@ -27,6 +27,7 @@ from groundstation.recording.audit import TOPICS as ORDER_TOPICS
 from groundstation.recording.audit import trail_of
 from groundstation.recording.channels import MAX_STAMP_NS, from_json
 from groundstation.recording.people_reading import PeopleTracks
+from groundstation.recording.reader import MAX_FLIGHT_NS
 from groundstation.recording.recorded_flight import (
     Flight,
     StateRows,
@@ -55,7 +56,8 @@ _DECODED_AT_ONCE = 64
 MAX_MADE = 20  # kept entries about the program that wrote the record
 MAX_NAME = 60  # letters of a flight's title
 LARGEST = 1e9  # a number with a larger magnitude is absurd and becomes NaN
-# A longer pause between stamps separates the flight from stamps that do not belong to it.
+# A longer pause between stamps separates the flight from another one of the same record, or from
+# stamps that do not belong to it.
 MAX_PAUSE_S = 600.0
 TOPICS = frozenset(("tick", "telemetry", "truth", "state", "preflight")) | ORDER_TOPICS
 
@@ -482,7 +484,7 @@ def read_flight(folder: Path, fleet_path: str | None = None) -> Flight:
     if timeline.broken:
         notes.insert(0, timeline.broken)
 
-    span = _span(collected, timeline.begin_ns)
+    span = _span(collected, timeline)
     vehicles = _vehicles(collected, fleet, span)
     if not vehicles:
         raise ConfigError(
@@ -548,10 +550,13 @@ class _Span:
         return (stamp_ns - self.begin_ns) * 1e-9
 
 
-def _span(collected: _Collected, record_begin_ns: int) -> _Span:
-    """Return the span with the most stamps in which there is no long pause.
+def _span(collected: _Collected, timeline: Timeline) -> _Span:
+    """Return the span of the flight, or of all flights of a record with long pauses between them.
 
-    Otherwise a clock that jumps, or one wrong stamp, would stretch the flight to years.
+    The stamps are divided into pieces at each long pause. The piece with the most stamps belongs to
+    the flight. Another piece does if it is at most a day away, and if the chunks of the file are in
+    the order of the stamps. Otherwise a clock that jumps, or one wrong stamp, would stretch the
+    flight to years.
     """
     all_stamps_ns = [np.zeros(0, np.int64)]
     for vehicle in collected.vehicles.values():
@@ -560,21 +565,54 @@ def _span(collected: _Collected, record_begin_ns: int) -> _Span:
         all_stamps_ns.append(vehicle.truth.stamps_ns)
     stamps_ns = np.sort(np.concatenate(all_stamps_ns))
     if not stamps_ns.size:
-        return _Span(record_begin_ns, record_begin_ns)
+        return _Span(timeline.begin_ns, timeline.begin_ns)
 
-    # The stamps are divided at each long pause; the piece with the most stamps is the flight.
     begins_after_pause = np.flatnonzero(np.diff(stamps_ns) > MAX_PAUSE_S * 1e9) + 1
-    bounds = [0, *begins_after_pause.tolist(), stamps_ns.size]
-    pieces = itertools.pairwise(bounds)  # index of the first stamp, and index after the last one
-    first, after_last = max(pieces, key=lambda piece: piece[1] - piece[0])
+    firsts = [0, *begins_after_pause.tolist()]
+    after_lasts = [*begins_after_pause.tolist(), stamps_ns.size]
+    pieces = [
+        _Piece(int(stamps_ns[first]), int(stamps_ns[after_last - 1]), after_last - first)
+        for first, after_last in zip(firsts, after_lasts, strict=True)
+    ]
+    kept = _pieces_of_flight(pieces, timeline)
 
-    begin_ns = int(stamps_ns[first])
-    end_ns = int(stamps_ns[after_last - 1])
+    begin_ns = min(piece.begin_ns for piece in kept)
+    end_ns = max(piece.end_ns for piece in kept)
     # Events and orders may come before the first message of a vehicle.
-    if 0 <= begin_ns - record_begin_ns <= MAX_PAUSE_S * 1e9:
-        begin_ns = record_begin_ns
-    left_out = stamps_ns.size - (after_last - first)
-    return _Span(begin_ns, end_ns, left_out=left_out)
+    if 0 <= begin_ns - timeline.begin_ns <= MAX_PAUSE_S * 1e9:
+        begin_ns = timeline.begin_ns
+    inside = np.count_nonzero((stamps_ns >= begin_ns) & (stamps_ns <= end_ns))
+    return _Span(begin_ns, end_ns, left_out=stamps_ns.size - int(inside))
+
+
+class _Piece(NamedTuple):
+    """Stamps without a long pause."""
+
+    begin_ns: int  # the first stamp
+    end_ns: int  # the last stamp
+    size: int  # number of stamps
+
+    def overlaps(self, begin_ns: int, end_ns: int) -> bool:
+        """Whether it has a time in common with a span."""
+        return self.begin_ns <= end_ns and begin_ns <= self.end_ns
+
+
+def _pieces_of_flight(pieces: Sequence[_Piece], timeline: Timeline) -> list[_Piece]:
+    """Return the pieces that belong to the flight."""
+    largest = max(pieces, key=lambda piece: piece.size)
+    first_ns = largest.begin_ns - MAX_FLIGHT_NS
+    last_ns = largest.end_ns + MAX_FLIGHT_NS
+    near = [piece for piece in pieces if piece.overlaps(first_ns, last_ns)]
+
+    kept = [largest]
+    for spans_ns in timeline.rising_spans_ns():
+        if not any(largest.overlaps(*span_ns) for span_ns in spans_ns):
+            continue
+        for piece in near:
+            # wrong stamps of single messages are outside the spans of all chunks
+            if any(piece.overlaps(*span_ns) for span_ns in spans_ns):
+                kept.append(piece)
+    return kept
 
 
 def _vehicles(

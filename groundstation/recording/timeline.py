@@ -440,6 +440,21 @@ class Timeline:
             if channel.topic in topics
         }
 
+    def rising_spans_ns(self) -> list[list[tuple[int, int]]]:
+        """Return the time spans of the chunks in the order of the file, as start and end [ns].
+
+        A new list begins where the common clock was set back.
+        """
+        rising: list[list[tuple[int, int]]] = []
+        before_ns = 0
+        for chunk in self._chunks:
+            # both begins may differ from the times of their chunks
+            if not rising or chunk.begin_ns < before_ns - 2 * MAX_LATE_NS:
+                rising.append([])
+            rising[-1].append((chunk.begin_ns, chunk.end_ns))
+            before_ns = chunk.begin_ns
+        return rising
+
     @property
     def topics(self) -> frozenset[str]:
         """Topics of all channels whose kind of message is known to this version of Covey."""

@@ -43,6 +43,11 @@ def moved(told: list[Row], by_ns: int, *, names: tuple[str, ...] | None = None) 
     return found
 
 
+def received_later(told: list[Row], by_ns: int) -> list[Row]:
+    """The same messages, which the recorder writes later."""
+    return [(at_ns + by_ns, topic, name, message) for at_ns, topic, name, message in told]
+
+
 def test_a_record_that_was_cut_anywhere_opens_in_part_or_is_refused(tmp_path: Path) -> None:
     folder = write(tmp_path, rows(length_s=2.0))
     path = folder / "flight.mcap"
@@ -114,6 +119,42 @@ def test_a_clock_that_jumps_in_flight_leaves_a_flight_of_a_right_length(tmp_path
 
     assert 4.0 < flight.length_s < 30.0
     payload(flight, made_by="test")
+
+
+def test_flights_with_a_long_pause_between_them_are_all_in_the_page(tmp_path: Path) -> None:
+    first = rows(length_s=4.0)
+    pause_ns = 8 * 3600 * SECOND
+    second = received_later(moved(rows(length_s=10.0), pause_ns), pause_ns)
+    folder = write(tmp_path, [*first, *second])
+
+    flight = read_flight(folder)
+
+    assert flight.length_s == pytest.approx(8 * 3600.0 + 10.0, abs=1.0)
+    time_s = flight.vehicles["mav0"].ticks.time_s
+    assert np.count_nonzero(time_s < 5.0) == 200
+    assert time_s.size == 700
+    assert not any("far from" in note for note in flight.notes)
+
+
+def test_one_stamp_that_is_hours_late_does_not_stretch_the_flight(tmp_path: Path) -> None:
+    told = rows()
+    late_ns = 3 * 3600 * SECOND
+    folder = write(tmp_path, [*told, *moved(told[-1:], late_ns)])
+
+    flight = read_flight(folder)
+
+    assert flight.length_s == pytest.approx(10.0, abs=1.0)
+    assert any("1 messages have stamps far from" in note for note in flight.notes)
+
+
+def test_a_clock_that_is_set_back_between_two_flights_exchanges_none(tmp_path: Path) -> None:
+    first = moved(rows(length_s=4.0), 3 * 3600 * SECOND)
+    folder = write(tmp_path, [*first, *received_later(rows(length_s=10.0), 60 * SECOND)])
+
+    flight = read_flight(folder)
+
+    assert flight.length_s == pytest.approx(10.0, abs=1.0)
+    assert any("far from" in note for note in flight.notes)
 
 
 def test_a_vehicle_whose_clock_differs_is_put_on_the_common_one(tmp_path: Path) -> None:
