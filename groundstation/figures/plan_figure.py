@@ -14,6 +14,7 @@ from groundstation.figures.style import LIMIT, SOFT, colour, line_style, new_fig
 from onboard.arrays import Array
 
 _SAME_M = 0.05  # slots that are nearer to each other than this are one
+_MOST_NUMBERS = 5  # of more orders to one slot, only the first ones and the last one are written
 _LABEL_ROOM_M = 0.15  # least distance of two labelled time marks of one path
 _DASHED = (0, (4, 3))
 # Possible positions of a number beside its slot, x and y, in half widths and heights of the number.
@@ -126,7 +127,7 @@ def _draw_start(ax: Any, track: Track, tint: str) -> None:
 
 
 def _slots(goals_m: Array) -> list[tuple[Array, str]]:
-    """Return the slots (2,), each with the numbers of all orders that went to it.
+    """Return the slots (2,), each with the numbers of the orders that went to it.
 
     Args:
         goals_m: goals (n, 2) of all orders, in the order in which they were given.
@@ -141,7 +142,15 @@ def _slots(goals_m: Array) -> list[tuple[Array, str]]:
         else:
             slots_m.append(goal_m)
             orders.append([str(number)])
-    return [(slot_m, ", ".join(numbers)) for slot_m, numbers in zip(slots_m, orders, strict=True)]
+    return [(slot_m, _listed(numbers)) for slot_m, numbers in zip(slots_m, orders, strict=True)]
+
+
+def _listed(numbers: list[str]) -> str:
+    """Return the numbers of a slot's orders as a text that stays short."""
+    if len(numbers) <= _MOST_NUMBERS:
+        return ", ".join(numbers)
+    first = ", ".join(numbers[: _MOST_NUMBERS - 2])
+    return f"{first}, … {numbers[-1]} ({len(numbers)} orders)"
 
 
 def draw_outlines(ax: Any, flight: FlightData) -> None:

@@ -433,3 +433,18 @@ def test_a_large_fleet_is_in_the_order_of_its_numbers_and_on_a_page(tmp_path: Pa
     ]
     looks = {(line.get_color(), str(line.get_linestyle())) for line in paths}
     assert len(looks) == len(paths) == 12
+
+
+def test_many_orders_to_one_slot_are_a_short_text_in_the_plan(tmp_path: Path) -> None:
+    write_flight(tmp_path)
+    flight = from_samples(read(tmp_path, TOPICS), title="to and fro", safety_distance_m=0.8)
+    assert flight is not None
+    to_and_fro_m = np.array([[-1.0, 0.0, 1.0], [1.0, 0.0, 1.0]] * 126)
+    track = dataclasses.replace(flight.tracks[0], slots_enu_m=to_and_fro_m)
+    flight = dataclasses.replace(flight, tracks=(track, *flight.tracks[1:]))
+
+    with styled():
+        figure = plan_figure.draw(flight)
+    texts = [text.get_text() for text in figure.axes[0].texts]
+    assert "1, 3, 5, … 251 (126 orders)" in texts
+    assert "2, 4, 6, … 252 (126 orders)" in texts
