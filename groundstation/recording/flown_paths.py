@@ -9,16 +9,20 @@ from __future__ import annotations
 import contextlib
 import math
 import re
+from array import array
 from pathlib import Path
+
+import numpy as np
 
 from groundstation.recording.output_file import refuse_other_file, written_beside
 from groundstation.recording.reader import (
     Sample,
+    indexes_by_time,
     is_number,
     is_vector,
-    of_one_flight,
 )
 from groundstation.recording.timeline import Timeline
+from onboard.arrays import Array, IntArray
 from onboard.config.fleet import ConfigError
 from onboard.frames import yaw_from_quaternion
 
@@ -34,22 +38,45 @@ def flown_paths(timeline: Timeline, rate_hz: float) -> dict[str, list[str]]:
         timeline: the record.
         rate_hz: rate of the lines.
     """
-    samples: dict[str, dict[str, list[Sample]]] = {}  # vehicle -> topic -> samples
+    paths: dict[str, dict[str, _Path]] = {}  # vehicle -> topic -> path
     for sample in timeline.samples(("truth", "tick")):
         if is_vector(sample.values.get("position_enu_m"), 3):
-            samples.setdefault(sample.name, {}).setdefault(sample.topic, []).append(sample)
+            paths.setdefault(sample.name, {}).setdefault(sample.topic, _Path()).add(sample)
 
     flown = {}
-    for name, topics in sorted(samples.items()):
+    for name, topics in sorted(paths.items()):
         topic = "truth" if "truth" in topics else "tick"
-        flown[name] = of_one_flight(topics[topic])
+        flown[name] = topics[topic].by_time()
 
-    begins_ns = []
-    for path in flown.values():
-        begins_ns += [sample.stamp_ns for sample in path]
-    begin_ns = min(begins_ns, default=0)
+    begin_ns = min((int(stamps_ns[0]) for stamps_ns, _ in flown.values()), default=0)
     period_ns = round(1e9 / rate_hz)
-    return {name: _lines(path, begin_ns, period_ns) for name, path in flown.items()}
+    return {
+        name: _lines(stamps_ns, rows, begin_ns, period_ns)
+        for name, (stamps_ns, rows) in flown.items()
+    }
+
+
+class _Path:
+    """Stamps, positions and yaw of one channel.
+
+    A record of an hour has hundreds of thousands of messages, so nothing else of them is kept.
+    """
+
+    def __init__(self) -> None:
+        self._stamps_ns = array("q")
+        self._numbers = array("d")  # x, y, z [m] and yaw [deg] of each sample, one after another
+
+    def add(self, sample: Sample) -> None:
+        """Add a sample that has a position."""
+        self._stamps_ns.append(sample.stamp_ns)
+        self._numbers.extend(sample.values["position_enu_m"])
+        self._numbers.append(_yaw_deg(sample))
+
+    def by_time(self) -> tuple[IntArray, Array]:
+        """Return the possible stamps (n,), rising, and x, y, z [m] and yaw [deg] (n, 4)."""
+        stamps_ns = np.array(self._stamps_ns, np.int64)
+        kept = indexes_by_time(stamps_ns)
+        return stamps_ns[kept], np.reshape(self._numbers, (-1, 4))[kept]
 
 
 def write_csvs(folder: Path, out: Path, rate_hz: float = 10.0) -> tuple[list[Path], list[str]]:
@@ -93,27 +120,30 @@ def _is_path(begin: bytes) -> bool:
     return first_line.rstrip() == _HEADER.encode()
 
 
-def _lines(samples: list[Sample], begin_ns: int, period_ns: int) -> list[str]:
-    """Return one line for each period: its first sample."""
-    lines = []
-    due_ns = begin_ns
-    for sample in sorted(samples, key=lambda sample: sample.stamp_ns):
-        if sample.stamp_ns < due_ns:
-            continue
-        since_begin_ns = sample.stamp_ns - begin_ns
-        next_period = since_begin_ns // period_ns + 1
-        due_ns = begin_ns + next_period * period_ns
+def _lines(stamps_ns: IntArray, rows: Array, begin_ns: int, period_ns: int) -> list[str]:
+    """Return one line for each period: its first row.
 
-        x, y, z = sample.values["position_enu_m"]
+    Args:
+        stamps_ns: stamps (n,), rising.
+        rows: x, y, z [m] and yaw [deg] (n, 4).
+        begin_ns: stamp at which the first period begins.
+        period_ns: length of a period.
+    """
+    periods = (stamps_ns - begin_ns) // period_ns
+    _, firsts = np.unique(periods, return_index=True)
+
+    lines = []
+    for since_begin_ns, row in zip(stamps_ns[firsts] - begin_ns, rows[firsts], strict=True):
+        x, y, z, yaw_deg = row
         time_s = since_begin_ns * 1e-9
-        lines.append(f"{time_s:.3f},{x:.4f},{y:.4f},{z:.4f},{_yaw_deg(sample):.1f}")
+        lines.append(f"{time_s:.3f},{x:.4f},{y:.4f},{z:.4f},{yaw_deg:.1f}")
     return lines
 
 
 def _yaw_deg(sample: Sample) -> float:
     quaternion = sample.values.get("quaternion_enu_flu_wxyz")
     if isinstance(quaternion, list) and is_vector(quaternion, 4):
-        w, x, y, z = quaternion
+        w, x, y, z = map(float, quaternion)
         return math.degrees(yaw_from_quaternion((w, x, y, z)))
 
     yaw_rad = sample.values.get("yaw_rad")

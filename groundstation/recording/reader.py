@@ -13,6 +13,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from mcap.exceptions import McapError
 from mcap.opcode import Opcode
 from mcap.records import Chunk, McapRecord
@@ -20,6 +21,7 @@ from mcap.stream_reader import breakup_chunk, get_chunk_data_stream
 from zstandard import ZstdError, frame_content_size
 
 from groundstation.recording.writer import RECORD_NAME
+from onboard.arrays import BoolArray, IntArray
 from onboard.config.fleet import ConfigError
 
 # Largest unpacked chunk; the writer's chunks have half a megabyte. In memory the smallest messages
@@ -76,15 +78,29 @@ def record_path(folder: Path) -> Path:
 
 
 def of_one_flight(samples: Sequence[Sample]) -> list[Sample]:
-    """Return the samples of one channel without those whose stamp is impossible.
+    """Return the samples of one channel without those whose stamp is impossible."""
+    stamps_ns = np.array([sample.stamp_ns for sample in samples], np.int64)
+    kept = zip(samples, are_possible(stamps_ns), strict=True)
+    return [sample for sample, is_possible in kept if is_possible]
+
+
+def indexes_by_time(stamps_ns: IntArray) -> IntArray:
+    """Return the indexes of possible stamps of one channel, in the order of time."""
+    possible = np.flatnonzero(are_possible(stamps_ns))
+    by_time: IntArray = possible[np.argsort(stamps_ns[possible], kind="stable")]
+    return by_time
+
+
+def are_possible(stamps_ns: IntArray) -> BoolArray:
+    """Return which stamps (n,) of one channel are possible.
 
     A stamp is impossible if it is more than MAX_FLIGHT_NS from the median.
     """
-    if not samples:
-        return []
-    stamps_ns = sorted(sample.stamp_ns for sample in samples)
-    middle_ns = stamps_ns[(len(stamps_ns) - 1) // 2]
-    return [sample for sample in samples if abs(sample.stamp_ns - middle_ns) <= MAX_FLIGHT_NS]
+    if not stamps_ns.size:
+        return np.zeros(0, np.bool_)
+    middle_ns = np.sort(stamps_ns)[(stamps_ns.size - 1) // 2]
+    is_possible: BoolArray = np.abs(stamps_ns - middle_ns) <= MAX_FLIGHT_NS
+    return is_possible
 
 
 def is_vector(value: object, size: int) -> bool:

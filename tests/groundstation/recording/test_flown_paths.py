@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
+import json
+import tracemalloc
+from collections.abc import Collection, Iterator
 from pathlib import Path
 
 import pytest
 
 from groundstation.cli import main
 from groundstation.paths.path_files import load_path
-from groundstation.recording.flown_paths import write_csvs
+from groundstation.recording.flown_paths import flown_paths, write_csvs
+from groundstation.recording.reader import Sample
+from groundstation.recording.timeline import Timeline
 from groundstation.recording.writer import RecordFiles
 from onboard.bus.topics import Topic
 from onboard.control.path import point_at
@@ -87,3 +92,26 @@ def test_vehicles_with_clocks_of_their_own_have_one_zero_of_time(tmp_path: Path)
     for path in paths:
         _, first, *_ = path.read_text(encoding="utf-8").splitlines()
         assert float(first.partition(",")[0]) < 1.0, path.name
+
+
+class _LongRecord(Timeline):
+    """A record of 100 s of one vehicle, read message by message."""
+
+    def __init__(self) -> None:
+        pass
+
+    def samples(self, topics: Collection[str]) -> Iterator[Sample]:
+        text = json.dumps({"position_enu_m": [1.0, 2.0, 3.0], "others": [0.5] * 50})
+        for step in range(5000):
+            yield Sample("tick/mav0", step * SECOND // 50, json.loads(text))
+
+
+def test_a_long_record_is_not_kept_whole_in_memory() -> None:
+    tracemalloc.start()
+    try:
+        lines = flown_paths(_LongRecord(), 10.0)
+        _, peak_bytes = tracemalloc.get_traced_memory()
+    finally:
+        tracemalloc.stop()
+    assert len(lines["mav0"]) == 1000
+    assert peak_bytes < 2_000_000
