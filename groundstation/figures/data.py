@@ -1,27 +1,29 @@
 """A flight record as arrays for the figures, on one time axis.
 
-Time 0 is when the first vehicle leaves the ground.
+Time 0 is when the first vehicle leaves the ground. A record of an hour has hundreds of thousands of
+messages, so only the fields that the figures need are kept, as plain numbers.
 """
 
 from __future__ import annotations
 
 import itertools
 import math
+from array import array
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from groundstation.recording.reader import (
     MAX_FLIGHT_NS,
     Sample,
+    indexes_by_time,
     is_number,
-    is_vector,
-    of_one_flight,
 )
 from groundstation.recording.recorded_flight import IN_FLIGHT, at_times, has_lifted
-from onboard.arrays import Array
+from onboard.arrays import Array, IntArray
 from onboard.config.flight_space import Outline
 from onboard.config.pair_separation import separations_m
 from onboard.config.people import Person, body_of
@@ -33,6 +35,21 @@ GRID_S = 0.02
 _LONGEST_START_NS = 600_000_000_000  # longest time from a record's start to its first vehicle
 _LEAD_S = 1.0  # time before the start that is shown
 _SLOT_STEP_M = 0.05  # largest distance of two goals that are the same slot
+
+# kept vectors of each topic, with their sizes
+_VECTORS = {
+    "truth": {"position_enu_m": 3},
+    "tick": {
+        "position_enu_m": 3,
+        "setpoint_position_enu_m": 3,
+        "thrust_baseline_enu_m_s2": 3,
+        "thrust_safe_enu_m_s2": 3,
+        "setpoint_quaternion_enu_flu_wxyz": 4,
+        "attitude_quaternion_enu_flu_wxyz": 4,
+    },
+    "telemetry": {"goal_position_enu_m": 3},
+    POSES: {"position_enu_m": 3},
+}
 
 
 @dataclass(frozen=True, slots=True)
@@ -154,34 +171,32 @@ def from_samples(
     Returns:
         The flight; None if no vehicle has two ticks.
     """
-    by_topic = _sorted_samples(samples)
+    by_topic = _series_by_topic(samples)
     ticks_by_name = by_topic["tick"]
     names = sorted(ticks_by_name, key=natural_sort_key)
-    ticks = {name: ticks_by_name[name] for name in names if len(ticks_by_name[name]) > 1}
+    ticks = {name: ticks_by_name[name] for name in names if ticks_by_name[name].size > 1}
     if not ticks:
         return None
-    truths = {name: by_topic["truth"].get(name, []) for name in ticks}
+    truths = {
+        name: truth for name, truth in by_topic["truth"].items() if name in ticks and truth.size > 1
+    }
 
     start_ns = _start_ns(truths, ticks)
     tracks = tuple(
         _track(
             name,
             ticks=ticks[name],
-            truth=truths[name],
-            telemetry=by_topic["telemetry"].get(name, []),
+            truth=truths.get(name),
+            telemetry=by_topic["telemetry"].get(name),
             start_ns=start_ns,
         )
         for name in ticks
     )
     grid_s = _grid(tracks)
 
-    first_stamps_ns = [
-        samples[0].stamp_ns
-        for by_name in by_topic.values()
-        for samples in by_name.values()
-        if samples
-    ]
-    begin_ns = min(first_stamps_ns)
+    begin_ns = min(
+        int(series.stamps_ns[0]) for by_name in by_topic.values() for series in by_name.values()
+    )
     if record_begin_ns is not None and 0 <= begin_ns - record_begin_ns <= _LONGEST_START_NS:
         begin_ns = record_begin_ns
     take_off_s = (start_ns - begin_ns) * 1e-9
@@ -198,17 +213,93 @@ def from_samples(
     )
 
 
-def _sorted_samples(samples: Iterable[Sample]) -> dict[str, dict[str, list[Sample]]]:
-    """Return the samples of one flight by topic and vehicle or body, sorted by stamp."""
-    by_topic: dict[str, dict[str, list[Sample]]] = {topic: {} for topic in (*TOPICS, POSES)}
-    for sample in samples:
-        if sample.topic in by_topic:
-            by_topic[sample.topic].setdefault(sample.name, []).append(sample)
+class _Series(NamedTuple):
+    """Samples of one channel within the flight, at least one, in the order of time."""
 
-    for by_name in by_topic.values():
-        for name, own in by_name.items():
-            by_name[name] = sorted(of_one_flight(own), key=lambda sample: sample.stamp_ns)
-    return by_topic
+    stamps_ns: IntArray  # (n,)
+    vectors: dict[str, Array]  # field -> (n, size); NaN where missing, null or of another size
+    marks: Array  # (n,): see _mark
+
+    @property
+    def size(self) -> int:
+        """Number of samples."""
+        return self.stamps_ns.size
+
+
+class _Collected:
+    """The kept fields of one channel, while the samples are read."""
+
+    def __init__(self, topic: str) -> None:
+        self._topic = topic
+        self._stamps_ns = array("q")
+        self._numbers = {field: array("d") for field in _VECTORS[topic]}
+        self._marks = array("d")
+
+    def add(self, sample: Sample) -> None:
+        """Add a sample."""
+        self._stamps_ns.append(sample.stamp_ns)
+        for field, size in _VECTORS[self._topic].items():
+            self._numbers[field].extend(_vector(sample.values.get(field), size))
+        self._marks.append(_mark(self._topic, sample.values))
+
+    def series(self) -> _Series:
+        """Return the samples that are of one flight."""
+        stamps_ns = np.array(self._stamps_ns, np.int64)
+        kept = indexes_by_time(stamps_ns)
+        sizes = _VECTORS[self._topic]
+        return _Series(
+            stamps_ns=stamps_ns[kept],
+            vectors={
+                field: np.reshape(numbers, (-1, sizes[field]))[kept]
+                for field, numbers in self._numbers.items()
+            },
+            marks=np.array(self._marks)[kept],
+        )
+
+
+def _series_by_topic(samples: Iterable[Sample]) -> dict[str, dict[str, _Series]]:
+    """Return the samples of one flight by topic and vehicle or body."""
+    collected: dict[str, dict[str, _Collected]] = {topic: {} for topic in _VECTORS}
+    for sample in samples:
+        by_name = collected.get(sample.topic)
+        if by_name is None:
+            continue
+        if sample.name not in by_name:
+            by_name[sample.name] = _Collected(sample.topic)
+        by_name[sample.name].add(sample)
+    return {
+        topic: {name: own.series() for name, own in by_name.items()}
+        for topic, by_name in collected.items()
+    }
+
+
+def _vector(value: object, size: int) -> list[float]:
+    """Return a field's numbers; NaN for those that are missing."""
+    if not isinstance(value, list) or len(value) != size:
+        return [math.nan] * size
+    return [entry if is_number(entry) else math.nan for entry in value]
+
+
+def _mark(topic: str, values: Mapping[str, Any]) -> float:
+    """Return what a sample says beside its vectors.
+
+    Of telemetry: 1 if the vehicle moves to a goal, else 0. Of a pose: 1 if the body is tracked,
+    else 0. Of truth and ticks: 1 if the vehicle is off the ground, 0 if it is on the ground, NaN if
+    the sample does not say it.
+    """
+    state = values.get("state")
+    is_in_flight = isinstance(state, str) and state in IN_FLIGHT
+    if topic == "telemetry":
+        return float(is_in_flight and values.get("order_kind") == "move")
+    if topic == POSES:
+        return float(bool(values.get("is_tracked")))
+
+    is_on_ground = values.get("is_on_ground")
+    if isinstance(is_on_ground, bool):
+        return float(not is_on_ground)
+    if is_in_flight:
+        return 1.0
+    return math.nan
 
 
 def _grid(tracks: tuple[Track, ...]) -> Array:
@@ -221,7 +312,7 @@ def _grid(tracks: tuple[Track, ...]) -> Array:
     return np.arange(begin_s, end_s, GRID_S)
 
 
-def _start_ns(truths: dict[str, list[Sample]], ticks: dict[str, list[Sample]]) -> int:
+def _start_ns(truths: Mapping[str, _Series], ticks: Mapping[str, _Series]) -> int:
     """Return the stamp at which the first vehicle leaves the ground.
 
     The state "taking off" does not serve for this: it begins earlier, when the motors start. If no
@@ -229,95 +320,81 @@ def _start_ns(truths: dict[str, list[Sample]], ticks: dict[str, list[Sample]]) -
     """
     lifted_ns = []
     for name, own_ticks in ticks.items():
-        path = own_ticks
-        if len(truths[name]) > 1:
-            path = truths[name]
-        height_m = _vectors(path, "position_enu_m", 3)[:, 2]
+        path = truths.get(name, own_ticks)
+        height_m = path.vectors["position_enu_m"][:, 2]
         lifted = np.flatnonzero(has_lifted(height_m))
         if lifted.size:
-            lifted_ns.append(path[int(lifted[0])].stamp_ns)
+            lifted_ns.append(int(path.stamps_ns[lifted[0]]))
 
     if lifted_ns:
         return min(lifted_ns)
-    return min(own_ticks[0].stamp_ns for own_ticks in ticks.values())
+    return min(int(own_ticks.stamps_ns[0]) for own_ticks in ticks.values())
 
 
 def _track(
     name: str,
     *,
-    ticks: list[Sample],
-    truth: list[Sample],
-    telemetry: list[Sample],
+    ticks: _Series,
+    truth: _Series | None,
+    telemetry: _Series | None,
     start_ns: int,
 ) -> Track:
     """Return one vehicle's track from its samples."""
-    has_truth = len(truth) > 1
     path = ticks
-    if has_truth:
+    if truth is not None:
         path = truth
+    slots_enu_m = np.zeros((0, 3))
+    if telemetry is not None:
+        slots_enu_m = _slots(telemetry)
+
+    own = ticks.vectors
     return Track(
         name=name,
-        time_s=_times(ticks, start_ns),
-        position_enu_m=_vectors(ticks, "position_enu_m", 3),
-        setpoint_position_enu_m=_vectors(ticks, "setpoint_position_enu_m", 3),
-        thrust_baseline_enu_m_s2=_vectors(ticks, "thrust_baseline_enu_m_s2", 3),
-        thrust_safe_enu_m_s2=_vectors(ticks, "thrust_safe_enu_m_s2", 3),
-        commanded_deg=_roll_pitch_deg(_vectors(ticks, "setpoint_quaternion_enu_flu_wxyz", 4)),
-        flown_deg=_roll_pitch_deg(_vectors(ticks, "attitude_quaternion_enu_flu_wxyz", 4)),
-        path_time_s=_times(path, start_ns),
-        path_enu_m=_vectors(path, "position_enu_m", 3),
+        time_s=_times(ticks.stamps_ns, start_ns),
+        position_enu_m=own["position_enu_m"],
+        setpoint_position_enu_m=own["setpoint_position_enu_m"],
+        thrust_baseline_enu_m_s2=own["thrust_baseline_enu_m_s2"],
+        thrust_safe_enu_m_s2=own["thrust_safe_enu_m_s2"],
+        commanded_deg=_roll_pitch_deg(own["setpoint_quaternion_enu_flu_wxyz"]),
+        flown_deg=_roll_pitch_deg(own["attitude_quaternion_enu_flu_wxyz"]),
+        path_time_s=_times(path.stamps_ns, start_ns),
+        path_enu_m=path.vectors["position_enu_m"],
         is_up=_is_up(path),
-        is_truth=has_truth,
-        slots_enu_m=_slots(telemetry),
+        is_truth=truth is not None,
+        slots_enu_m=slots_enu_m,
     )
 
 
-def _is_up(path: list[Sample]) -> Array:
+def _is_up(path: _Series) -> Array:
     """Return where a vehicle is off the ground (m,): 1, else 0.
 
     Ground truth says it. Else the height above the first position counts, and so does the agent's
     state, because a record may begin in flight.
     """
-    has_left = has_lifted(_vectors(path, "position_enu_m", 3)[:, 2])
-    is_up = np.zeros(len(path))
-    for index, sample in enumerate(path):
-        is_on_ground = sample.values.get("is_on_ground")
-        if isinstance(is_on_ground, bool):
-            is_up[index] = not is_on_ground
-        else:
-            is_up[index] = has_left[index] or sample.values.get("state") in IN_FLIGHT
-    return is_up
+    has_left = has_lifted(path.vectors["position_enu_m"][:, 2])
+    return np.where(np.isnan(path.marks), has_left, path.marks)
 
 
 def _walks(
-    poses: Mapping[str, list[Sample]], people: Mapping[str, Person], start_ns: int
+    poses: Mapping[str, _Series], people: Mapping[str, Person], start_ns: int
 ) -> tuple[Walk, ...]:
     """Return the walks of the persons who were seen; ``poses`` are by body."""
     walks = []
     for name, person in people.items():
-        own = poses.get(body_of(name, person), [])
-        seen = [pose for pose in own if pose.values.get("is_tracked")]
-        positions_enu_m = _vectors(seen, "position_enu_m", 3)
+        own = poses.get(body_of(name, person))
+        if own is None:
+            continue
+        is_tracked = own.marks > 0.0
+        positions_enu_m = own.vectors["position_enu_m"][is_tracked]
         if np.isfinite(positions_enu_m).all(-1).any():
-            walks.append(Walk(name, person.radius_m, _times(seen, start_ns), positions_enu_m))
+            times_s = _times(own.stamps_ns[is_tracked], start_ns)
+            walks.append(Walk(name, person.radius_m, times_s, positions_enu_m))
     return tuple(walks)
 
 
-def _times(samples: list[Sample], start_ns: int) -> Array:
-    return np.array([(sample.stamp_ns - start_ns) * 1e-9 for sample in samples], np.float64)
-
-
-def _vectors(samples: list[Sample], field: str, size: int) -> Array:
-    """Return a field (n, size); NaN in samples in which it is missing, null or of another size."""
-    vectors = np.full((len(samples), size), np.nan)
-    for index, sample in enumerate(samples):
-        value = sample.values.get(field)
-        if not isinstance(value, list) or len(value) != size:
-            continue
-        for part, entry in enumerate(value):
-            if is_number(entry):
-                vectors[index, part] = entry
-    return vectors
+def _times(stamps_ns: IntArray, start_ns: int) -> Array:
+    times_s: Array = (stamps_ns - start_ns).astype(np.float64) * 1e-9
+    return times_s
 
 
 def _roll_pitch_deg(quaternion_wxyz: Array) -> Array:
@@ -328,21 +405,16 @@ def _roll_pitch_deg(quaternion_wxyz: Array) -> Array:
     return angles
 
 
-def _slots(telemetry: list[Sample]) -> Array:
+def _slots(telemetry: _Series) -> Array:
     """Return the goals (k, 3) of orders to move, in the order in which they were given."""
-    slots_enu_m: list[list[float]] = []
-    for sample in telemetry:
-        is_flying = sample.values.get("state") in IN_FLIGHT
-        if not is_flying or sample.values.get("order_kind") != "move":
-            continue
+    goals_enu_m = telemetry.vectors["goal_position_enu_m"]
+    is_goal = (telemetry.marks > 0.0) & np.isfinite(goals_enu_m).all(-1)
 
-        goal = sample.values.get("goal_position_enu_m")
-        if not isinstance(goal, list) or not is_vector(goal, 3):
-            continue
-
+    slots_enu_m: list[Array] = []
+    for goal_m in goals_enu_m[is_goal]:
         is_first = not slots_enu_m
-        if is_first or np.linalg.norm(np.subtract(slots_enu_m[-1], goal)) > _SLOT_STEP_M:
-            slots_enu_m.append([float(axis_m) for axis_m in goal])
+        if is_first or np.linalg.norm(slots_enu_m[-1] - goal_m) > _SLOT_STEP_M:
+            slots_enu_m.append(goal_m)
     return np.array(slots_enu_m, np.float64).reshape(-1, 3)
 
 

@@ -6,7 +6,8 @@ import dataclasses
 import json
 import math
 import tomllib
-from collections.abc import Iterable
+import tracemalloc
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 
 import numpy as np
@@ -448,3 +449,21 @@ def test_many_orders_to_one_slot_are_a_short_text_in_the_plan(tmp_path: Path) ->
     texts = [text.get_text() for text in figure.axes[0].texts]
     assert "1, 3, 5, … 251 (126 orders)" in texts
     assert "2, 4, 6, … 252 (126 orders)" in texts
+
+
+def test_a_long_record_is_not_kept_whole_in_memory() -> None:
+    text = json.dumps({"position_enu_m": [1.0, 2.0, 3.0], "others": [0.5] * 50})
+
+    def samples() -> Iterator[Sample]:
+        for step in range(5000):
+            yield Sample("tick/mav0", step * SECOND // 50, json.loads(text))
+
+    tracemalloc.start()
+    try:
+        flight = from_samples(samples(), title="long", safety_distance_m=0.8)
+        _, peak_bytes = tracemalloc.get_traced_memory()
+    finally:
+        tracemalloc.stop()
+    assert flight is not None
+    assert len(flight.tracks[0].time_s) == 5000
+    assert peak_bytes < 4_000_000
