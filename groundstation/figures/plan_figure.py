@@ -276,7 +276,7 @@ def _write_slot_labels(figure: Any, ax: Any, labels: list[_SlotLabel], marks_m: 
         labels: labels of the slots.
         marks_m: positions of the time marks (n, 2).
     """
-    figure.canvas.draw()  # computes the positions of all parts
+    figure.draw_without_rendering()  # computes the positions of all parts
     per_point = figure.dpi / 72.0
 
     slots_m = np.reshape([label.position_m for label in labels], (-1, 2))
@@ -309,7 +309,9 @@ def _write_slot_labels(figure: Any, ax: Any, labels: list[_SlotLabel], marks_m: 
             ha="center",
             va="center",
         )
-        busy_points.append(slot_point + best_shift)
+        # both ends and the middle of the text
+        for part in (-0.5, 0.0, 0.5):
+            busy_points.append(slot_point + best_shift + np.array([part * size[0], 0.0]))
 
 
 def _room(middle: Array, size: Array, others: Array) -> float:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import itertools
 import json
 import math
 import tomllib
@@ -449,6 +450,28 @@ def test_many_orders_to_one_slot_are_a_short_text_in_the_plan(tmp_path: Path) ->
     texts = [text.get_text() for text in figure.axes[0].texts]
     assert "1, 3, 5, … 251 (126 orders)" in texts
     assert "2, 4, 6, … 252 (126 orders)" in texts
+
+
+def test_the_numbers_of_two_slots_are_not_written_over_each_other(tmp_path: Path) -> None:
+    write_flight(tmp_path)
+    flight = from_samples(read(tmp_path, TOPICS), title="to and fro", safety_distance_m=0.8)
+    assert flight is not None
+    tracks = [
+        dataclasses.replace(
+            track, slots_enu_m=np.array([[*goal_m, 1.0], [goal_m[0], -0.5, 1.0]] * 126)
+        )
+        for track, goal_m in zip(flight.tracks, GOALS, strict=True)
+    ]
+    flight = dataclasses.replace(flight, tracks=tuple(tracks))
+
+    with styled():
+        figure = plan_figure.draw(flight)
+        figure.draw_without_rendering()
+        texts = [text for text in figure.axes[0].texts if "orders" in text.get_text()]
+        boxes = [text.get_window_extent() for text in texts]
+    assert len(boxes) == 6
+    for first, second in itertools.combinations(boxes, 2):
+        assert not first.overlaps(second)
 
 
 def test_a_long_record_is_not_kept_whole_in_memory() -> None:
