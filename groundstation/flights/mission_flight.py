@@ -33,6 +33,7 @@ from groundstation.processes.fleet_processes import EMULATOR, start_fleet
 from groundstation.processes.priority import take_priority
 from groundstation.processes.supervisor import ProcessError, Processes
 from groundstation.recording.channels import RECORDED
+from groundstation.recording.disk_room import room_warning
 from groundstation.recording.timeline import Timeline
 from groundstation.recording.writer import RecordWriter
 from groundstation.verdict.final_verdict import final_verdict
@@ -96,6 +97,13 @@ class MissionFlight:
         ready_timeout_s = READY_TIMEOUT_S
         if self.settings.is_simulated:
             ready_timeout_s = READY_TIMEOUT_SIM_S
+
+        if self.settings.at is not None:
+            wait_s = self.settings.at.wall_ns * 1e-9 - time.time()
+            vehicles = len(self._fleet.enabled_names)
+            warning = room_warning(self.settings.folder, wait_s=wait_s, vehicles=vehicles)
+            if warning:
+                self._print(warning)
 
         async with self._open() as client:
             run = MissionRun(

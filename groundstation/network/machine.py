@@ -275,7 +275,7 @@ def _disk() -> Iterator[Diagnosis]:
         "disk",
         free_mb > _LITTLE_MB,
         f"{free_mb:.0f} MB free in {os.getcwd()}.",
-        "A record needs about 1 MB a minute and vehicle: free some.",
+        "A record needs about 2 MB a minute and vehicle: free some.",
         bad=Grade.FAIL if is_full else Grade.WARN,
     )
     if is_full:
