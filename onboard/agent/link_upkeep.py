@@ -212,9 +212,8 @@ class LinkUpkeep:
         A PX4 that flies by vision alone has none. Its poses come from another program, so none can
         be given to it: PX4 v1.18 does not bear a new origin while it fuses poses.
         """
-        by_vision = not self._vehicle.mocap_required and self._vehicle.px4_position == "vision"
         is_settled = self._link.settle_global_origin(sets_ours=self._vehicle.mocap_required)
-        return is_settled or by_vision
+        return is_settled or self._vehicle.flies_by_vision
 
     def _may_set(self) -> bool:
         """Return whether parameters may be set now: on the ground, disarmed, and not too often."""

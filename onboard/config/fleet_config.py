@@ -193,6 +193,16 @@ class Vehicle(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         return None
 
     @property
+    def flies_by_satellites(self) -> bool:
+        """Whether it flies on PX4's own position, by satellites."""
+        return not self.mocap_required and self.px4_position == "gps"
+
+    @property
+    def flies_by_vision(self) -> bool:
+        """Whether it flies on PX4's own position, by vision."""
+        return not self.mocap_required and self.px4_position == "vision"
+
+    @property
     def lag_s(self) -> float:
         """Time over which the law predicts: dead time plus 2 zeta / wn of the attitude response.
 
@@ -308,8 +318,16 @@ class FleetConfig(msgspec.Struct, frozen=True):
 
     def takes_corrections(self, vehicle: Vehicle) -> bool:
         """Whether the fleet has corrections, and the vehicle uses satellite positioning."""
-        by_satellites = not vehicle.mocap_required and vehicle.px4_position == "gps"
-        return self.corrections is not None and by_satellites
+        return self.corrections is not None and vehicle.flies_by_satellites
+
+    def begins_on_its_spot(self, vehicle: Vehicle) -> bool:
+        """Whether the vehicle's frame begins on its take-off spot, wherever it was put.
+
+        PX4 does not know where on Earth its frame begins if it flies by vision, and the fleet does
+        not know it without an origin.
+        """
+        has_own_frame = self.fleet.global_origin is None or vehicle.flies_by_vision
+        return not vehicle.mocap_required and has_own_frame
 
     @property
     def expected_radio(self) -> RadioConfig:

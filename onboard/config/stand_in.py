@@ -71,8 +71,7 @@ def _difference(fleet: FleetConfig, spare: Vehicle, other: Vehicle) -> str:
     """
     if spare.mocap_required != other.mocap_required:
         return "one flies by the mocap, and the other one does not"
-    has_frame_of_its_own = not spare.mocap_required and fleet.fleet.global_origin is None
-    if has_frame_of_its_own:
+    if fleet.begins_on_its_spot(spare):
         return (
             "its frame begins where the fleet file says that it stands. Write the spot there: "
             f"vehicles.{spare.name}.start_enu_m"

@@ -156,6 +156,26 @@ def at_most(
     )
 
 
+def warning_of(name: str, sentence: str, remedy: str) -> Finding:
+    """Return the warning about something in a fleet file that has no measured value.
+
+    Args:
+        name: name of the finding.
+        sentence: sentence with its remedy; no template.
+        remedy: remedy, which the sentence contains.
+    """
+    return Finding(
+        name=name,
+        status="warning",
+        value=1.0,
+        bound=0.0,
+        unit="",
+        relation="at most",
+        sentence=sentence,
+        remedy=remedy,
+    )
+
+
 def rounded_up(value: float, decimals: int) -> float:
     """Return the smallest number of so many decimals that is not less than a value.
 

@@ -28,7 +28,15 @@ from onboard.estimation.accuracies import ACCURACIES, Accuracy
 from onboard.feasibility import bounds, law_map
 from onboard.feasibility.blind_descent import blind_descent_findings
 from onboard.feasibility.fence_checks import braking_in_wind
-from onboard.feasibility.finding import Finding, at_least, at_most, rounded_up, worst, worst_first
+from onboard.feasibility.finding import (
+    Finding,
+    at_least,
+    at_most,
+    rounded_up,
+    warning_of,
+    worst,
+    worst_first,
+)
 from onboard.feasibility.pair_checks import (
     crowding,
     effective_margin_m,
@@ -93,16 +101,14 @@ def fleet_findings(fleet: FleetConfig, *, errors: ErrorClass | None = None) -> t
     if fleet.own_law is not None:
         findings.append(_own_law(fleet, fleet.own_law))
 
-    without_mocap = [vehicle for vehicle in vehicles if not vehicle.mocap_required]
-    by_vision = [vehicle.name for vehicle in without_mocap if vehicle.px4_position == "vision"]
-    if without_mocap and fleet.fleet.global_origin is None:
-        cause = "by PX4's own position, and the fleet has no origin on Earth"
-        findings.append(_no_origin([vehicle.name for vehicle in without_mocap], cause))
-    elif by_vision:
+    by_spot = [vehicle.name for vehicle in vehicles if fleet.begins_on_its_spot(vehicle)]
+    if by_spot:
         cause = "by vision, so that PX4 does not know where on Earth its local frame begins"
-        findings.append(_no_origin(by_vision, cause))
+        if fleet.fleet.global_origin is None:
+            cause = "by PX4's own position, and the fleet has no origin on Earth"
+        findings.append(_no_origin(by_spot, cause))
 
-    by_satellites = [v.name for v in without_mocap if v.px4_position == "gps"]
+    by_satellites = [vehicle.name for vehicle in vehicles if vehicle.flies_by_satellites]
     if by_satellites and fleet.fleet.height_share > 0.0:
         findings.append(_heights_by_satellites(fleet, by_satellites))
 
@@ -163,16 +169,7 @@ def _own_law(fleet: FleetConfig, law: OwnLaw) -> Finding:
         "where it fails. "
         f"{remedy}"
     )
-    return Finding(
-        name=OWN_LAW,
-        status="warning",
-        value=1.0,
-        bound=0.0,
-        unit="",
-        relation="at most",
-        sentence=sentence,
-        remedy=remedy,
-    )
+    return warning_of(name=OWN_LAW, sentence=sentence, remedy=remedy)
 
 
 def _no_origin(names: Sequence[str], cause: str) -> Finding:
@@ -183,16 +180,7 @@ def _no_origin(names: Sequence[str], cause: str) -> Finding:
         "when PX4 and its agent start, and has no position after a restart elsewhere. "
         f"{remedy}"
     )
-    return Finding(
-        name="no origin",
-        status="warning",
-        value=1.0,
-        bound=0.0,
-        unit="",
-        relation="at most",
-        sentence=sentence,
-        remedy=remedy,
-    )
+    return warning_of(name="no origin", sentence=sentence, remedy=remedy)
 
 
 def _heights_by_satellites(fleet: FleetConfig, names: Sequence[str]) -> Finding:
@@ -204,16 +192,7 @@ def _heights_by_satellites(fleet: FleetConfig, names: Sequence[str]) -> Finding:
         f"says that its height errs by {LARGEST_PX4_ACCURACY_M:.1f} m at most, and lands when it "
         f"errs by more. {remedy}"
     )
-    return Finding(
-        name="heights by satellites",
-        status="warning",
-        value=1.0,
-        bound=0.0,
-        unit="",
-        relation="at most",
-        sentence=sentence,
-        remedy=remedy,
-    )
+    return warning_of(name="heights by satellites", sentence=sentence, remedy=remedy)
 
 
 def _formation_findings(fleet: FleetConfig, accuracy: Accuracy) -> list[Finding]:

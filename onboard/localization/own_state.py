@@ -123,8 +123,7 @@ class OwnState:
         vehicle = self.vehicle
         self.fit = MotionFit(vehicle.drag_1_s)
         # A PX4 that flies by vision does not know where on Earth its local frame begins.
-        by_satellites = vehicle.px4_position == "gps"
-        origin = self.origin if by_satellites else None
+        origin = self.origin if vehicle.flies_by_satellites else None
         self._local_frame = LocalFrame(vehicle.start_enu_m, origin)
         self._params = KalmanParams(
             drag_1_s=vehicle.drag_1_s,
@@ -189,9 +188,9 @@ class OwnState:
             hover_frac: hover throttle.
             is_on_ground: whether the vehicle stands on the ground.
         """
+        if self.vehicle.flies_by_satellites:
+            self._notice_lost_satellites(snapshot, now_ns)
         if not self.vehicle.mocap_required:
-            if self.vehicle.px4_position == "gps":
-                self._notice_lost_satellites(snapshot, now_ns)
             self._queue_local_position(snapshot)
 
         if self._memory is not None:

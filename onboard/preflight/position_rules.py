@@ -134,7 +134,7 @@ def _at_rest(facts: PreflightFacts, fleet: FleetConfig, vehicle: Vehicle) -> Jud
 
 
 def _spot(facts: PreflightFacts, fleet: FleetConfig, vehicle: Vehicle) -> Judgement:
-    if _begins_where_it_stands(fleet, vehicle):
+    if fleet.begins_on_its_spot(vehicle):
         return OWN_FRAME
     if not facts.has_position:
         return NO_POSITION
@@ -170,7 +170,7 @@ def _spot(facts: PreflightFacts, fleet: FleetConfig, vehicle: Vehicle) -> Judgem
 
 
 def _frame(facts: PreflightFacts, fleet: FleetConfig, vehicle: Vehicle) -> Judgement:
-    if _begins_where_it_stands(fleet, vehicle):
+    if fleet.begins_on_its_spot(vehicle):
         return OWN_FRAME
     if facts.has_flown:
         return SKIP, {"reason": "after a flight"}
@@ -218,11 +218,6 @@ def _fence(facts: PreflightFacts, fleet: FleetConfig, vehicle: Vehicle) -> Judge
     if not space.contains(facts.position_enu_m):
         return "position outside", {"position": coordinates(facts.position_enu_m)}
     return PASSED
-
-
-def _begins_where_it_stands(fleet: FleetConfig, vehicle: Vehicle) -> bool:
-    """Return whether the vehicle's frame begins on its take-off spot, wherever it was put."""
-    return not vehicle.mocap_required and fleet.fleet.global_origin is None
 
 
 def _spot_enu_m(facts: PreflightFacts, fleet: FleetConfig, vehicle: Vehicle) -> Xyz:

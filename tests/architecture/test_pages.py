@@ -114,7 +114,7 @@ def _finding_names(source: str) -> Iterator[str]:
         if isinstance(node, ast.Assign)
     }
     for node in ast.walk(tree):
-        makers = ("Finding", "at_least", "at_most")
+        makers = ("Finding", "at_least", "at_most", "warning_of")
         if not isinstance(node, ast.Call) or ast.unparse(node.func) not in makers:
             continue
         values = {keyword.arg: keyword.value for keyword in node.keywords}

@@ -137,3 +137,16 @@ def test_a_spare_without_mocap_has_a_spot_of_the_same_height(
 
     assert words in sentence
     assert bool(sentence) == bool(words)
+
+
+def test_a_spare_by_vision_needs_its_own_spot_in_a_fleet_with_an_origin_too() -> None:
+    fleet = two()
+    on_earth = replace(fleet.fleet, origin=Origin(47.0, 8.0, 400.0))
+    vehicles = {
+        name: replace(vehicle, mocap_required=False, px4_position="vision")
+        for name, vehicle in fleet.vehicles.items()
+    }
+    fleet = replace(fleet, fleet=on_earth, vehicles=vehicles)
+    assert "its frame begins where the fleet file says" in str(
+        stand_in_refusal(fleet, "mav1", "mav0", ON_SPOT)
+    )

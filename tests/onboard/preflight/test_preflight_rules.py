@@ -496,6 +496,13 @@ def test_a_vehicle_by_satellites_stands_near_its_spot_before_its_first_flight(
     assert found["spot"].is_ok is is_ready
 
 
+@pytest.mark.parametrize("rule", ["spot", "frame"])
+def test_a_vehicle_by_vision_is_not_compared_with_its_spot(rule: str) -> None:
+    by_vision = msgspec.structs.replace(BARE, px4_position="vision")
+    found = {check.name: check for check in judged(fleet=ON_EARTH, vehicle=by_vision)}
+    assert found[rule].sentence == "Not judged for a vehicle whose frame begins where it stands."
+
+
 def test_numbers_that_are_not_finite_never_make_a_vehicle_ready() -> None:
     for name in (
         "autopilot_age_s",
