@@ -71,9 +71,7 @@ async def land_all(
     up = tuple(name for name in names if _may_fly(client, name))
     for name in flown_by_hand(client):
         say(f"{name} is flown by hand: `land {name}` takes it.")
-    descent_s = longest_descent_s(client.fleet, client.state)
-    wait_s = min(timeout_s + _DESCENT_FACTOR * descent_s, _EVER_S)
-    end_ns = client.now_ns() + int(wait_s * 1e9)
+    end_ns = client.now_ns() + int(_landing_limit_s(client, timeout_s) * 1e9)
 
     # Vehicles that somebody else may have ordered to land, or the console in which the mission
     # flies: the next telemetry shows whether they land.
@@ -147,8 +145,13 @@ async def wait_for_landings(client: FleetClient, timeout_s: float) -> None:
     def lands_nobody(_: FleetState) -> bool:
         return not any(_is_landing(client, name) for name in client.fleet.enabled_names)
 
+    await client.wait_for(lands_nobody, _landing_limit_s(client, timeout_s))
+
+
+def _landing_limit_s(client: FleetClient, timeout_s: float) -> float:
+    """Return a timeout [s] with twice the time of the descent from the vehicles' heights added."""
     descent_s = longest_descent_s(client.fleet, client.state)
-    await client.wait_for(lands_nobody, min(timeout_s + _DESCENT_FACTOR * descent_s, _EVER_S))
+    return min(timeout_s + _DESCENT_FACTOR * descent_s, _EVER_S)
 
 
 def _say_failures(client: FleetClient, results: Results, say: Callable[[str], None]) -> None:

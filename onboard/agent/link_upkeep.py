@@ -186,7 +186,10 @@ class LinkUpkeep:
         if px4.is_simulated:
             values[BATTERY_FLOOR] = 0.0  # any float, because only its type matters for the reading
         actual = await self._in_thread(self._link.read_params, values)
-        if self._may_set() and await self._set_params(unmet(required, actual)):
+        wrong = unmet(required, actual)
+        if wrong and self._may_set():
+            self._settings_left -= 1
+            await self._in_thread(self._link.apply_params, _values(wrong))
             actual = await self._in_thread(self._link.read_params, values)
 
         for param in required:
@@ -219,14 +222,6 @@ class LinkUpkeep:
         """Return whether parameters may be set now: on the ground, disarmed, and not too often."""
         is_on_ground = self._flight.step.situation is Situation.GROUND
         return self._settings_left > 0 and is_on_ground and not self._link.snapshot().is_armed
-
-    async def _set_params(self, wrong: list[RequiredParam]) -> bool:
-        """Set parameters; return whether there was one to set."""
-        if not wrong:
-            return False
-        self._settings_left -= 1
-        await self._in_thread(self._link.apply_params, _values(wrong))
-        return True
 
     async def _in_thread(self, function: Callable[..., Any], *args: Any) -> Any:
         return await asyncio.get_running_loop().run_in_executor(self._blocking, function, *args)
