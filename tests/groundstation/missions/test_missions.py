@@ -25,7 +25,7 @@ from groundstation.orders.result import Results
 from groundstation.recording.writer import RecordWriter
 from groundstation.verdict.final_verdict import final_verdict
 from groundstation.verdict.observations import collided_vehicles
-from groundstation.verdict.verdict import describe, judge
+from groundstation.verdict.verdict import Verdict, describe, judge
 from onboard.bus.schema import PreflightReport
 from onboard.bus.topics import Topic
 from onboard.config.fleet import ConfigError, FleetConfig, load_fleet
@@ -216,10 +216,7 @@ async def test_a_vehicle_whose_landing_order_fails_is_waited_for_and_ordered_aga
     fleet: FleetConfig, client: Any, bus: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("groundstation.missions.landing.LAND_AGAIN_S", 0.1)
-    run = MissionRun(make(fleet, [HOP[0], {"do": "wait", "duration_s": 60.0}]), client)
-
-    task = asyncio.create_task(run.run())
-    assert await client.wait_for(lambda state: len(state.airborne_names) == 3, 5.0)
+    run, task = await waiting_in_the_air(fleet, client)
 
     bus.misbehave["mav2"] = "fail"
     run.interrupt()
@@ -527,13 +524,20 @@ async def test_an_expect_step_stops_the_mission_where_it_fails(
     assert all(verdict.landed.values())
 
 
+async def waiting_in_the_air(
+    fleet: FleetConfig, client: Any
+) -> tuple[MissionRun, asyncio.Task[Verdict]]:
+    """Begin a mission that waits for a minute in the air, and return it once all fly."""
+    run = MissionRun(make(fleet, [HOP[0], {"do": "wait", "duration_s": 60.0}]), client)
+    task = asyncio.create_task(run.run())
+    assert await client.wait_for(lambda state: len(state.airborne_names) == 3, 5.0)
+    return run, task
+
+
 async def test_an_interruption_lands_everybody_and_says_so(
     fleet: FleetConfig, client: Any, bus: Any
 ) -> None:
-    run = MissionRun(make(fleet, [HOP[0], {"do": "wait", "duration_s": 60.0}]), client)
-
-    task = asyncio.create_task(run.run())
-    assert await client.wait_for(lambda state: len(state.airborne_names) == 3, 5.0)
+    run, task = await waiting_in_the_air(fleet, client)
 
     run.interrupt()
     verdict = await asyncio.wait_for(task, 5.0)
@@ -546,9 +550,7 @@ async def test_an_interruption_lands_everybody_and_says_so(
 async def test_an_interruption_orders_no_landing_that_the_console_has_just_ordered(
     fleet: FleetConfig, client: Any, bus: Any
 ) -> None:
-    run = MissionRun(make(fleet, [HOP[0], {"do": "wait", "duration_s": 60.0}]), client)
-    task = asyncio.create_task(run.run())
-    assert await client.wait_for(lambda state: len(state.airborne_names) == 3, 5.0)
+    run, task = await waiting_in_the_air(fleet, client)
 
     bus.accept_only = {"land"}
     run.interrupt()
@@ -754,9 +756,7 @@ async def test_a_mission_that_has_not_begun_lands_nobody_when_it_is_ended_from_o
 async def test_ctrl_c_in_the_landing_after_an_end_from_outside_is_a_persons_landing(
     fleet: FleetConfig, client: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    run = MissionRun(make(fleet, [HOP[0], {"do": "wait", "duration_s": 60.0}]), client)
-    task = asyncio.create_task(run.run())
-    assert await client.wait_for(lambda state: len(state.airborne_names) == 3, 5.0)
+    run, task = await waiting_in_the_air(fleet, client)
 
     by_person: list[bool] = []
     land_all = run.fleet.land_all
