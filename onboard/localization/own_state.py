@@ -325,8 +325,9 @@ class OwnState:
         self.has_lost_satellites = has_had_fix and now_ns - self._fix_ns > _WITHOUT_FIX_NS
 
     def _queue_local_position(self, snapshot: Snapshot) -> None:
-        """Queue PX4's local position, if there is a new one."""
-        if snapshot.local_position_ns == self._local_ns or self.has_lost_satellites:
+        """Queue PX4's local position, if there is a new one that PX4's estimator stands for."""
+        is_usable = snapshot.is_position_known and not self.has_lost_satellites
+        if snapshot.local_position_ns == self._local_ns or not is_usable:
             return
         self._local_ns = snapshot.local_position_ns
 

@@ -23,6 +23,8 @@ _MAX_SYSTEM_IDS = 255
 _FIX_3D = 3  # GPS_FIX_TYPE of a three-dimensional fix; larger values are better fixes
 _SATELLITES_UNKNOWN = 255
 _NO_CELL_MV = 65535  # marks an absent cell
+# ESTIMATOR_STATUS_FLAGS: the position relative to the start of the local frame is known
+_HORIZONTAL_POSITION = 0x08
 
 
 def _attitude(fields: dict[str, Any], arrival_ns: int) -> dict[str, Any]:
@@ -52,6 +54,7 @@ def _local_position(fields: dict[str, Any], arrival_ns: int) -> dict[str, Any]:
 
 def _estimator_status(fields: dict[str, Any], arrival_ns: int) -> dict[str, Any]:
     return {
+        "is_position_known": bool(fields["flags"] & _HORIZONTAL_POSITION),
         "position_accuracy_m": _accuracy_m(fields["pos_horiz_accuracy"]),
         "height_accuracy_m": _accuracy_m(fields["pos_vert_accuracy"]),
         "position_accuracy_ns": arrival_ns,

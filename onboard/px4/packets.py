@@ -91,9 +91,9 @@ READ = {
     "ESTIMATOR_STATUS": _message(
         230,
         163,
-        "Q8f",
+        "Q8fH",
         "time_usec vel_ratio pos_horiz_ratio pos_vert_ratio mag_ratio hagl_ratio tas_ratio "
-        "pos_horiz_accuracy pos_vert_accuracy",
+        "pos_horiz_accuracy pos_vert_accuracy flags",
     ),
     "EXTENDED_SYS_STATE": _message(245, 130, "BB", "vtol_state landed_state"),
     "STATUSTEXT": _message(253, 83, "B50sHB", "severity text id chunk_seq"),

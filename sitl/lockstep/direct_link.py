@@ -314,7 +314,11 @@ class LinkBank:
         now_s = self.emulator.time_s
 
         accuracy_m = estimator.accuracy_m(index, now_s)
-        fields: Fields = {"position_accuracy_m": accuracy_m, "height_accuracy_m": accuracy_m}
+        fields: Fields = {
+            "is_position_known": estimator.is_position_known(index, now_s),
+            "position_accuracy_m": accuracy_m,
+            "height_accuracy_m": accuracy_m,
+        }
         if not self.links[index].has_mocap:
             fix_type = self.emulator.fix_type(index)
             fields["has_fix"] = estimator.sees_satellites(index, now_s)

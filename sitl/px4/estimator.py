@@ -96,6 +96,7 @@ _FLAGS = {Source.VISION: 0x1EF, Source.GPS: 0x3FF}
 _FLAGS_RECKONING = 0xEF
 _FLAGS_LOST = 0xE5
 _RECKONING_S = 5.0  # time after the loss of the last source for which _FLAGS_RECKONING are shown
+_FLAG_HORIZONTAL = 0x08  # the position in the local frame is known
 _FLAG_ABSOLUTE = 0x10  # the position of the local frame on Earth is known
 
 
@@ -532,6 +533,10 @@ class Estimator:
         if time_s - self._lost_time_s[index] < _RECKONING_S:
             return _FLAGS_RECKONING | absolute
         return _FLAGS_LOST
+
+    def is_position_known(self, index: int, time_s: float) -> bool:
+        """Return whether ESTIMATOR_STATUS.flags say that there is a horizontal position."""
+        return bool(self.flags(index, time_s) & _FLAG_HORIZONTAL)
 
     def accuracy_m(self, index: int, time_s: float) -> float:
         """Return ESTIMATOR_STATUS.pos_horiz_accuracy, which grows without a source."""

@@ -1,9 +1,9 @@
 """``python -m tests.px4.poses FLEET FOLDER``: truth of real PX4s (SIH) as poses and truth of the
-bus, and into a file.
+bus, and into a file; as odometry to those that fly by vision, whose poses are not published.
 
-While FOLDER/cut exists, no poses are published; while FOLDER/stall exists they are kept, and come
-late, all at once; truth goes on. The file FOLDER/truth.jsonl is the
-judge's: it needs neither a ground nor an agent.
+While FOLDER/cut exists, no poses and no odometry are sent; while FOLDER/stall exists poses are
+kept, and come late, all at once; truth goes on. The file FOLDER/truth.jsonl is the judge's: it
+needs neither a ground nor an agent.
 """
 
 from __future__ import annotations
@@ -18,9 +18,10 @@ from typing import Any, cast
 
 from onboard.bus.session import BusSession
 from onboard.bus.topics import Topic
-from onboard.config.fleet import load_fleet
+from onboard.config.fleet import FleetConfig, load_fleet
 from sitl.server import simulator_bus
 from sitl.sih_truth import serve
+from tests.px4.odometry import Odometry
 
 _PERIOD_S = 0.019  # of the file
 _PRIORITY = 20  # a motion capture waits for no computer: above the agents, below PX4
@@ -29,13 +30,18 @@ _PRIORITY = 20  # a motion capture waits for no computer: above the agents, belo
 class _CutBus:
     """A bus that passes truth on, writes it down, and withholds poses while they are cut."""
 
-    def __init__(self, bus: Any, folder: Path) -> None:
+    def __init__(self, bus: Any, folder: Path, fleet: FleetConfig) -> None:
         self._bus = bus
         self._cut = folder / "cut"
         self._file = (folder / "truth.jsonl").open("w", buffering=1, encoding="utf-8")
         self._written_s: dict[str, float] = {}
         self._stall = folder / "stall"
         self._kept: list[tuple[Any, ...]] = []  # poses that wait
+        self._odometry = {
+            name: Odometry(vehicle)
+            for name, vehicle in fleet.vehicles.items()
+            if vehicle.flies_by_vision
+        }
 
     def __getattr__(self, name: str) -> Any:
         return getattr(self._bus, name)
@@ -47,7 +53,9 @@ class _CutBus:
                 self._written_s[name] = stamp_s
                 row = (stamp_s, *message.position_enu_m, *message.velocity_enu_m_s)
                 self._file.write(json.dumps([name, *(round(value, 3) for value in row)]) + "\n")
-        elif self._cut.exists():
+            if name in self._odometry and not self._cut.exists():
+                self._odometry[name].send(message)
+        elif self._cut.exists() or self._odometry:
             return
         elif self._stall.exists():
             self._kept.append((topic, name, message, *args))
@@ -67,7 +75,7 @@ if __name__ == "__main__":
         serve(
             fleet,
             fleet.enabled_names,
-            cast(BusSession, _CutBus(simulator_bus(fleet), Path(sys.argv[2]))),
+            cast(BusSession, _CutBus(simulator_bus(fleet), Path(sys.argv[2]), fleet)),
             with_mocap=True,
         )
     )

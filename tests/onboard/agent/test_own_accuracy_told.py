@@ -79,6 +79,26 @@ def test_height_that_comes_back_up_after_touch_down_ends_a_landing_only_where_a_
     rig.until("landed")
 
 
+@pytest.mark.parametrize(("flags", "is_known"), [(0x1EF, True), (0xEF, True), (0xE5, False)])
+def test_px4_knows_no_position_without_its_flag(flags: int, is_known: bool) -> None:
+    # 0xE5: a PX4 v1.18 on the ground that fuses vision which never came
+    fields = {"pos_horiz_accuracy": 0.02, "pos_vert_accuracy": 0.1, "flags": flags}
+    assert PARSERS["ESTIMATOR_STATUS"](fields, 5)["is_position_known"] is is_known
+
+
+def test_a_vehicle_whose_px4_knows_no_position_does_not_take_off() -> None:
+    """PX4 sends a local position and a good accuracy also while no camera tells it anything."""
+    rig = _rig(0.02)
+    rig.snapshot = msgspec.structs.replace(rig.snapshot, is_position_known=False)
+    rig.run(4.0)
+    assert not rig.order("takeoff", height_m=1.0).is_accepted
+    assert any("PX4 has no local position" in one for one in rig.core.preflight.not_ready)
+
+    rig.snapshot = msgspec.structs.replace(rig.snapshot, is_position_known=True)
+    rig.run(4.0)
+    assert rig.order("takeoff", height_m=1.0).is_accepted
+
+
 def test_nonsense_is_no_accuracy() -> None:
     for told, is_taken_for in (
         (math.nan, math.inf),
@@ -87,12 +107,12 @@ def test_nonsense_is_no_accuracy() -> None:
         (None, math.inf),
         (0.3, 0.3),
     ):
-        fields = {"pos_horiz_accuracy": told, "pos_vert_accuracy": 0.4}
+        fields = {"pos_horiz_accuracy": told, "pos_vert_accuracy": 0.4, "flags": 0x1EF}
         taken = PARSERS["ESTIMATOR_STATUS"](fields, 5)
         assert taken["position_accuracy_m"] == is_taken_for
         assert taken["height_accuracy_m"] == 0.4
 
-        fields = {"pos_horiz_accuracy": 0.4, "pos_vert_accuracy": told}
+        fields = {"pos_horiz_accuracy": 0.4, "pos_vert_accuracy": told, "flags": 0x1EF}
         assert PARSERS["ESTIMATOR_STATUS"](fields, 5)["height_accuracy_m"] == is_taken_for
 
 
