@@ -191,7 +191,7 @@ CASES: dict[tuple[str, str], tuple[dict[str, Any], str]] = {
         {"position_age_s": 0.3, "vehicle": BARE, "displaced_m": 4.2},
         "restarted 4.2 m from the take-off spot",
     ),
-    ("position", "silent"): ({"position_age_s": 0.3, "vehicle": BARE}, "no fresh local position"),
+    ("position", "silent"): ({"position_age_s": 0.3, "vehicle": BARE}, "no local position"),
     ("clock", "wrong stamps"): (
         {"sample_delay_s": -3.0, "position_age_s": math.inf},
         "3 s in the future",
