@@ -21,6 +21,9 @@ RECKONING_S = 6.0  # after this time of dead reckoning PX4 lands
 RECKONING_AMONG_OTHERS_S = 12.0  # the same near other vehicles, because PX4 does not avoid them
 AMONG_OTHERS_M = 5.0  # a vehicle nearer than this to another one is among others
 
+# A flying vehicle that stays lower above the lowest ground may lie on it.
+DOWN_HEIGHT_M = 0.12
+
 # PX4
 AUTOPILOT_SILENT_S = 0.3  # PX4 is silent if no packet has arrived for longer
 LOCAL_POSITION_FRESH_S = 0.25  # PX4's local position arrives at 10 Hz

@@ -21,6 +21,7 @@ from typing import Any
 from onboard.safety.failsafe_table import Condition
 from onboard.safety.limits import (
     AMONG_OTHERS_M,
+    DOWN_HEIGHT_M,
     FLICKER_S,
     LARGEST_PX4_ACCURACY_M,
     POSITION_LOST_S,
@@ -56,8 +57,7 @@ CLEARLY_UP_M = 0.5  # above this height, PX4's report of the ground is wrong
 LANDED_WRONG_S = 0.5
 UNFIT_M = 0.18  # correct positions stay far below this; see localization/motion_fit.py
 UNFIT_S = 0.3
-DOWN_HEIGHT_M = 0.12  # a flying vehicle this low for DOWN_LONG_S has fallen
-DOWN_LONG_S = 1.0
+DOWN_LONG_S = 1.0  # a flying vehicle that stays below DOWN_HEIGHT_M for this time has fallen
 # Without a mocap, a vehicle below this height that does not sink may have fallen. Above it, only
 # rising air has the same signs.
 MAY_BE_DOWN_M = 2.0
@@ -177,8 +177,9 @@ def _is_down(facts: TickFacts) -> bool:
         # a metre
         does_not_move = facts.is_standing or facts.is_stuck
         return facts.is_flying and does_not_move and facts.height_m < MAY_BE_DOWN_M
-    is_low = facts.height_above_floor_m < DOWN_HEIGHT_M
-    return facts.is_flying and facts.has_position and is_low
+    # a slow climb takes longer than DOWN_LONG_S to this height
+    stays_low = facts.height_above_floor_m < DOWN_HEIGHT_M and not facts.has_risen
+    return facts.is_flying and facts.has_position and stays_low
 
 
 def _has_jumped(facts: TickFacts) -> bool:

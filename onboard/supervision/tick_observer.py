@@ -11,7 +11,7 @@ from typing import Any
 
 from onboard.config.fleet import FleetConfig, Vehicle
 from onboard.config.flight_space import flight_space_of
-from onboard.config.ground import floor_m
+from onboard.config.ground import ground_m
 from onboard.control.allocation import MAX_THRUST_FRAC
 from onboard.control.climb_duration import climb_duration_s
 from onboard.corrections import fix
@@ -26,6 +26,7 @@ from onboard.safety.condition_timer import ConditionTimer, Recurring
 from onboard.safety.failsafe_table import Situation
 from onboard.safety.geofence import FenceStatus, fence_of
 from onboard.safety.limits import (
+    DOWN_HEIGHT_M,
     FLICKER_FORGOTTEN_SHARE,
     LARGEST_FLICKER_S,
     POSITION_STALE_S,
@@ -51,6 +52,7 @@ _TRACKED_ABOVE_M = 0.2
 _TRACKED_BLIND_ABOVE_M = 0.5  # by dead reckoning: the estimated height may be too large
 # in a landing without a mocap, because PX4's height from satellites has an error of 0.7 m
 _TRACKED_SATELLITES_ABOVE_M = 1.0
+_RISES_M = 0.02  # a low vehicle that reaches a height greater by this climbs
 _LONGEST_TICK_S = 0.1  # the tracking limits a longer tick to this
 
 _LOAD_KNOWN_S = 1.0  # the battery's reports show the load of flight after this time of a climb
@@ -83,7 +85,8 @@ class TickObserver:
         self._limits = fleet.fleet
         self._law_name = fleet.law.name
         self._vehicle = vehicle
-        self._floor_m = floor_m(fleet)
+        self._lowest_ground_m = ground_m(fleet)
+        self._highest_low_m = -math.inf  # greatest height since the vehicle is low
         self._own = own
         self._flight = flight
         self._fence = fence_of(fleet.fleet.geofence_m, vehicle)
@@ -115,6 +118,7 @@ class TickObserver:
         _, _, z_m = view.position_enu_m
         _, _, climb_m_s = view.velocity_enu_m_s
         height_m = z_m - flight.ground_z_m
+        height_above_floor_m = z_m - self._lowest_ground_m
 
         # own motion
         position_age_s = view.position_age_s
@@ -203,7 +207,8 @@ class TickObserver:
             position_age_s=position_age_s,
             position_stale_s=position_stale_s,
             position_flicker_s=self._flicker.seconds,
-            height_above_floor_m=z_m - self._floor_m,
+            height_above_floor_m=height_above_floor_m,
+            has_risen=self._has_risen(height_above_floor_m),
             height_m=height_m,
             is_standing=contact.is_agreed_by_thrust(flight.contact, view),
             is_stuck=contact.is_stuck(flight.contact, view, flight.goal_position_enu_m[2]),
@@ -250,6 +255,20 @@ class TickObserver:
             unseen=(*silence.unseen, *context.unseen_people),
             heard_again=silence.heard_again,
         )
+
+    def _has_risen(self, height_m: float) -> bool:
+        """Return whether a low vehicle has reached a greater height than before.
+
+        Args:
+            height_m: height above the lowest ground.
+        """
+        if height_m >= DOWN_HEIGHT_M:
+            self._highest_low_m = -math.inf
+            return False
+        if height_m < self._highest_low_m + _RISES_M:
+            return False
+        self._highest_low_m = height_m
+        return True
 
     def _is_attitude_lost(self, now_ns: int, heartbeat_ns: int) -> bool:
         """Return whether the attitude does not follow its setpoints, and a pilot is not the reason.

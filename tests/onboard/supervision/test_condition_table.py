@@ -301,6 +301,11 @@ JUST_NOT = [
     ),
     (
         Condition.FALLEN,
+        {"is_flying": True, "height_above_floor_m": 0.05, "has_risen": True},
+        {"is_flying": True, "height_above_floor_m": 0.05},
+    ),
+    (
+        Condition.FALLEN,
         {"is_flying": True, "mocap_required": False, "is_standing": True, "height_m": 2.0},
         {"is_flying": True, "mocap_required": False, "is_standing": True, "height_m": 1.99},
     ),

@@ -219,6 +219,15 @@ def test_heights_are_those_above_the_fleets_ground_and_above_the_own() -> None:
     assert Observed(config=config).tick().height_above_floor_m == pytest.approx(1.8)
 
 
+def test_a_low_vehicle_rises_only_while_it_reaches_greater_heights() -> None:
+    observed = Observed()
+    rises = []
+    for height_m in (0.05, 0.06, 0.075, 0.06, 0.07, 0.09, 0.5, 0.11):
+        observed.view["position_enu_m"] = (0.0, 0.0, height_m)
+        rises.append(observed.tick().has_risen)
+    assert rises == [True, False, True, False, False, False, False, True]
+
+
 @pytest.mark.parametrize(
     ("jumps", "jumped_to_enu_m", "onto"),
     [
