@@ -19,6 +19,7 @@ from onboard.config.flight_space import flight_space_of
 from onboard.config.ground import ground_under_m, least_height_m
 from onboard.constants import GRAVITY_M_S2
 from onboard.control.path import MAX_JUMP_M, MAX_JUMP_M_S, Path, jumps, sampled
+from onboard.control.vertical_limits import planned_m_s2
 from onboard.feasibility.finding import Finding, at_least, at_most, worst
 from onboard.safety.area_room import clearances_m
 
@@ -57,6 +58,7 @@ class FlightLimits(NamedTuple):
 
     max_speed_m_s: float
     max_acceleration_m_s2: float
+    max_vertical_m_s2: float  # of the vertical acceleration
     max_tilt_deg: float
     drag_1_s: float
 
@@ -67,6 +69,7 @@ def limits_of(fleet: FleetConfig, names: Sequence[str]) -> FlightLimits:
     return FlightLimits(
         max_speed_m_s=min(vehicle.max_speed_m_s for vehicle in flying),
         max_acceleration_m_s2=min(vehicle.max_acceleration_m_s2 for vehicle in flying),
+        max_vertical_m_s2=min(planned_m_s2(vehicle.hover_thrust_frac) for vehicle in flying),
         max_tilt_deg=min(vehicle.max_tilt_deg for vehicle in flying),
         drag_1_s=max(vehicle.drag_1_s for vehicle in flying),
     )
@@ -178,6 +181,7 @@ def needed_slowing(
     _, velocity, acceleration = flown.values
     speed_m_s = np.sqrt((velocity[:, :, :3] ** 2).sum(-1))
     acceleration_m_s2 = np.sqrt((acceleration[:, :, :3] ** 2).sum(-1))
+    vertical_m_s2 = np.abs(acceleration[..., 2])
 
     # The tilt has to provide the path's own acceleration, and the drag at its speed.
     sideways_m_s2 = np.hypot(acceleration[..., 0], acceleration[..., 1])
@@ -198,6 +202,13 @@ def needed_slowing(
             bound=limits.max_acceleration_m_s2,
             unit="m/s^2",
             slowings=np.sqrt(acceleration_m_s2 / limits.max_acceleration_m_s2),
+        ),
+        _Demand(
+            noun="vertical acceleration",
+            values=vertical_m_s2,
+            bound=limits.max_vertical_m_s2,
+            unit="m/s^2",
+            slowings=np.sqrt(vertical_m_s2 / limits.max_vertical_m_s2),
         ),
         _Demand(
             noun="tilt, as acceleration with drag,",
@@ -257,8 +268,8 @@ def path_findings(fleet: FleetConfig, paths: Mapping[str, Path], where: str) -> 
         where: position in the mission, for the sentences.
 
     Returns:
-        One finding each for speed, acceleration, tilt, speed at the ends, jumps of position and
-        velocity, fence, height and spacing.
+        One finding each for speed, acceleration, vertical acceleration, tilt, speed at the ends,
+        jumps of position and velocity, fence, height and spacing.
     """
     flown = sample(paths)
     vehicles = [fleet.vehicles[name] for name in flown.names]
@@ -284,6 +295,15 @@ def path_findings(fleet: FleetConfig, paths: Mapping[str, Path], where: str) -> 
             noun="acceleration",
             unit="m/s^2",
             bounds=[vehicle.max_acceleration_m_s2 for vehicle in vehicles],
+            where=where,
+        ),
+        _limit_finding(
+            flown.names,
+            times_s,
+            np.abs(flown.values[2, :, :, 2]),
+            noun="vertical acceleration",
+            unit="m/s^2",
+            bounds=[planned_m_s2(vehicle.hover_thrust_frac) for vehicle in vehicles],
             where=where,
         ),
         _limit_finding(

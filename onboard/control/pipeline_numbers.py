@@ -10,16 +10,19 @@ from onboard.config.fleet import FleetConfig
 from onboard.config.ground import floor_m
 from onboard.config.wind_limit import largest_push_m_s2
 from onboard.constants import GRAVITY_M_S2
-from onboard.control import allocation, backstepping, passing, sinking, trajectory
+from onboard.control import (
+    allocation,
+    backstepping,
+    passing,
+    sinking,
+    trajectory,
+    vertical_limits,
+)
 from onboard.estimation import disturbance_observer, hover_thrust
 
 # share of the horizontal acceleration that may compensate drag and wind; the rest stays for the law
 _COMPENSATION_SHARE = 0.75
 _LIFT_COMPENSATION_SHARE = 0.5  # the same for the vertical acceleration
-
-# Limits of the baseline's vertical acceleration; the smaller limit counts.
-_MAX_VERTICAL_M_S2 = 2.5
-_VERTICAL_SHARE = 0.4  # share of the lift reserve; the rest stays for separation
 
 _PURSUIT_FACTOR = 1.25  # largest speed of a return to the setpoint, relative to the top speed
 
@@ -71,7 +74,6 @@ def pipeline_params(
 
     max_tilt_rad = math.radians(vehicle.max_tilt_deg)
     max_acceleration_m_s2 = GRAVITY_M_S2 * math.tan(max_tilt_rad)
-    lift_reserve_m_s2 = (1.0 / hover_frac - 1.0) * GRAVITY_M_S2
 
     rise_m = 0.0  # without Covey's law the legs are straight
     if law_numbers.law == COVEY:
@@ -81,15 +83,14 @@ def pipeline_params(
         trajectory=trajectory.TrajectoryParams(
             max_speed_m_s=law_numbers.max_speed_m_s,
             max_acceleration_m_s2=float(vehicle.max_acceleration_m_s2),
+            max_vertical_m_s2=vertical_limits.planned_m_s2(hover_frac),
             lead_s=law_numbers.lead_time_s,
             rise_m=rise_m,
             highest_m=passing.highest_m(fleet),
         ),
         backstepping=backstepping.BacksteppingParams(
             max_acceleration_m_s2=max_acceleration_m_s2,
-            max_vertical_acceleration_m_s2=min(
-                _MAX_VERTICAL_M_S2, _VERTICAL_SHARE * lift_reserve_m_s2
-            ),
+            max_vertical_acceleration_m_s2=vertical_limits.baseline_m_s2(hover_frac),
         ),
         sinking=sinking.sinking_params(
             float(vehicle.max_acceleration_m_s2), hover_frac, has_mocap=vehicle.mocap_required

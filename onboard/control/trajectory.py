@@ -60,6 +60,7 @@ class TrajectoryParams(NamedTuple):
 
     max_speed_m_s: float = 1.0
     max_acceleration_m_s2: float = 1.5
+    max_vertical_m_s2: float = math.inf  # limit of the vertical acceleration
     lead_s: float = 0.0  # time by which a tick's setpoint is ahead of the tick
     rise_m: float = 0.0  # height by which this vehicle rises in level legs; 0: it stays level
     highest_m: float = math.inf  # a leg that would rise above this height stays level
@@ -305,21 +306,23 @@ def duration_s(memory: TrajectoryMemory) -> float:
     return memory.first_duration_s + memory.second_duration_s
 
 
-def shortest_duration_s(distance_m: float, params: TrajectoryParams) -> float:
+def shortest_duration_s(distance_m: float, climb_m: float, params: TrajectoryParams) -> float:
     """Return the shortest duration [s] of a leg from rest to rest that keeps the bounds.
 
     A tiny leg takes longer than the bounds require (see _MIN_SHARE).
 
     Args:
         distance_m: distance from start to end.
+        climb_m: height of the end above the start; negative for a descent.
         params: bounds.
     """
     speed_m_s = params.max_speed_m_s
     acceleration_m_s2 = params.max_acceleration_m_s2
     by_speed_s = _SPEED_FACTOR * distance_m / speed_m_s
     by_acceleration_s = math.sqrt(_ACCELERATION_FACTOR * distance_m / acceleration_m_s2)
+    by_climb_s = math.sqrt(_ACCELERATION_FACTOR * abs(climb_m) / params.max_vertical_m_s2)
     least_s = _MIN_SHARE * speed_m_s / acceleration_m_s2
-    return max(by_speed_s, by_acceleration_s, least_s)
+    return max(by_speed_s, by_acceleration_s, by_climb_s, least_s)
 
 
 # The quintic at tau = t/duration in [0, 1] is a sum of three polynomials: of the displacement, the
@@ -370,7 +373,7 @@ def _acceleration(leg: _Quintic, tau: float) -> Vec3:
 
 
 def _excess(leg: _Quintic, params: TrajectoryParams, enough: float) -> float:
-    """Return the largest of speed/bound and acceleration/bound along a quintic.
+    """Return the largest of speed and accelerations along a quintic, each divided by its bound.
 
     The search stops early at the first value beyond ``enough``, which is then returned.
     """
@@ -378,7 +381,9 @@ def _excess(leg: _Quintic, params: TrajectoryParams, enough: float) -> float:
     for k in range(_SAMPLES + 1):
         tau = k / _SAMPLES
         excess = max(excess, length(_velocity(leg, tau)) / params.max_speed_m_s)
-        excess = max(excess, length(_acceleration(leg, tau)) / params.max_acceleration_m_s2)
+        acceleration = _acceleration(leg, tau)
+        excess = max(excess, length(acceleration) / params.max_acceleration_m_s2)
+        excess = max(excess, abs(acceleration.z) / params.max_vertical_m_s2)
         if excess > enough:
             break
     return excess
@@ -421,12 +426,14 @@ def _planned(memory: TrajectoryMemory, goal: Goal, params: TrajectoryParams) -> 
     # second form, second part: from rest to the goal
     second_s = 0.0
     if via != target:
-        from_rest_s = shortest_duration_s(length(subtract(target, via)), params)
+        way = subtract(target, via)
+        from_rest_s = shortest_duration_s(length(way), way.z, params)
         second_s = max(from_rest_s, ordered_s - first_s, 0.0)
 
     # first form: straight to the goal, if that is sooner
     if not is_at_rest:
-        guess_s = max(shortest_duration_s(length(subtract(target, p)), params), scale_s)
+        way = subtract(target, p)
+        guess_s = max(shortest_duration_s(length(way), way.z, params), scale_s)
         longest_s = max(first_s + second_s, ordered_s)
         guess = _Quintic(
             begin_m=p, velocity_m_s=v, acceleration_m_s2=a, end_m=target, duration_s=guess_s
@@ -452,7 +459,7 @@ def _planned(memory: TrajectoryMemory, goal: Goal, params: TrajectoryParams) -> 
         clock_rate=memory.clock_rate,
         sequence=goal.sequence,
         rise_m=rise_m,
-        rise_s=shortest_duration_s(params.rise_m, params),
+        rise_s=_rise_duration_s(params),
     )
 
 
@@ -462,14 +469,20 @@ def _rises(begin_m: float, end_m: float, whole_s: float, params: TrajectoryParam
         return False
     if max(begin_m, end_m) + params.rise_m > params.highest_m:
         return False
-    above_s = _RISE_END_SHARE * whole_s - 2.0 * shortest_duration_s(params.rise_m, params)
+    above_s = _RISE_END_SHARE * whole_s - 2.0 * _rise_duration_s(params)
     return above_s >= _MIN_ABOVE_S
+
+
+def _rise_duration_s(params: TrajectoryParams) -> float:
+    """Return the duration [s] of a rise within a level leg, and of the descent from it."""
+    return shortest_duration_s(params.rise_m, params.rise_m, params)
 
 
 def _leads_past(height_m: float, climb_m_s: float, goal_m: float, params: TrajectoryParams) -> bool:
     """Whether a climb or a descent would pass the goal's height even with a smooth brake."""
     # braking distance of the polynomial from :func:`_brake`, with the sign of the climb
-    brake_m = 0.75 * climb_m_s * abs(climb_m_s) / params.max_acceleration_m_s2
+    brake_m_s2 = min(params.max_acceleration_m_s2, params.max_vertical_m_s2)
+    brake_m = 0.75 * climb_m_s * abs(climb_m_s) / brake_m_s2
     return (goal_m - height_m - brake_m) * climb_m_s < 0.0
 
 

@@ -148,7 +148,7 @@ def _straight_limits_s(plans: Sequence[FlightPlan], setup: Setup) -> list[float]
     for plan in plans:
         shortest_s = 0.0
         for longest_leg_m in plan.legs_m.max(axis=-1).tolist():
-            shortest_s += trajectory.shortest_duration_s(longest_leg_m, params)
+            shortest_s += trajectory.shortest_duration_s(longest_leg_m, 0.0, params)
         expected_s = max(shortest_s, plan.duration_s, plan.earliest_s)
         limits_s.append(expected_s + _ALONE_SPARE_S)
     return limits_s

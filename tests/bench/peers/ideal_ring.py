@@ -57,7 +57,7 @@ def fly(
     velocity = np.zeros_like(position)
     acceleration = np.zeros_like(position)
     memories = [trajectory.initial(Vec3(*spot)) for spot in position.tolist()]
-    limits = trajectory.TrajectoryParams(1.0, 1.5, 0.0)
+    limits = trajectory.TrajectoryParams(1.0, 1.5)
     gains = backstepping.BacksteppingParams()
     goals = [Goal(Vec3(*slot), LEG_S, 0) for slot in slots[list(order)].tolist()]
     track = []

@@ -74,3 +74,20 @@ def test_a_path_over_a_raised_spot_keeps_its_height_above_the_spot() -> None:
     assert not refused(paths)
     (sentence,) = refusals(path_findings(hill, paths, "step[2]"))
     assert "on mav1's path height is 0.2 m" in sentence
+
+
+@pytest.mark.parametrize(("duration_s", "is_refused"), [(3.0, False), (2.1, True)])
+def test_a_heavy_vehicles_path_climbs_with_less_acceleration_than_it_turns(
+    duration_s: float, is_refused: bool
+) -> None:
+    high = motion(-1.2)
+    high[0, 2] = 2.0
+    climb = quintic(duration_s, motion(-1.2), high)
+    across = quintic(duration_s, motion(-1.2), motion(-0.2))
+
+    assert not refused({"mav0": path_of([across.tolist()])})
+    sentences = refused({"mav0": path_of([climb.tolist()])})
+
+    assert bool(sentences) is is_refused
+    if is_refused:
+        assert "path vertical acceleration is 1.31 m/s^2" in sentences[0]

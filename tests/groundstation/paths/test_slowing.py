@@ -42,6 +42,7 @@ def test_a_path_slowed_as_its_tilt_needs_uses_all_of_it_and_no_more(
     limits = FlightLimits(
         max_speed_m_s=WIDE_M_S,
         max_acceleration_m_s2=WIDE_M_S,
+        max_vertical_m_s2=WIDE_M_S,
         max_tilt_deg=max_tilt_deg,
         drag_1_s=drag_1_s,
     )

@@ -125,7 +125,7 @@ def fly_one(
         is_second = tick * DT >= 8.0
         goal = Goal(Vec3(-1.0, 1.5, 1.6) if is_second else Vec3(2.0, 1.0, 1.2), 0.0, int(is_second))
         leg, setpoint = trajectory.step(
-            leg, goal, trajectory.TrajectoryParams(1.0, 1.5, 0.27), DT, 1.0
+            leg, goal, trajectory.TrajectoryParams(1.0, 1.5, lead_s=0.27), DT, 1.0
         )
         thrust = np.array(
             backstepping.step(

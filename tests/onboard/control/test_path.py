@@ -73,7 +73,7 @@ def test_pieces_join_cut_and_slow_down_exactly() -> None:
 
 
 def test_a_leg_after_a_path_continues_its_motion() -> None:
-    params = trajectory.TrajectoryParams(2.0, 3.0, 0.15)
+    params = trajectory.TrajectoryParams(2.0, 3.0, lead_s=0.15)
     point = point_at(wave(), 3.0)
     goal = Goal(
         position_enu_m=point.position_enu_m,

@@ -99,13 +99,24 @@ def test_the_lead_is_taken_off_the_duration() -> None:
 @pytest.mark.parametrize("distance", [0.001, 0.05, 0.5, 3.0, 50.0])
 def test_from_rest_speed_and_acceleration_reach_a_bound_and_never_pass_it(distance: float) -> None:
     start = trajectory.initial(ZERO_3)
-    seconds = trajectory.shortest_duration_s(distance, PARAMS) + 0.1
+    seconds = trajectory.shortest_duration_s(distance, 0.8 * distance, PARAMS) + 0.1
     _, s = fly(start, goal(np.array([0.6, 0.0, 0.8]) * distance), seconds)
     speed = norm(s.velocity_enu_m_s).max()
     force = norm(s.acceleration_enu_m_s2).max()
     assert speed <= 1.0 + 1e-9
     assert force <= 1.5 + 1e-9
     assert max(speed / 1.0, force / 1.5) > 0.8 or distance < 0.1
+
+
+@pytest.mark.parametrize("climb", [0.5, -7.0, 30.0])
+def test_legs_keep_the_bound_of_the_vertical_acceleration(climb: float) -> None:
+    """A heavy vehicle climbs and sinks with less acceleration than it flies sideways."""
+    params = TrajectoryParams(3.0, 1.5, max_vertical_m_s2=0.6)
+    memory, first = fly(trajectory.initial(ZERO_3), goal([2.0, 0.0, climb]), 1.0, params)
+    _, second = fly(memory, goal([2.0, 0.0, 0.0], sequence=2), 40.0, params)
+    for s in (first, second):
+        assert np.abs(s.acceleration_enu_m_s2[:, 2]).max() <= 0.6 + 1e-9
+    assert np.allclose(second.position_enu_m[-1], [2.0, 0.0, 0.0], atol=1e-9)
 
 
 @pytest.mark.parametrize(
