@@ -7,9 +7,11 @@ It is used when the vehicle's agent does not answer. :func:`send_direct` blocks;
 from __future__ import annotations
 
 import asyncio
+import functools
 import math
 import time
 from collections.abc import Awaitable, Callable
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from typing import Any, Literal
 
@@ -87,6 +89,10 @@ class DirectCommand:
     was_flown_by_hand: bool = False
 
 
+# A landing keeps its thread until the vehicle is down. No command may wait for the thread of
+# another one, as in the event loop's own executor, which has only a few.
+_THREADS = ThreadPoolExecutor(max_workers=1024, thread_name_prefix="direct")
+
 SendDirect = Callable[[DirectCommand], Awaitable[DirectResult]]
 
 
@@ -99,7 +105,7 @@ async def send_in_thread(command: DirectCommand) -> DirectResult:
     Returns:
         PX4's answer.
     """
-    return await asyncio.to_thread(
+    send = functools.partial(
         send_direct,
         command.endpoint,
         command.system_id,
@@ -110,6 +116,7 @@ async def send_in_thread(command: DirectCommand) -> DirectResult:
         spares_pilot=command.spares_pilot,
         was_flown_by_hand=command.was_flown_by_hand,
     )
+    return await asyncio.get_running_loop().run_in_executor(_THREADS, send)
 
 
 def send_direct(

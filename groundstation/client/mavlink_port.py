@@ -42,10 +42,11 @@ _MAX_DATAGRAM = 65_535
 
 # PX4 always answers to the address that sent to it first. So a link is kept for the next command,
 # and every process of this computer sends from the same port, which is computed from PX4's port. If
-# several processes run, the newest gets the answers.
+# several links to one PX4 are open, the newest gets the answers.
 _FIRST_PORT = 10_000
 _PORTS = 4_000
 
+_newest_links: dict[str, Any] = {}  # endpoint -> link that was opened last
 _idle_links: dict[str, Any] = {}  # endpoint -> link that waits for its next command
 _opening = threading.Lock()  # pymavlink keeps its dialect in a module variable
 
@@ -144,6 +145,9 @@ def take_link(endpoint: str, key: bytes | None = None) -> Any:
     link = _idle_links.pop(endpoint, None)
     if link is None:
         link = _new_link(endpoint)
+        _newest_links[endpoint] = link
+    if endpoint.startswith("udpout://"):
+        _exchange_with_px4_only(link)
 
     if link.mav.signing.secret_key != key:
         sign(link, Signing(key, ground_link_id(socket.gethostname())))
@@ -159,21 +163,21 @@ def _new_link(endpoint: str) -> Any:
     if not address.startswith("udpout:"):
         return link
 
-    _, _, port_word = address.rpartition(":")
-    px4_port = int(port_word)
+    host, px4_port = link.destination_addr
+    link.destination_addr = (socket.gethostbyname(host), px4_port)
     link.port.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
     with contextlib.suppress(OSError):  # another program has the port, so the system chooses one
         link.port.bind(("", _FIRST_PORT + px4_port % _PORTS))
-    _receive_from_px4_only(link)
     return link
 
 
 def keep_link(endpoint: str, link: Any) -> None:
     """Keep the ground's link for its next command.
 
-    A TCP link is closed instead, because its other end may close it before the next command.
+    A TCP link is closed instead, because its other end may close it before the next command. So is
+    a link that is not the newest to its PX4, because it does not get the answers.
     """
-    if endpoint.startswith("tcp://"):
+    if endpoint.startswith("tcp://") or _newest_links.get(endpoint) is not link:
         link.close()
     else:
         _idle_links[endpoint] = link
@@ -303,13 +307,19 @@ def _serial(endpoint: str, system_id: int) -> Any:
     return link
 
 
-def _receive_from_px4_only(link: Any) -> None:
-    """Drop datagrams from any address other than PX4's.
+def _exchange_with_px4_only(link: Any) -> None:
+    """Let a UDP link receive datagrams of its own PX4, and of no other sender.
 
-    Our port is predictable, so any sender could pretend to be the autopilot.
+    PX4s of several vehicles often have the same port, and then so do the links to them. The socket
+    is connected to its PX4, so that the system gives it that PX4's datagrams. It is connected anew
+    for each command, because this computer may have another address since.
+
+    Our port is predictable, so any sender could pretend to be the autopilot. Datagrams from any
+    address other than PX4's are dropped, also while the socket could not be connected.
     """
-    host, port = link.destination_addr
-    px4 = (socket.gethostbyname(host), port)
+    px4 = link.destination_addr
+    with contextlib.suppress(OSError):  # there is no network at the moment
+        link.port.connect(px4)
 
     def receive(_: int | None = None) -> bytes:
         try:
@@ -318,4 +328,12 @@ def _receive_from_px4_only(link: Any) -> None:
             return b""
         return data if sender == px4 else b""
 
+    def write(data: bytes) -> None:
+        try:
+            link.port.send(data)
+        except OSError:  # the socket is not connected, or PX4 refused the last datagram
+            with contextlib.suppress(OSError):
+                link.port.sendto(data, px4)
+
     link.recv = receive
+    link.write = write

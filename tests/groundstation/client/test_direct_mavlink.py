@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import asyncio
 import contextlib
+import os
 import socket
 import threading
 import time
@@ -13,7 +15,12 @@ from typing import Any
 import pytest
 from pymavlink.dialects.v20 import common
 
-from groundstation.client.direct_mavlink import send_direct
+from groundstation.client.direct_mavlink import (
+    DirectCommand,
+    DirectKind,
+    send_direct,
+    send_in_thread,
+)
 
 ARMED = 128
 LANDING = 4 << 16 | 6 << 24
@@ -28,11 +35,15 @@ class Autopilot(threading.Thread):
     """
 
     def __init__(
-        self, answer: Callable[[Autopilot, int], list[Any]], system: int = 1, component: int = 1
+        self,
+        answer: Callable[[Autopilot, int], list[Any]],
+        system: int = 1,
+        component: int = 1,
+        address: tuple[str, int] = ("127.0.0.1", 0),
     ) -> None:
         super().__init__(daemon=True)
         self.socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-        self.socket.bind(("127.0.0.1", 0))
+        self.socket.bind(address)
         self.socket.settimeout(0.05)
         self.port = self.socket.getsockname()[1]
         self.mav = common.MAVLink(None, srcSystem=system, srcComponent=component)
@@ -55,8 +66,8 @@ class Autopilot(threading.Thread):
 
 
 @contextmanager
-def flying(answer: Callable[[Autopilot, int], list[Any]], **ids: int) -> Iterator[Autopilot]:
-    autopilot = Autopilot(answer, **ids)
+def flying(answer: Callable[[Autopilot, int], list[Any]], **own: Any) -> Iterator[Autopilot]:
+    autopilot = Autopilot(answer, **own)
     autopilot.start()
     try:
         yield autopilot
@@ -85,6 +96,72 @@ def test_a_kill_is_repeated_after_its_acknowledgement_until_the_heartbeat_shows_
     assert result.is_disarmed
     assert result.sentence == "PX4 accepted it, and it is disarmed"
     assert px4.count == 4
+
+
+def command(px4: Autopilot, kind: DirectKind, watch_s: float) -> DirectCommand:
+    return DirectCommand(f"udpout://127.0.0.1:{px4.port}", 1, kind, timeout_s=2.0, watch_s=watch_s)
+
+
+async def test_px4s_with_the_same_port_at_different_addresses_are_all_heard() -> None:
+    """Each drone of a lab has its own address, and the ground link has the same port on all."""
+
+    def answer(px4: Autopilot, command: int) -> list[Any]:
+        if px4.count < 3:  # until all links are open
+            return []
+        return [ack(command), heartbeat(is_armed=False)]
+
+    with contextlib.ExitStack() as stack:
+        first = stack.enter_context(flying(answer))
+        hosts = ["127.0.0.1", "127.0.0.2", "127.0.0.3"]
+        for system, host in enumerate(hosts[1:], start=2):
+            stack.enter_context(flying(answer, system=system, address=(host, first.port)))
+        kills = [
+            DirectCommand(
+                f"udpout://{host}:{first.port}", system, "kill", timeout_s=2.0, watch_s=1.0
+            )
+            for system, host in enumerate(hosts, start=1)
+        ]
+        results = await asyncio.gather(*(send_in_thread(kill) for kill in kills))
+    assert [result.is_disarmed for result in results] == [True, True, True], results
+
+
+async def test_a_kill_waits_for_no_landing_that_is_under_way() -> None:
+    """More landings than the event loop's own executor has threads, two for each vehicle."""
+    was_killed = threading.Event()
+
+    def answer(px4: Autopilot, command: int) -> list[Any]:
+        if command == KILL:
+            was_killed.set()
+        mode = LANDING if command == NAV_LAND else 0
+        return [ack(command), heartbeat(is_armed=not was_killed.is_set(), custom_mode=mode)]
+
+    with flying(answer) as px4:
+        landings = [
+            asyncio.create_task(send_in_thread(command(px4, "land", watch_s=1.5)))
+            for _ in range((os.cpu_count() or 1) + 8)
+        ]
+        await asyncio.sleep(0.3)
+        killed = await asyncio.wait_for(send_in_thread(command(px4, "kill", watch_s=1.0)), 1.0)
+        assert killed.is_disarmed
+        await asyncio.gather(*landings)
+
+
+async def test_a_link_that_no_longer_gets_the_answers_is_not_used_again() -> None:
+    """Two landings overlap, and the first, whose link is the older one, ends first."""
+
+    def answer(px4: Autopilot, command: int) -> list[Any]:
+        if command == KILL:
+            return [ack(command), heartbeat(is_armed=False)]
+        return [ack(command), heartbeat(is_armed=True, custom_mode=LANDING)]
+
+    with flying(answer) as px4:
+        first = asyncio.create_task(send_in_thread(command(px4, "land", watch_s=0.3)))
+        await asyncio.sleep(0.1)
+        second = asyncio.create_task(send_in_thread(command(px4, "land", watch_s=1.0)))
+        await first
+        killed = await send_in_thread(command(px4, "kill", watch_s=1.0))
+        assert killed.is_disarmed, killed
+        await second
 
 
 def test_a_kill_that_only_the_heartbeat_confirms_is_done() -> None:
