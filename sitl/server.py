@@ -28,6 +28,7 @@ from onboard.bus.session import BusSession
 from onboard.bus.topics import Topic
 from onboard.config.fleet import FleetConfig, Person, Vehicle
 from onboard.config.people import body_of
+from onboard.end_signals import end_signals
 from onboard.security.credentials import credentials_of
 from onboard.security.mavlink_key import mavlink_key
 from onboard.security.node_roles import NodeRole
@@ -517,7 +518,7 @@ def simulator_bus(
 
 
 def run(server: Server) -> None:
-    """Emulate until SIGINT or SIGTERM, and print "ready: ..." once all ports are bound.
+    """Emulate until a signal asks to end, and print "ready: ..." once all ports are bound.
 
     Raises:
         StartError: a port or an endpoint cannot be used.
@@ -527,12 +528,12 @@ def run(server: Server) -> None:
 
 
 async def _serve(server: Server) -> None:
-    """Run a server until SIGINT or SIGTERM, and close its sockets and its bus at the end."""
+    """Run a server until a signal asks to end, and close its sockets and its bus at the end."""
     bus = server.bus
     stopped = asyncio.Event()
     loop = asyncio.get_running_loop()
     clock: asyncio.Task[None] | None = None
-    for number in (signal.SIGINT, signal.SIGTERM):
+    for number in (signal.SIGINT, *end_signals()):
         loop.add_signal_handler(number, stopped.set)
     take_precedence()
 

@@ -26,6 +26,7 @@ from onboard.bus.schema import MocapPose, Truth
 from onboard.bus.session import BusSession
 from onboard.bus.topics import Topic
 from onboard.config.fleet import FleetConfig, Origin, Vehicle
+from onboard.end_signals import end_signals
 from sitl.mavlink.codec import ID_BY_NAME, Decoder, Encoder, text_of
 from sitl.mavlink.endpoints import StartError
 from sitl.physics.frames import enu_flu_from_ned_frd
@@ -310,10 +311,10 @@ class TruthRelay:
 async def serve(
     fleet: FleetConfig, names: Sequence[str], bus: BusSession, *, with_mocap: bool
 ) -> None:
-    """Relay the truth of vehicles to a bus until SIGINT or SIGTERM; see :func:`run`."""
+    """Relay the truth of vehicles to a bus until a signal asks to end; see :func:`run`."""
     loop = asyncio.get_running_loop()
     stopped = asyncio.Event()
-    for number in (signal.SIGINT, signal.SIGTERM):
+    for number in (signal.SIGINT, *end_signals()):
         loop.add_signal_handler(number, stopped.set)
 
     boot_id = time.time_ns() & 0x7FFFFFFF
@@ -370,7 +371,7 @@ async def _show_silence(listeners: dict[str, Listener], stopped: asyncio.Event) 
 
 
 def run(fleet: FleetConfig, names: Sequence[str], *, with_mocap: bool) -> None:
-    """Relay the truth of vehicles until SIGINT or SIGTERM.
+    """Relay the truth of vehicles until a signal asks to end.
 
     Raises:
         BusError: the bus cannot be opened.

@@ -21,6 +21,7 @@ from groundstation.commands.parameters import FleetFile, Seconds, refuse_wrong_t
 from onboard.config.fleet import load_fleet
 from onboard.corrections.relay.corrections_relay import CorrectionsRelay, relay_problem
 from onboard.corrections.relay.sources import source_of, with_source
+from onboard.end_signals import end_signals
 
 
 def corrections(
@@ -56,7 +57,7 @@ def corrections(
 async def _run(relay: CorrectionsRelay, *, seconds: float | None, every_s: float) -> int:
     stopped = asyncio.Event()
     loop = asyncio.get_running_loop()
-    for number in (signal.SIGINT, signal.SIGTERM):  # both end the relay cleanly
+    for number in (signal.SIGINT, *end_signals()):  # all end the relay cleanly
         loop.add_signal_handler(number, stopped.set)
     return await relay.run(seconds=seconds, every_s=every_s, stopped=stopped)
 

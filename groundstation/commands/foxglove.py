@@ -27,6 +27,7 @@ from onboard.bus.control_token import WATCHER
 from onboard.bus.schema import Event, Message
 from onboard.bus.topics import Topic
 from onboard.config.fleet import ConfigError, FleetConfig, load_fleet
+from onboard.end_signals import end_signals
 from onboard.exit_status import EXIT_OK
 
 _SCENE_S = 0.1  # period of the moving part of the scene
@@ -71,7 +72,7 @@ async def _serve(fleet: FleetConfig, host: str, port: int) -> int:
 
     ended = asyncio.Event()
     loop = asyncio.get_running_loop()
-    for number in (signal.SIGINT, signal.SIGTERM):
+    for number in (signal.SIGINT, *end_signals()):
         loop.add_signal_handler(number, ended.set)
 
     served_port = server.start(host, port)

@@ -22,6 +22,7 @@ from cyclopts import Parameter
 from groundstation.commands.parameters import FleetFile, Seconds, refuse_wrong_times
 from onboard.config.fleet import ConfigError, FleetConfig, load_fleet
 from onboard.config.mocap import SystemType, problems
+from onboard.end_signals import end_signals
 from onboard.mocap.relay.body_check import MocapCheck
 from onboard.mocap.relay.mocap_relay import MocapRelay, with_source
 
@@ -53,7 +54,7 @@ def mocap(
         runner = _relay(config, source, hostname)
 
     stopped = threading.Event()
-    for number in (signal.SIGINT, signal.SIGTERM):  # both end the relay cleanly
+    for number in (signal.SIGINT, *end_signals()):  # all end the relay cleanly
         signal.signal(number, lambda *_: stopped.set())
     return runner.run(seconds=seconds, every_s=every_s, stopped=stopped)
 

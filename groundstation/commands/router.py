@@ -25,6 +25,7 @@ from groundstation.commands.parameters import FileName
 from onboard.bus.router import Router, router_endpoint, router_settings
 from onboard.bus.zenoh_settings import nested
 from onboard.config.fleet import load_fleet
+from onboard.end_signals import end_signals
 from onboard.exit_status import EXIT_FAILED, EXIT_OK
 from onboard.security.certificate_ends import links_left_s
 from onboard.security.credentials import router_credentials
@@ -51,7 +52,7 @@ def router(
         return EXIT_OK
 
     stopped = threading.Event()
-    for number in (signal.SIGINT, signal.SIGTERM):  # both end the router cleanly
+    for number in (signal.SIGINT, *end_signals()):  # all end the router cleanly
         signal.signal(number, lambda *_: stopped.set())
 
     node = Router(settings)

@@ -24,6 +24,7 @@ from groundstation.web.live_feed import LiveFeed
 from groundstation.web.page_server import PageServer, require_loopback
 from onboard.bus.control_token import WATCHER
 from onboard.config.fleet import ConfigError, FleetConfig, load_fleet
+from onboard.end_signals import end_signals
 from onboard.exit_status import EXIT_OK
 
 _KEY_BYTES = 24  # random bytes in the address at which pages may give orders
@@ -111,7 +112,7 @@ async def _serve(title: str, address: str) -> int:
     """Print the address of the page, and wait for an interrupt."""
     ended = asyncio.Event()
     loop = asyncio.get_running_loop()
-    for number in (signal.SIGINT, signal.SIGTERM):
+    for number in (signal.SIGINT, *end_signals()):
         loop.add_signal_handler(number, ended.set)
 
     with contextlib.suppress(BrokenPipeError):

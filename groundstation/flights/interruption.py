@@ -19,7 +19,7 @@ from collections.abc import Callable
 from pathlib import Path
 from types import FrameType
 
-from groundstation.missions.lasting_output import end_signals
+from onboard.end_signals import end_signals
 
 # Folders of this project's code. A mission may lie beside them, in the same clone.
 _PACKAGES = tuple(

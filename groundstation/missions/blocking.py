@@ -26,8 +26,8 @@ from groundstation.missions.connection import (
     host_of,
 )
 from groundstation.missions.group import Group
-from groundstation.missions.lasting_output import end_signals
 from onboard.config.fleet import FleetConfig
+from onboard.end_signals import end_signals
 
 FleetFile = FleetConfig | str | Path | None
 T = TypeVar("T")

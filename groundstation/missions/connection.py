@@ -19,11 +19,12 @@ from pathlib import Path
 from typing import Any, Protocol, TypeVar
 
 from groundstation.client.client import FleetClient
-from groundstation.missions.lasting_output import end_signals, lasting_output
+from groundstation.missions.lasting_output import lasting_output
 from groundstation.recording.channels import RECORDED
 from groundstation.recording.writer import RecordEnd, RecordWriter
 from groundstation.verdict.observations import FlightObservations
 from onboard.config.fleet import ConfigError, FleetConfig, load_fleet
+from onboard.end_signals import end_signals
 
 READY_TIMEOUT_S = 30.0
 _THREAD_END_S = 5.0  # longest wait for the end of the thread of a blocking script

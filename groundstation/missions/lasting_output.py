@@ -14,6 +14,8 @@ import sys
 from collections.abc import Iterator
 from typing import Any, TextIO, cast
 
+from onboard.end_signals import end_signals
+
 
 @contextlib.contextmanager
 def lasting_output(dropped: type[OSError] = OSError) -> Iterator[None]:
@@ -30,16 +32,6 @@ def lasting_output(dropped: type[OSError] = OSError) -> Iterator[None]:
         yield
     finally:
         sys.stdout, sys.stderr = before
-
-
-def end_signals() -> tuple[signal.Signals, ...]:
-    """Return the signals that ask a flight to end, besides SIGINT.
-
-    SIGHUP is not among them if the program was started so that it outlives its terminal (nohup).
-    """
-    if signal.getsignal(signal.SIGHUP) is signal.SIG_IGN:
-        return (signal.SIGTERM,)
-    return signal.SIGTERM, signal.SIGHUP
 
 
 @contextlib.contextmanager

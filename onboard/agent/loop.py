@@ -8,6 +8,7 @@ threads, so that nothing delays the setpoint of a tick.
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import logging
 import os
 import signal
@@ -30,6 +31,7 @@ from onboard.bus.protocol import BusError, UntrustedOrder
 from onboard.bus.schema import Order, OrderReply
 from onboard.bus.session import BusSession
 from onboard.config.fleet import ConfigError, FleetConfig, MocapConfig
+from onboard.end_signals import end_signals
 from onboard.exit_status import EXIT_FAILED, EXIT_INTERRUPTED, EXIT_OK, EXIT_WRONG_INPUT
 from onboard.preflight.preflight_facts import HEARTBEAT_SILENT_S
 from onboard.process import realtime
@@ -150,8 +152,8 @@ class AgentProcess:
         self._ended: asyncio.Future[int] | None = None
         self._ticks = 0
         self._failed_ticks = 0  # in a row
-        self._signals = 0  # number of signals that asked to stop
-        self._stop_requested = asyncio.Event()  # set by the first signal
+        self._signals = 0  # number of signals that asked to stop, without SIGHUP
+        self._stop_requested = asyncio.Event()  # set by the first signal, also by SIGHUP
         self._has_said_ready = False
 
     async def run(self) -> int:
@@ -160,8 +162,8 @@ class AgentProcess:
         self._ended = loop.create_future()
 
         # first of all, because a request to stop may come early
-        for number in (signal.SIGINT, signal.SIGTERM):
-            loop.add_signal_handler(number, self._signalled)
+        for number in (signal.SIGINT, *end_signals()):
+            loop.add_signal_handler(number, self._signalled, number)
 
         warm_up(self._fleet, self._name)
 
@@ -228,16 +230,21 @@ class AgentProcess:
         self._executor.execute(self._core.handle(agent_inputs.OrderReceived(order), now_ns))
         log.info("order %s", message.text)
 
-    def _signalled(self) -> None:
-        self._signals += 1
+    def _signalled(self, number: signal.Signals) -> None:
+        # Several SIGHUPs come when a terminal closes, from its shell and from the kernel, and then
+        # perhaps a SIGTERM at the end of the login. None of them may cut the landing short.
+        if number != signal.SIGHUP:
+            self._signals += 1
+
         if self._signals > 1:
-            os.write(
-                2,
-                b"second request to stop: ending at once; "
-                b"in the air PX4's own failsafe lands the vehicle\n",
-            )
+            with contextlib.suppress(OSError):  # the terminal may be closed
+                os.write(
+                    2,
+                    b"second request to stop: ending at once; "
+                    b"in the air PX4's own failsafe lands the vehicle\n",
+                )
             os._exit(EXIT_INTERRUPTED)
-        else:
+        elif not self._stop_requested.is_set():
             self._stop_requested.set()
             log.info("asked to stop: landing first if in the air")
             self._inbox.notices.append(agent_inputs.ShutdownRequested())
@@ -382,7 +389,7 @@ def run_agent(
     async def run() -> int:
         # AgentProcess has handlers of its own
         stop_requested = asyncio.Event()
-        for number in (signal.SIGINT, signal.SIGTERM):
+        for number in (signal.SIGINT, *end_signals()):
             asyncio.get_running_loop().add_signal_handler(number, stop_requested.set)
 
         if not await started(name, lambda: credentials_of(fleet, name), stop_requested):

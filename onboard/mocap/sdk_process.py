@@ -57,7 +57,7 @@ def main(argv: list[str]) -> int:
     # when its parent ends.
     ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
     # The agent also gets these signals, and still needs the poses for landing.
-    for number in (signal.SIGINT, signal.SIGTERM):
+    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
         signal.signal(number, signal.SIG_IGN)
 
     # The pipe is this process's stdout, but the package prints on stdout. So the pipe gets another

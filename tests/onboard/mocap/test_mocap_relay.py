@@ -118,7 +118,8 @@ def test_two_relays_of_one_fleet_cannot_run(tmp_path: Path) -> None:
         second = subprocess.run(
             _command(path, "--source", "mock"), capture_output=True, text=True, timeout=30
         )
-        first.send_signal(signal.SIGTERM)
+        first.send_signal(signal.SIGHUP)
+    assert first.returncode == EXIT_OK
     assert second.returncode == 2
     assert "cannot listen" in second.stderr
 

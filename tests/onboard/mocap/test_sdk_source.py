@@ -183,6 +183,7 @@ def test_a_signal_to_the_agents_processes_does_not_end_the_poses_that_it_lands_b
         assert reader is not None
         os.kill(reader, signal.SIGTERM)
         os.kill(reader, signal.SIGINT)
+        os.kill(reader, signal.SIGHUP)
         count = len(heard.poses)
         heard.wait(lambda: len(heard.poses) > count + 20)
         assert heard.source.reader_pid == reader

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import datetime
+import os
 import re
 import signal
 import socket
@@ -18,8 +19,10 @@ from typing import Any
 import pytest
 
 from groundstation.keys.secured_fleet import secure_fleet
+from onboard.agent import loop
 from onboard.agent.main import main
 from onboard.agent.ticker import Ticker
+from onboard.config.fleet import load_fleet
 from onboard.process.background_queue import BackgroundQueue
 
 FLEET = """
@@ -68,7 +71,7 @@ def _wait_for_port(fleet_file: Path) -> None:
     raise AssertionError("the agent does not listen")
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
 def test_on_the_ground_a_signal_ends_the_agent_with_status_0(
     fleet_file: Path, number: signal.Signals
 ) -> None:
@@ -77,6 +80,45 @@ def test_on_the_ground_a_signal_ends_the_agent_with_status_0(
         time.sleep(0.3)
         process.send_signal(number)
         assert process.wait(10) == 0
+
+
+HANG_UP = signal.SIGHUP
+TERMINATE = signal.SIGTERM
+
+
+@pytest.mark.parametrize(
+    ("numbers", "statuses"),
+    [
+        ([HANG_UP, HANG_UP, TERMINATE], []),
+        ([TERMINATE, HANG_UP], []),
+        ([HANG_UP, TERMINATE, TERMINATE], [130]),
+    ],
+)
+def test_the_sighups_of_a_closed_terminal_do_not_end_an_agent_before_it_has_landed(
+    fleet_file: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    numbers: list[signal.Signals],
+    statuses: list[int],
+) -> None:
+    ended_at_once: list[int] = []
+
+    async def started(_name: str, _start: object, stop_requested: asyncio.Event) -> bool:
+        for number in numbers:
+            signal.raise_signal(number)
+            await asyncio.sleep(0.0)  # lets the loop read the signal
+            await asyncio.sleep(0.0)  # lets it call the handler
+        return not stop_requested.is_set()
+
+    monkeypatch.setattr(loop, "started", started)
+    monkeypatch.setattr(loop, "warm_up", lambda *_: None)
+    monkeypatch.setattr(os, "_exit", ended_at_once.append)
+    before = signal.signal(signal.SIGHUP, lambda *_: None)  # an unhandled one would end the tests
+    try:
+        agent = loop.AgentProcess(load_fleet(str(fleet_file)), "solo", apply_params=False)
+        assert asyncio.run(agent.run()) == 0
+    finally:
+        signal.signal(signal.SIGHUP, before)
+    assert ended_at_once == statuses
 
 
 def test_a_second_agent_for_the_same_vehicle_is_refused_in_words_with_status_2(
@@ -128,7 +170,7 @@ def test_what_a_booting_computer_mends_is_waited_for_until_a_signal(
         assert process.stderr is not None
         assert words in process.stderr.readline()
         assert "tries again" in process.stderr.readline()
-        process.terminate()
+        process.send_signal(signal.SIGHUP)
         assert process.wait(10) == 0
 
 
