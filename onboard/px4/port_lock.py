@@ -1,8 +1,9 @@
 """Ensures that only one agent uses an autopilot's endpoint.
 
 Two programs at one port or serial device would each get only part of its packets. A lock file in
-the temporary folder prevents that. Ports belong to a network namespace, but serial devices do not.
-Containers that share a temporary folder have separate ports but common serial devices.
+the temporary folder prevents that, whichever users run the programs. Ports belong to a network
+namespace, but serial devices do not. Containers that share a temporary folder have separate ports
+but common serial devices.
 """
 
 from __future__ import annotations
@@ -18,6 +19,7 @@ from pathlib import Path
 from onboard.autopilot import LinkError
 
 _UDP = re.compile(r"udpin://(?P<host>.+):(?P<port>\d+)")
+_READABLE_BY_ALL = 0o644  # mode of a lock file
 _NAMESPACE = "/proc/self/ns/net"  # its inode identifies the network namespace, see namespaces(7)
 
 
@@ -42,8 +44,7 @@ class PortClaim:
         if self._lock_fd is not None:
             return
 
-        path = Path(tempfile.gettempdir()) / f"covey-{os.getuid()}-{_key(self.endpoint)}.lock"
-        fd = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o600)
+        fd = _open_lock_file(f"covey-{_key(self.endpoint)}.lock")
         try:
             fcntl.flock(fd, fcntl.LOCK_EX | fcntl.LOCK_NB)
             is_in_use = _is_bound(self.endpoint)
@@ -64,6 +65,27 @@ class PortClaim:
         if self._lock_fd is not None:
             os.close(self._lock_fd)
             self._lock_fd = None
+
+
+def _open_lock_file(name: str) -> int:
+    """Open a lock file in the temporary folder, or create it, and return its descriptor.
+
+    Every user can lock the file, because a lock needs no right to write. An existing file is opened
+    without O_CREAT: with it, Linux refuses the file of another user (fs.protected_regular).
+    """
+    path = Path(tempfile.gettempdir()) / name
+    flags = os.O_RDONLY | os.O_CLOEXEC | os.O_NOFOLLOW
+    try:
+        return os.open(path, flags)
+    except FileNotFoundError:
+        pass
+
+    try:
+        fd = os.open(path, flags | os.O_CREAT | os.O_EXCL)
+    except FileExistsError:  # another process has just created it
+        return os.open(path, flags)
+    os.fchmod(fd, _READABLE_BY_ALL)  # whatever the umask is
+    return fd
 
 
 def _is_bound(endpoint: str) -> bool:

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import os
 import socket
+import stat
+import tempfile
 from pathlib import Path
 
 import pytest
@@ -38,6 +40,37 @@ def test_the_second_of_two_agents_is_refused_in_words_until_the_first_releases_t
         newcomer.take()
         newcomer.release()
         newcomer.release()
+
+
+@pytest.mark.parametrize("endpoint", ["udpout://10.9.9.9:28994", f"serial://{DEVICE}:921600"])
+def test_an_agent_of_another_user_is_refused_too(
+    endpoint: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
+    holder = PortClaim(endpoint)
+    newcomer = PortClaim(endpoint)
+    umask = os.umask(0o077)
+    try:
+        holder.take()
+    finally:
+        os.umask(umask)
+
+    (lock_file,) = tmp_path.iterdir()
+    assert stat.S_IMODE(lock_file.stat().st_mode) == 0o644
+    monkeypatch.setattr(os, "getuid", lambda: 12345)
+    opened = os.open
+
+    def open_as_another_user(path: Path, flags: int, *more: int) -> int:
+        if flags & (os.O_CREAT | os.O_WRONLY | os.O_RDWR) and path.exists():
+            raise PermissionError(13, "Permission denied", str(path))
+        return opened(path, flags, *more)
+
+    monkeypatch.setattr(os, "open", open_as_another_user)
+    with pytest.raises(LinkError, match="is in use"):
+        newcomer.take()
+    holder.release()
+    newcomer.take()
+    newcomer.release()
 
 
 @pytest.mark.parametrize(
