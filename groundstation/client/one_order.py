@@ -10,11 +10,14 @@ from msgspec import structs
 from groundstation.client.client import FleetClient
 from groundstation.fleet.state import FleetState
 from groundstation.orders.falling import below_words
-from groundstation.orders.intents import Intent, Kill
+from groundstation.orders.intents import Intent, Kill, Land
 from groundstation.orders.result import Results
 from onboard.bus.control_token import OPEN_TO_ALL
 
 CONNECT_S = 3.0  # longest wait until the vehicles are heard
+# Longest wait of a land or kill for silent vehicles. Such an order does not need their telemetry,
+# and goes straight to PX4 if their agents do not answer.
+_SILENT_S = 0.5
 # Longest wait after a kill for the telemetry of all others, which comes 5 to 10 times a second.
 _OTHERS_S = 0.25
 
@@ -34,13 +37,9 @@ async def order_once(
     Returns:
         vehicle -> its result.
     """
-
-    def can_order(state: FleetState) -> bool:
-        return _is_ready(client, state, intent)
-
     await client.start()
     try:
-        await client.wait_for(can_order, CONNECT_S)
+        await _wait_until_heard(client, intent)
         state_before = client.state
         ordered = asyncio.create_task(client.order(intent, timeout_s))
         if isinstance(intent, Kill):
@@ -54,6 +53,24 @@ async def order_once(
         await client.stop()
 
 
+async def _wait_until_heard(client: FleetClient, intent: Intent) -> None:
+    """Wait until the vehicles of an order are heard; a land or kill waits only briefly."""
+
+    def can_order(state: FleetState) -> bool:
+        return _is_ready(client, state, intent)
+
+    if not isinstance(intent, Land | Kill):
+        await client.wait_for(can_order, CONNECT_S)
+        return
+
+    # While nobody is heard, this ground may not be connected yet, and an order over the bus would
+    # reach nobody. It waits for that if there is no other way to a vehicle.
+    vehicles = [client.fleet.vehicles[name] for name in intent.names]
+    if any(vehicle.direct is None for vehicle in vehicles):
+        await client.wait_for(_is_anybody_heard, CONNECT_S)
+    await client.wait_for(can_order, _SILENT_S)
+
+
 def _below_killed(client: FleetClient, intent: Kill, state_before: FleetState) -> str:
     """Return which vehicles are below the killed ones, by the positions before the kill."""
     vehicles = dict(client.state.vehicles)
@@ -62,6 +79,10 @@ def _below_killed(client: FleetClient, intent: Kill, state_before: FleetState) -
             vehicles[name] = state_before.vehicles[name]
     state = structs.replace(client.state, vehicles=vehicles)
     return below_words(intent.names, client.fleet, state, client.now_ns())
+
+
+def _is_anybody_heard(state: FleetState) -> bool:
+    return any(view.telemetry is not None for view in state.vehicles.values())
 
 
 def _are_all_heard(state: FleetState) -> bool:

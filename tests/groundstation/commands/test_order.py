@@ -5,17 +5,19 @@ from __future__ import annotations
 import asyncio
 import functools
 import json
+import time
 from collections.abc import Callable, Collection, Mapping
 from typing import Any
 
 import pytest
+from msgspec import structs
 
 from groundstation.cli import main
 from groundstation.client import one_order
 from groundstation.client.client import FleetClient
 from groundstation.client.direct_mavlink import DirectCommand, DirectResult
 from groundstation.commands import order as give
-from onboard.config.fleet import FleetConfig
+from onboard.config.fleet import FleetConfig, load_fleet
 from tests.groundstation.conftest import FakeBus
 
 FLEET = "configs/fleets/paper.toml"
@@ -28,7 +30,9 @@ def order(
     misbehave: Mapping[str, str] | None = None,
     heights_m: Mapping[str, float] | None = None,
     heard_later: Collection[str] = (),
+    never_heard: Collection[str] = (),
     sent_before: list[int] | None = None,
+    connect_s: float = 0.3,
 ) -> int:
     """Give an order to agents that do what they are told, or misbehave.
 
@@ -37,7 +41,9 @@ def order(
         misbehave: how an agent does, by its vehicle.
         heights_m: of vehicles that fly above one place; the others stand.
         heard_later: vehicles whose first telemetry comes after that of the others.
+        never_heard: vehicles without telemetry.
         sent_before: gets the number of orders that were sent before each of these is heard.
+        connect_s: longest wait until the vehicles are heard [s].
     """
     column_m = heights_m or {}
 
@@ -58,6 +64,8 @@ def order(
         async def started() -> None:
             await start()
             for name in fleet.enabled_names:
+                if name in never_heard:
+                    continue
                 changes: dict[str, Any] = {}
                 if name in column_m:
                     changes["is_airborne"] = True
@@ -72,7 +80,7 @@ def order(
         return found
 
     monkeypatch.setattr(give, "FleetClient", client)
-    monkeypatch.setattr(one_order, "CONNECT_S", 0.3)
+    monkeypatch.setattr(one_order, "CONNECT_S", connect_s)
     return main(["order", "--fleet", FLEET, *words])
 
 
@@ -131,6 +139,44 @@ def test_a_kill_is_sent_before_the_other_vehicles_are_heard(
     )
     assert status == 0
     assert sent_before == [1, 1]
+
+
+@pytest.mark.parametrize("verb", ["land", "kill"])
+@pytest.mark.parametrize("has_direct", [True, False])
+def test_a_silent_vehicle_delays_the_land_or_kill_of_the_others_only_briefly(
+    monkeypatch: pytest.MonkeyPatch, verb: str, has_direct: bool
+) -> None:
+    if not has_direct:
+        _remove_direct_endpoints(monkeypatch)
+    monkeypatch.setattr(one_order, "_SILENT_S", 0.05)
+    begin_s = time.monotonic()
+    assert order(monkeypatch, verb, "mav1,mav2", never_heard=["mav2"], connect_s=2.0) == 0
+    assert time.monotonic() - begin_s < 1.5
+
+
+def test_a_kill_that_has_only_the_bus_waits_until_the_bus_is_connected(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    _remove_direct_endpoints(monkeypatch)
+    monkeypatch.setattr(one_order, "_SILENT_S", 0.01)
+    sent_before: list[int] = []
+    everybody = ("mav0", "mav1", "mav2")
+    status = order(
+        monkeypatch, "kill", "mav1", heard_later=everybody, sent_before=sent_before, connect_s=2.0
+    )
+    assert status == 0
+    assert sent_before == [0, 0, 0]
+
+
+def _remove_direct_endpoints(monkeypatch: pytest.MonkeyPatch) -> None:
+    def load_without_direct(path: str) -> FleetConfig:
+        fleet = load_fleet(path)
+        vehicles = {
+            name: structs.replace(vehicle, direct=None) for name, vehicle in fleet.vehicles.items()
+        }
+        return structs.replace(fleet, vehicles=vehicles)
+
+    monkeypatch.setattr(give, "load_fleet", load_without_direct)
 
 
 def test_json_is_a_list_of_vehicles(

@@ -107,7 +107,7 @@ async def test_an_order_that_brings_it_down_waits_until_it_is_heard(intent: Land
 async def test_an_order_that_brings_it_down_ends_in_words_when_nobody_hears_it(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr("groundstation.client.one_order.CONNECT_S", 0.3)
+    monkeypatch.setattr("groundstation.client.one_order._SILENT_S", 0.05)
     result, _ = await _ordered_once(Land(vehicles=("mav2",)), is_heard=False)
     assert result.phase == "failed"
     assert "did not answer within 1 s" in result.sentence
