@@ -95,6 +95,10 @@ _NODE_NAMES = ("ground", "viewer", "mocap", "corrections", "sitl", "router", "ca
 # first words of node names; agents recognise the kind of a node by them
 _NODE_WORDS = ("ground", "watcher", "recorder", "sitl")
 
+# Words and numbers that mean something else than a vehicle where an order names its vehicles, in
+# small letters. `kill all` stops the whole fleet, and `kill 1` the second vehicle of the file.
+_ORDER_WORD = re.compile(r"all|by|every|in|nearest|turned|yaw|\d+(-\d+)?")
+
 _WITHOUT_SIGNING = ("1.16", "1.17")  # versions of PX4 that do not sign MAVLink
 
 
@@ -424,13 +428,18 @@ def _px4_param_problems(vehicle: Vehicle) -> Iterator[str]:
 
 
 def _name_problems(config: FleetConfig) -> Iterator[str]:
-    """Yield a sentence for each vehicle that agents would take for another kind of node."""
+    """Yield a sentence for each vehicle whose name means something else to agents or in orders."""
     for name in config.vehicles:
         first_word, _, _ = name.partition("-")
         if first_word in _NODE_WORDS:
             yield (
                 f"A vehicle is named '{name}', as nodes of the kind '{first_word}' are. Give it "
                 "another name."
+            )
+        if _ORDER_WORD.fullmatch(name.lower()):
+            yield (
+                f"A vehicle is named '{name}', which means something else in an order such as "
+                f"'kill {name}'. Give it another name."
             )
 
 

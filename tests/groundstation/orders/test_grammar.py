@@ -14,6 +14,7 @@ from groundstation.fleet.state import FleetState, fold, initial
 from groundstation.orders.grammar import OrderError, parse
 from groundstation.orders.held_formation import HeldFormation, slots_of
 from groundstation.orders.intents import (
+    INTENTS,
     Arm,
     Disarm,
     Formation,
@@ -33,11 +34,14 @@ from groundstation.orders.plan import PlannedOrder, check_again, plan_order
 from onboard.bus.codec import decode, encode
 from onboard.bus.schema import Order
 from onboard.config.fences import Fence, FenceCircle
-from onboard.config.fleet import FleetConfig
+from onboard.config.fleet import ConfigError, FleetConfig
 from onboard.config.obstacles import Obstacle
+from onboard.config.validation import check_fleet
 from tests.groundstation.conftest import telemetry
 
 ALL = ("mav0", "mav1", "mav2")
+# words that a line does not read as the name of a vehicle
+WORDS = {"all", "nearest"}.union(*(kind.options for kind in INTENTS.values()))
 NONE = HeldFormation(None)
 
 
@@ -562,3 +566,12 @@ def test_a_move_takes_as_long_as_a_vehicle_accepts(
         intent, fleet, None, held=NONE, author="test", now_ns=0, new_id=itertools.count().__str__
     )
     assert bool(planned.refusals) is is_refused
+
+
+@pytest.mark.parametrize("word", sorted(WORDS))
+def test_no_vehicle_has_the_name_of_a_word_of_orders(fleet: FleetConfig, word: str) -> None:
+    vehicles = dict(fleet.vehicles)
+    vehicles[word] = msgspec.structs.replace(vehicles.pop("mav2"), name=word)
+    named = msgspec.structs.replace(fleet, vehicles=vehicles)
+    with pytest.raises(ConfigError, match=f"A vehicle is named '{word}'"):
+        check_fleet(named, needs_folders=False)

@@ -304,6 +304,14 @@ def test_a_vehicle_whose_name_is_that_of_another_kind_of_node_is_refused(name: s
         fleet_from_mapping(data)
 
 
+@pytest.mark.parametrize("name", ["all", "ALL", "Yaw", "0", "0-2"])
+def test_a_vehicle_whose_name_has_another_meaning_in_orders_is_refused(name: str) -> None:
+    data = paper_data()
+    data["vehicles"][name] = data["vehicles"].pop("mav2")
+    with pytest.raises(ConfigError, match=f"'{name}', which means something else in an order"):
+        fleet_from_mapping(data)
+
+
 def test_a_missing_key_of_a_vehicle_is_named() -> None:
     for key in ("system_id", "start_enu_m", "agent", "autopilot"):
         data = paper_data()
