@@ -141,7 +141,7 @@ class Vehicle(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     # PX4 as the companion sees it: udpin://HOST:PORT, udpout://HOST:PORT or serial://DEVICE:BAUD
     autopilot: str
     # PX4 as the ground reaches it without the companion: udpout://HOST:PORT, udpin://HOST:PORT or
-    # tcp://HOST:PORT
+    # tcp://HOST:PORT; HOST is a name or an IPv4 address
     direct: str | None = None
     mocap_body: str | None = None  # name of its body in the mocap; the vehicle's own by default
     type: str = ""  # table [types.NAME] with values for keys that the vehicle does not set

@@ -369,23 +369,7 @@ def _vehicle_problems(config: FleetConfig, vehicle: Vehicle) -> Iterator[str]:
         for number in numbers:
             yield from bound_problems(f"vehicles.{name}.sitl.{key}", number, low, high)
 
-    if not _AGENT_ENDPOINT.fullmatch(vehicle.agent):
-        yield f"'vehicles.{name}.agent' is {vehicle.agent!r}; write it as tcp/127.0.0.1:7460."
-    if not _AUTOPILOT_ENDPOINT.fullmatch(vehicle.autopilot):
-        yield (
-            f"'vehicles.{name}.autopilot' is {vehicle.autopilot!r}; write it as "
-            "udpin://127.0.0.1:14540, with a port of its own, or as "
-            f"serial://{_serial_device(vehicle.autopilot)}:921600."
-        )
-    if vehicle.direct is not None and not _DIRECT_ENDPOINT.fullmatch(vehicle.direct):
-        yield (
-            f"'vehicles.{name}.direct' is {vehicle.direct!r}; write it as "
-            "udpout://127.0.0.1:18570, with a port of its own."
-        )
-    for key in ("agent", "autopilot", "direct"):
-        endpoint = getattr(vehicle, key)
-        if endpoint is not None:
-            yield from _address_problems(f"vehicles.{name}.{key}", endpoint)
+    yield from _endpoint_problems(vehicle)
     yield from _px4_param_problems(vehicle)
     if vehicle.mavlink_signing and vehicle.px4_version in _WITHOUT_SIGNING:
         yield (
@@ -410,6 +394,33 @@ def _vehicle_problems(config: FleetConfig, vehicle: Vehicle) -> Iterator[str]:
             f"'vehicles.{name}.start_enu_m' {list(vehicle.start_enu_m)} lies "
             f"{floor_m - start_m:g} m below the floor of fleet.geofence_m, so the vehicle would "
             "cross the fence on the ground. Lower the floor to the ground."
+        )
+
+
+def _endpoint_problems(vehicle: Vehicle) -> Iterator[str]:
+    """Yield a sentence for each endpoint of a vehicle that cannot be opened."""
+    name = vehicle.name
+    if not _AGENT_ENDPOINT.fullmatch(vehicle.agent):
+        yield f"'vehicles.{name}.agent' is {vehicle.agent!r}; write it as tcp/127.0.0.1:7460."
+    if not _AUTOPILOT_ENDPOINT.fullmatch(vehicle.autopilot):
+        yield (
+            f"'vehicles.{name}.autopilot' is {vehicle.autopilot!r}; write it as "
+            "udpin://127.0.0.1:14540, with a port of its own, or as "
+            f"serial://{_serial_device(vehicle.autopilot)}:921600."
+        )
+    if vehicle.direct is not None and not _DIRECT_ENDPOINT.fullmatch(vehicle.direct):
+        yield (
+            f"'vehicles.{name}.direct' is {vehicle.direct!r}; write it as "
+            "udpout://127.0.0.1:18570, with a port of its own."
+        )
+    for key in ("agent", "autopilot", "direct"):
+        endpoint = getattr(vehicle, key)
+        if endpoint is not None:
+            yield from _address_problems(f"vehicles.{name}.{key}", endpoint)
+    if vehicle.direct is not None and host_of(vehicle.direct).startswith("["):
+        yield (
+            f"'vehicles.{name}.direct' is {vehicle.direct!r}; the ground cannot open links to IPv6 "
+            "addresses. Write PX4's IPv4 address or its name."
         )
 
 

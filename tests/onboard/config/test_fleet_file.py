@@ -136,6 +136,9 @@ WRONG = [
     ("vehicles.mav1.direct", "udpout://..:18570", "'vehicles.mav1.direct' is 'udpout://..:18570'"),
     ("fleet.simulator", "tcp/-.:7459", "'fleet.simulator' is 'tcp/-.:7459', which does not end"),
     ("fleet.routers", ["tcp/[::g]:7447"], "'fleet.routers[0]' is 'tcp/[::g]:7447', which"),
+    ("vehicles.mav1.direct", "udpout://[fd00::2]:18570", "cannot open links to IPv6 addresses"),
+    ("vehicles.mav1.direct", "udpin://[::1]:18570", "cannot open links to IPv6 addresses"),
+    ("vehicles.mav1.direct", "tcp://[fd00::2]:5760", "Write PX4's IPv4 address or its name"),
     ("vehicles.mav1.direct", "127.0.0.1:18570", "write it as udpout://127.0.0.1:18570"),
     ("vehicles.mav1.px4_params", {"com_of_loss_t": 5.0}, "'com_of_loss_t'; a parameter of PX4"),
     ("vehicles.mav1.px4_params", {"A_NAME_OF_17_CHARS": 1}, "up to 16 of the characters"),
@@ -291,8 +294,9 @@ def test_names_and_addresses_of_both_kinds_are_hosts(host: str) -> None:
     data["vehicles"]["mav1"] |= {
         "agent": f"tcp/{host}:7461",
         "autopilot": f"udpout://{host}:14541",
-        "direct": f"tcp://{host}:5760",
     }
+    if not host.startswith("["):  # the ground opens no IPv6 addresses
+        data["vehicles"]["mav1"]["direct"] = f"tcp://{host}:5760"
     assert fleet_from_mapping(data).vehicles["mav1"].host == host
 
 
