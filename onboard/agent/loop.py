@@ -403,7 +403,17 @@ def run_agent(
         )
         return await agent.run()
 
-    log_listener = realtime.log_in_thread(name, os.environ.get("COVEY_LOG", "INFO"))
+    log_level = os.environ.get("COVEY_LOG", "INFO")
+    if log_level.upper() not in logging.getLevelNamesMapping():
+        print(
+            f"agent {name}: COVEY_LOG is '{log_level}', which is no level of the log. Write debug, "
+            "info, warning or error.",
+            file=sys.stderr,
+            flush=True,
+        )
+        return EXIT_WRONG_INPUT
+
+    log_listener = realtime.log_in_thread(name, log_level.upper())
     try:
         return asyncio.run(run())
     except (ConfigError, LinkError, BusError) as error:

@@ -39,12 +39,19 @@ class PortClaim:
         A second call does nothing.
 
         Raises:
-            LinkError: Another process uses the endpoint.
+            LinkError: Another process uses the endpoint, or it cannot be locked.
         """
         if self._lock_fd is not None:
             return
 
-        fd = _open_lock_file(f"covey-{_key(self.endpoint)}.lock")
+        try:
+            fd = _open_lock_file(f"covey-{_key(self.endpoint)}.lock")
+        except OSError as error:
+            raise LinkError(
+                f"{_in_words(self.endpoint)} cannot be locked against other programs ({error}). "
+                "Give this user a temporary folder in which it can create files, for instance with "
+                "TMPDIR."
+            ) from None
         try:
             fcntl.flock(fd, fcntl.LOCK_EX | fcntl.LOCK_NB)
             is_in_use = _is_bound(self.endpoint)

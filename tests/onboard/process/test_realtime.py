@@ -15,6 +15,7 @@ import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
+from unittest.mock import Mock
 
 import pytest
 
@@ -22,7 +23,8 @@ from groundstation.keys.secured_fleet import secure_fleet
 from onboard.agent import loop
 from onboard.agent.main import main
 from onboard.agent.ticker import Ticker
-from onboard.config.fleet import load_fleet
+from onboard.config.fleet import ConfigError, load_fleet
+from onboard.process import realtime
 from onboard.process.background_queue import BackgroundQueue
 
 FLEET = """
@@ -200,6 +202,36 @@ def test_wrong_input_is_a_sentence_and_status_2(
 ) -> None:
     status = main([str(fleet_file) if word == "FILE" else word for word in arguments])
     assert status == 2
+    assert words in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("written", "levels", "words"),
+    [
+        ("debug", ["DEBUG"], "stopped by the test"),
+        ("loud", [], "COVEY_LOG is 'loud', which is no level of the log. Write debug, info,"),
+    ],
+)
+def test_the_level_of_the_log_is_written_in_any_letters_or_refused_in_words(
+    fleet_file: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+    written: str,
+    levels: list[str],
+    words: str,
+) -> None:
+    chosen: list[str] = []
+
+    def log_in_thread(_name: str, level: str) -> Mock:
+        chosen.append(level)
+        return Mock()
+
+    monkeypatch.setenv("COVEY_LOG", written)
+    monkeypatch.setattr(realtime, "log_in_thread", log_in_thread)
+    stopping = Mock(side_effect=ConfigError("stopped by the test"))
+    monkeypatch.setattr(loop, "credentials_of", stopping)
+    assert main(["--fleet", str(fleet_file), "--vehicle", "solo"]) == 2
+    assert chosen == levels
     assert words in capsys.readouterr().err
 
 

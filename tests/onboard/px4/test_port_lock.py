@@ -73,6 +73,24 @@ def test_an_agent_of_another_user_is_refused_too(
     newcomer.release()
 
 
+def test_without_a_usable_temporary_folder_an_endpoint_is_refused_in_words(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    claim = PortClaim(f"serial://{DEVICE}:921600")
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path / "missing"))
+    with pytest.raises(LinkError, match=r"cannot be locked .* Give this user a temporary folder"):
+        claim.take()
+
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
+    claim.take()
+    claim.release()
+    (lock_file,) = tmp_path.iterdir()
+    lock_file.unlink()
+    lock_file.symlink_to(tmp_path / "elsewhere")  # a link of somebody else is not followed
+    with pytest.raises(LinkError, match="cannot be locked"):
+        claim.take()
+
+
 @pytest.mark.parametrize(
     ("endpoint", "is_shared"),
     [
