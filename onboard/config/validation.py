@@ -95,9 +95,9 @@ _NODE_NAMES = ("ground", "viewer", "mocap", "corrections", "sitl", "router", "ca
 # first words of node names; agents recognise the kind of a node by them
 _NODE_WORDS = ("ground", "watcher", "recorder", "sitl")
 
-# Words and numbers that mean something else than a vehicle where an order names its vehicles, in
-# small letters. `kill all` stops the whole fleet, and `kill 1` the second vehicle of the file.
-_ORDER_WORD = re.compile(r"all|by|every|in|nearest|turned|yaw|\d+(-\d+)?")
+# Words that mean something else than a vehicle where an order names its vehicles, in small letters.
+# `kill all` stops the whole fleet.
+_ORDER_WORD = re.compile(r"all|by|every|in|nearest|turned|yaw")
 
 _WITHOUT_SIGNING = ("1.16", "1.17")  # versions of PX4 that do not sign MAVLink
 
