@@ -42,7 +42,11 @@ def test_the_second_of_two_agents_is_refused_in_words_until_the_first_releases_t
         newcomer.release()
 
 
-@pytest.mark.parametrize("endpoint", ["udpout://10.9.9.9:28994", f"serial://{DEVICE}:921600"])
+@pytest.mark.parametrize(
+    "endpoint",
+    ["udpout://10.9.9.9:28994", f"serial://{DEVICE}:921600"],
+    ids=["remote", "serial"],  # workers name the device differently
+)
 def test_an_agent_of_another_user_is_refused_too(
     endpoint: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
