@@ -13,7 +13,7 @@ import contextlib
 import runpy
 import sys
 import threading
-from collections.abc import AsyncIterator, Callable, Coroutine, Iterator, Sequence
+from collections.abc import AsyncIterator, Callable, Collection, Coroutine, Iterator, Sequence
 from contextlib import AbstractAsyncContextManager
 from pathlib import Path
 from typing import Any, Protocol, TypeVar
@@ -28,6 +28,9 @@ from onboard.end_signals import end_signals
 
 READY_TIMEOUT_S = 30.0
 _THREAD_END_S = 5.0  # longest wait for the end of the thread of a blocking script
+# Longest wait for the end of a call that is cancelled. A mission may catch its cancellation, and
+# vehicles that follow another one hold before they end.
+_CANCELLED_S = 3.0
 T = TypeVar("T")
 
 
@@ -240,6 +243,8 @@ class RealTime:
         """Run a coroutine in the thread of the event loop, and return its result.
 
         The loop has a separate thread, so that it reads the bus even while the script computes.
+        Ctrl-C, and an exception that a signal becomes, cancel the coroutine before they end the
+        script: what it orders would otherwise go on while the end of the script lands vehicles.
         """
         if self._loop is None:
             self._loop = _ThreadLoop()
@@ -248,11 +253,19 @@ class RealTime:
             )
             self._thread.start()
 
-        future = asyncio.run_coroutine_threadsafe(coroutine, self._loop)
+        tasks: list[asyncio.Task[Any]] = []
+
+        async def run() -> T:
+            task = asyncio.current_task()
+            assert task is not None
+            tasks.append(task)
+            return await coroutine
+
+        loop = self._loop
         try:
-            return future.result()
-        except KeyboardInterrupt:
-            future.cancel()
+            return asyncio.run_coroutine_threadsafe(run(), loop).result()
+        except BaseException:
+            asyncio.run_coroutine_threadsafe(_end(tasks), loop).result()
             raise
 
     def end_record(self) -> RecordEnd | None:
@@ -266,6 +279,14 @@ class RealTime:
         if loop is not None and self._thread is not None:
             loop.call_soon_threadsafe(loop.stop)
             self._thread.join(_THREAD_END_S)
+
+
+async def _end(tasks: Collection[asyncio.Task[Any]]) -> None:
+    """Cancel tasks, and wait until they have ended, but not for long."""
+    for task in tasks:
+        task.cancel()
+    if tasks:
+        await asyncio.wait(tasks, timeout=_CANCELLED_S)
 
 
 class _ThreadLoop(asyncio.SelectorEventLoop):

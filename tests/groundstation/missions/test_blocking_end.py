@@ -1,17 +1,20 @@
-"""A blocking script that is ended while it still waits for its vehicles."""
+"""A blocking script that is ended: while it waits for its vehicles, or while a coroutine flies."""
 
 from __future__ import annotations
 
 import asyncio
 import contextlib
+import signal
+import threading
 from collections.abc import AsyncIterator, Coroutine
-from typing import Any
+from typing import Any, NoReturn
 
 import pytest
 
 from groundstation.missions.api import Fleet
 from groundstation.missions.blocking import BlockingFleet
-from groundstation.missions.connection import close_all, hosted
+from groundstation.missions.connection import RealTime, close_all, hosted
+from onboard.config.fleet import FleetConfig
 
 
 class EndedHost:
@@ -57,3 +60,37 @@ def test_who_ends_it_while_it_waits_for_vehicles_sees_the_end_and_no_error(
         close_all()
     assert left == ["the fleet"]
     assert host.loop.is_closed()
+
+
+@pytest.mark.parametrize("end", [KeyboardInterrupt(), SystemExit(143)])
+def test_the_end_of_a_script_waits_until_its_coroutine_is_cancelled(
+    fleet: FleetConfig, end: BaseException
+) -> None:
+    host = RealTime(fleet)
+    done: list[str] = []
+
+    async def mission() -> None:
+        main_thread = threading.main_thread().ident
+        assert main_thread is not None
+        signal.pthread_kill(main_thread, signal.SIGUSR1)
+        try:
+            await asyncio.sleep(60.0)
+        finally:
+            await asyncio.sleep(0.02)
+            done.append("cancelled")
+
+    async def finish() -> None:
+        done.append("end")
+
+    def raise_end(*_: object) -> NoReturn:
+        raise end
+
+    before = signal.signal(signal.SIGUSR1, raise_end)
+    try:
+        with pytest.raises(type(end)):
+            host.call(mission())
+        host.call(finish())
+    finally:
+        signal.signal(signal.SIGUSR1, before)
+        host.end_calls()
+    assert done == ["cancelled", "end"]
