@@ -44,6 +44,7 @@ from onboard.config.fleet import ConfigError, FleetConfig
 
 AtEnd = Literal["land", "hold", "home"]
 
+_LAND_S = 40.0
 _HOLD_S = 15.0
 _HOME_S = 90.0
 
@@ -73,7 +74,8 @@ class Fleet(Group):
         """Connect with a fleet: its real agents, or those of ``covey fly script`` and of lockstep.
 
         Vehicles that still fly are left in the declared state, whether the block ends by its last
-        line, an exception, a cancellation or Ctrl-C. After the block every verb is refused.
+        line, an exception, a cancellation or Ctrl-C. While it does that, tasks and threads of the
+        script order nothing any more, except to kill. After the block every verb is refused.
 
         Args:
             fleet: a fleet file or its path; None: the fleet of ``covey fly script``.
@@ -138,16 +140,17 @@ class Fleet(Group):
         Returns:
             Who has taken the fleet; None if nobody has.
         """
+        self.ground.begin_end()
         try:
             self.ground.note_other_ends()
             taken = self.ground.watch.takeover()
             if taken is None:
-                await self.leave(at_end)
+                await self._leave(at_end)
             else:
                 await self._leave_to(taken, begin_ns)
             return taken
         finally:
-            self.ground.has_ended = True
+            self.ground.end()
 
     async def leave(self, at_end: AtEnd) -> None:
         """Bring vehicles that still fly to this state, except those that a pilot flies by hand.
@@ -155,7 +158,11 @@ class Fleet(Group):
         Args:
             at_end: "land" where they are, "home" to land at their take-off spots, or "hold".
         """
-        self.ground.check_not_ended()
+        await self.ground.check_not_ending()
+        await self._leave(at_end)
+
+    async def _leave(self, at_end: AtEnd) -> None:
+        """Do what :meth:`leave` does, also in the end of a script."""
         by_hand = flown_by_hand(self.client)
         flying = tuple(
             name
@@ -170,7 +177,7 @@ class Fleet(Group):
 
         if at_end == "home" and flying:
             await self.client.order(Home(vehicles=flying), _HOME_S, is_by_mission=True)
-        await self.land_all()
+        await self._land_all()
 
     async def _leave_to(self, taken: Taken, begin_ns: int) -> None:
         """Stay connected to a fleet that somebody has taken, until it is down; Ctrl-C lands all.
@@ -184,7 +191,7 @@ class Fleet(Group):
             self.say(taken.sentence)
             await stay(self.client, taken, begin_ns, self.say)
         except asyncio.CancelledError:
-            await self.land_all(is_by_person=True)
+            await self._land_all(is_by_person=True)
             raise
 
     @property
@@ -326,7 +333,7 @@ class Fleet(Group):
 
     async def land_all(
         self,
-        timeout_s: float = 40.0,
+        timeout_s: float = _LAND_S,
         *,
         is_by_person: bool = False,
         names: Sequence[str] | None = None,
@@ -348,8 +355,18 @@ class Fleet(Group):
         Raises:
             ConfigError: the timeout is no number.
         """
-        self.ground.check_not_ended()
+        await self.ground.check_not_ending()
         check_timeout(timeout_s, "land_all")
+        return await self._land_all(timeout_s, is_by_person=is_by_person, names=names)
+
+    async def _land_all(
+        self,
+        timeout_s: float = _LAND_S,
+        *,
+        is_by_person: bool = False,
+        names: Sequence[str] | None = None,
+    ) -> bool:
+        """Do what :meth:`land_all` does, also in the end of a script."""
         superseded = []  # vehicles whose last order another ground has replaced
         if self.steps:
             last_phases = self.steps[-1].vehicles

@@ -133,11 +133,13 @@ class _Following:
         """Order the followers to hold, except those that were stopped or landed.
 
         Returns:
-            The results; none if an operator has taken the fleet, or all were brought home.
+            The results; none if an operator has taken the fleet, all were brought home, or the
+            script ends.
         """
         self._note_stopped()
         is_taken = self._ground.watch.takeover() is not None
-        have_other_order = is_taken or self._pause.has_brought_home
+        is_ending = self._ground.is_ending  # the end of the script orders in place of this
+        have_other_order = is_taken or is_ending or self._pause.has_brought_home
         if not self._holding or have_other_order:
             return {}
         return await self._ground.order(Hold(vehicles=self._holding), _HOLD_S)
@@ -268,6 +270,7 @@ class _Following:
         ones.
 
         Raises:
+            ConfigError: the script's connection has ended.
             FleetTaken: an operator has taken the fleet.
         """
         goals = _goals(self._client, self._leader, self._offsets)
@@ -280,6 +283,7 @@ class _Following:
             raise FleetTaken(taken)
 
         goto = Goto(vehicles=tuple(goals), goals=goals, follows=self._leader)
+        await self._ground.check_open(goto)
         order = await self._client.submit(goto, is_by_mission=True)
         for result in order.results.values():  # some may be refused already
             self._note_answer(goals, result)

@@ -25,7 +25,7 @@ from groundstation.missions.follow_pause import FollowPause
 from groundstation.missions.hover_check import hover_check
 from groundstation.missions.own_link import OwnLink
 from groundstation.missions.taken import FleetTaken, FleetWatch
-from groundstation.orders.intents import Intent, Takeoff, for_fewer
+from groundstation.orders.intents import Intent, Kill, Takeoff, for_fewer
 from groundstation.orders.obstruction import explained
 from groundstation.orders.plan import PlannedOrder, with_checked_values
 from groundstation.orders.result import OrderFailed, OrderResult, Results, VehicleResult
@@ -62,7 +62,8 @@ class MissionGround:
         # Whether the steps have ended, or were told to: from then on no order of theirs starts or
         # moves a vehicle.
         self.is_closed = False
-        self.has_ended = False  # whether the connection of a script has ended
+        self.is_ending = False  # whether the end of a script's connection has begun
+        self._has_ended = asyncio.Event()  # set when that end is over
         self.steps: list[StepResult] = []
         self.arrivals: list[Arrival] = []
 
@@ -117,12 +118,7 @@ class MissionGround:
             WindTooStrong: a vehicle has taken off, and feels more wind than its limit.
             FleetTaken: somebody has taken the fleet; nothing was sent, or it was replaced.
         """
-        self.check_not_ended()
-        if self.is_closed and not intent.brings_down:
-            # A Python mission has caught its cancellation, or one of its tasks goes on: it waits
-            # here until it is cancelled again.
-            await asyncio.get_running_loop().create_future()
-
+        await self.check_open(intent)
         if not intent.names and self.left_out.issuperset(self.client.fleet.enabled_names):
             raise ConfigError(
                 f"'{intent.verb}' is for nobody: all vehicles were disabled, or the mission goes "
@@ -145,6 +141,7 @@ class MissionGround:
         if intent.waits_for_step and not is_landing:
             await self._wait_for_resume()
         await self.link.wait_while_lost()
+        await self.check_open(intent)  # the steps may have ended during a wait
         self.note_other_ends()
         taken = self.watch.takeover()
         if taken is not None:
@@ -190,11 +187,51 @@ class MissionGround:
         Raises:
             ConfigError: the connection has ended.
         """
-        if self.has_ended:
+        if self._has_ended.is_set():
             raise ConfigError(
                 "The script's flight has ended, because its connection is closed. Order inside the "
                 "block of Fleet.connect or BlockingFleet."
             )
+
+    def begin_end(self) -> None:
+        """Note that the end of a script's connection begins, which orders in its place."""
+        self.is_ending = True
+
+    def end(self) -> None:
+        """Note that a script's connection has ended."""
+        self._has_ended.set()
+
+    async def check_not_ending(self) -> None:
+        """Refuse an order of a script from the beginning of its connection's end.
+
+        The refusal comes when the end is over. A loop that catches it would otherwise repeat its
+        order without a pause, and hold up the end.
+
+        Raises:
+            ConfigError: the connection has ended.
+        """
+        if self.is_ending:
+            await self._has_ended.wait()
+        self.check_not_ended()
+
+    async def check_open(self, intent: Intent) -> None:
+        """Refuse an order of steps that have ended, or of a script whose end has begun.
+
+        To kill stays possible while a script ends.
+
+        Args:
+            intent: the order.
+
+        Raises:
+            ConfigError: the script's connection has ended.
+        """
+        self.check_not_ended()
+        if not isinstance(intent, Kill):
+            await self.check_not_ending()
+        if self.is_closed and not intent.brings_down:
+            # A Python mission has caught its cancellation, or one of its tasks goes on: it waits
+            # here until it is cancelled again.
+            await asyncio.get_running_loop().create_future()
 
     def _without_other_ends(self, intent: Intent) -> Intent:
         """Return an order without vehicles that have come down unnoticed before it was given.
@@ -576,10 +613,11 @@ class MissionGround:
     def _send_again(self, order: OrderResult) -> bool:
         """Send an order again to vehicles that did not answer; return whether it was sent.
 
-        The order is not sent again if somebody has taken the fleet while the link was lost.
+        The order is not sent again if the script ends, or somebody has taken the fleet while the
+        link was lost.
         """
         names = [name for name, result in order.results.items() if result.phase == "no answer"]
-        if not names or self.watch.takeover() is not None:
+        if not names or self.is_ending or self.watch.takeover() is not None:
             return False
 
         self.say(f"  The link is back: sent again to {', '.join(names)}.")

@@ -63,6 +63,7 @@ class PathGround(Protocol):
     pause_line: str
     left_out: set[str]
     goes_on_without: bool
+    is_ending: bool
 
     async def order(
         self, intent: Intent, timeout_s: float, *, may_be_left_out: bool = True
@@ -71,6 +72,9 @@ class PathGround(Protocol):
 
     async def end_of(self, order: OrderResult, timeout_s: float) -> Results:
         """Wait for the end of an order, and send it again when this ground's link was lost."""
+
+    async def check_open(self, intent: Intent) -> None:
+        """Refuse an order of steps that have ended, or of a script whose end has begun."""
 
     def still_taking_part(self, names: Iterable[str], left_out_before: Set[str]) -> tuple[str, ...]:
         """Return vehicles without those that were left out since a time."""
@@ -123,6 +127,7 @@ async def follow_paths(
         return {name: paths[name] for name in ground.still_taking_part(paths, left_out_before)}
 
     left_out_before = frozenset(ground.left_out)
+    await ground.check_open(FollowPath(vehicles=tuple(paths)))
     await _load(ground, paths)
 
     begins: dict[str, Xyz] = {}
@@ -293,7 +298,6 @@ async def _start_at(
         on_lag: reaction of a vehicle that falls behind for too long.
         at: the time.
     """
-    client = ground.client
     with ground.counting(at, tuple(taking_part())) as countdown:
         if countdown.left_s < AHEAD_S:
             raise CountdownEnded(
@@ -306,7 +310,7 @@ async def _start_at(
         try:
             await count_down(countdown, ground.say, until_s=_SPARE_S)
         except CountdownEnded:
-            await client.order(Hold(vehicles=tuple(order.results)), AHEAD_S, is_by_mission=True)
+            await _hold(ground, tuple(order.results))
             raise
     return order
 
@@ -314,6 +318,7 @@ async def _start_at(
 async def _start(ground: PathGround, paths: Paths, on_lag: OnLag, start_ns: int) -> OrderResult:
     """Order the start; if a vehicle does not accept it, order all to hold before that instant."""
     client = ground.client
+    await ground.check_open(FollowPath(vehicles=tuple(paths)))
     starts = starts_of(paths, client.new_order_id(), start_ns, on_lag)
     order = client.order_paths("follow_path", starts)
 
@@ -324,9 +329,15 @@ async def _start(ground: PathGround, paths: Paths, on_lag: OnLag, start_ns: int)
     if any(result.phase != "accepted" for result in order.results.values()):
         results = dict(order.results)
         # This includes vehicles that may have accepted the start, and whose reply was lost.
-        await client.order(Hold(vehicles=tuple(paths)), AHEAD_S, is_by_mission=True)
+        await _hold(ground, tuple(paths))
         _require_done(ground, results, "follow_path")
     return order
+
+
+async def _hold(ground: PathGround, names: tuple[str, ...]) -> None:
+    """Order vehicles whose paths do not start to hold, unless the end of the script orders them."""
+    if not ground.is_ending:
+        await ground.client.order(Hold(vehicles=names), AHEAD_S, is_by_mission=True)
 
 
 def _require_done(ground: PathGround, results: Results, verb: str) -> None:

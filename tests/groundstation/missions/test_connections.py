@@ -1,7 +1,8 @@
-"""Scripts connect with a flight: what they may order after the end of their connection."""
+"""Scripts connect with a flight: what they may order in the end of their connection and after."""
 
 from __future__ import annotations
 
+import asyncio
 import contextlib
 from collections.abc import AsyncIterator, Awaitable, Callable, Iterator
 from typing import Any
@@ -10,7 +11,8 @@ import numpy as np
 import pytest
 
 from groundstation.client.client import FleetClient
-from groundstation.missions.api import Fleet
+from groundstation.missions import following
+from groundstation.missions.api import AtEnd, Fleet
 from groundstation.missions.conditions import flying
 from groundstation.missions.connection import hosted
 from groundstation.paths.pieces import fitted
@@ -79,3 +81,68 @@ async def test_every_verb_is_refused_after_the_end_of_the_connection(bus: Any) -
             await verb(flown)
     assert len(bus.orders) == 6
     assert flown["mav0"].position_enu_m is not None, "what is known can still be read"
+
+
+async def _more_orders(bus: Any) -> None:
+    """Wait for an order after the one to take off."""
+    while len(bus.orders) == len(bus.vehicles):  # noqa: ASYNC110 - the bus sets no Event
+        await asyncio.sleep(0.0)
+
+
+MOVES = ("takeoff", "land", "go_to", "waves", "follow_path", "follow", "land_all", "leave")
+
+
+@pytest.mark.parametrize("at_end", ["land", "home", "hold"])
+@pytest.mark.usefixtures("host")
+async def test_tasks_of_a_script_order_nothing_while_its_end_lands_vehicles_or_holds_them(
+    bus: Any, at_end: AtEnd
+) -> None:
+    async def order_late(flown: Fleet, verb: str) -> object:
+        await _more_orders(bus)
+        return await VERBS[verb](flown)
+
+    async with Fleet.connect(at_end=at_end) as flown:
+        await flown.takeoff(1.0)
+        tasks = [asyncio.create_task(order_late(flown, verb)) for verb in MOVES]
+
+    refusals = await asyncio.gather(*tasks, return_exceptions=True)
+    assert all("The script's flight has ended" in str(refusal) for refusal in refusals), refusals
+    kinds = {"land": ["land"], "home": ["move", "land"], "hold": ["hold"]}[at_end]
+    ordered = [order.kind for _, order in bus.orders[3:]]
+    assert ordered == [kind for kind in kinds for _ in bus.vehicles]
+
+
+@pytest.mark.usefixtures("host")
+async def test_whoever_watches_a_script_may_kill_a_vehicle_while_the_others_are_landed(
+    bus: Any,
+) -> None:
+    async with Fleet.connect() as flown:
+        await flown.takeoff(1.0)
+        bus.misbehave["mav0"] = "late"
+
+        async def kill() -> None:
+            await _more_orders(bus)
+            bus.misbehave.clear()
+            await flown.kill("mav0")
+
+        killing = asyncio.create_task(kill())
+    await killing
+    kinds = [order.kind for name, order in bus.orders if name == "mav0"]
+    assert kinds == ["takeoff", "land", "kill"]
+
+
+@pytest.mark.usefixtures("host")
+async def test_vehicles_that_follow_another_one_get_no_goals_in_the_end_of_a_script(
+    bus: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(following, "_PERIOD_S", 0.01)
+    async with Fleet.connect(at_end="hold") as flown:
+        await flown.takeoff(1.0)
+        task = asyncio.create_task(flown.follow("mav0", 1.0, offsets={"mav1": (0.0, 2.0, 0.0)}))
+        await _more_orders(bus)
+        for name in bus.vehicles:
+            bus.tell(name, velocity_enu_m_s=(1.0, 0.0, 0.0))  # so that the next goal is another
+
+    with pytest.raises(ConfigError, match="The script's flight has ended"):
+        await task
+    assert [order.kind for _, order in bus.orders][4:] == ["hold"] * 3
