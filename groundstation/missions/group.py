@@ -9,8 +9,9 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import inspect
 import math
-from collections.abc import AsyncIterator, Awaitable, Callable, Mapping, Sequence
+from collections.abc import AsyncIterator, Callable, Mapping, Sequence
 from typing import NamedTuple, get_args
 
 import numpy as np
@@ -93,6 +94,18 @@ def _check_condition(condition: object) -> None:
             " groundstation.missions.conditions, for instance separation_above(1.0), or make one:"
             " WaitCondition(words, holds, value)."
         )
+
+
+def _check_reaction(reaction: object) -> None:
+    """Refuse anything but a function, such as what a call of a verb returns."""
+    if callable(reaction):
+        return
+    if inspect.iscoroutine(reaction):
+        reaction.close()  # otherwise Python warns that it was never awaited
+    raise ConfigError(
+        f"reacting: {type(reaction).__name__!r} is no function that could be called later. Write "
+        "the function without parentheses, for instance fleet.hold."
+    )
 
 
 def _done_by(results: Results) -> list[str]:
@@ -857,7 +870,7 @@ class Group:
     async def reacting(
         self,
         condition: WaitCondition,
-        reaction: Callable[[], Awaitable[object]],
+        reaction: Callable[[], object],
         *,
         ends: bool = False,
     ) -> AsyncIterator[None]:
@@ -865,13 +878,17 @@ class Group:
 
         Args:
             condition: condition to watch for.
-            reaction: function that is called once, when the condition holds. It runs alongside the
-                block, which waits for it at its end. An exception in either of them ends both, and
-                is raised.
+            reaction: function that is called once, when the condition holds; a coroutine function
+                is awaited. It runs alongside the block, which waits for it at its end. An exception
+                in either of them ends both, and is raised.
             ends: whether the block is cancelled before the reaction; the mission goes on after it.
+
+        Raises:
+            ConfigError: the condition is none, or the reaction is no function.
         """
         self.ground.check_not_ended()
         _check_condition(condition)
+        _check_reaction(reaction)
         body = asyncio.current_task()  # runs the block
         assert body is not None
         has_begun = False  # whether the condition has held, and the reaction has begun
@@ -884,6 +901,11 @@ class Group:
             lost = condition.lost(moment)
             return True
 
+        async def react() -> None:
+            result = reaction()
+            if inspect.isawaitable(result):
+                await result
+
         async def watch() -> None:
             nonlocal has_begun
             await self.until(condition._replace(holds=holds), _EVER_S)
@@ -894,7 +916,7 @@ class Group:
             if ends:
                 body.cancel()
             else:
-                await reaction()
+                await react()
 
         try:
             async with asyncio.TaskGroup() as tasks:
@@ -915,4 +937,4 @@ class Group:
             raise failures.exceptions[0] from None  # it has ended the others
 
         if ends and has_begun:
-            await reaction()
+            await react()

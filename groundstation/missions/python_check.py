@@ -22,17 +22,18 @@ from onboard.plain_text import listed, meant_words
 def check_python(mission: Mission) -> None:
     """Check a Python mission: its verbs, vehicles and arguments, and whether it can be imported.
 
-    Verbs, their arguments' names and vehicles are read from its text. Only calls on its function's
-    first argument, on ``fleet["mav0"]`` and on ``fleet.group(...)`` are checked, and none if the
-    function assigns something else to that name. Then the file is imported, so its code at the top
-    level runs.
+    Verbs, their arguments' names, reactions and vehicles are read from its text. Only calls on its
+    function's first argument, on ``fleet["mav0"]`` and on ``fleet.group(...)`` are checked, and
+    none if the function assigns something else to that name. Then the file is imported, so its code
+    at the top level runs.
 
     Args:
         mission: Python mission, loaded and checked, with its arguments.
 
     Raises:
-        ConfigError: a verb or a vehicle does not exist, or a verb does not take an argument (the
-            message names its line), or see :func:`load_function`.
+        ConfigError: a verb or a vehicle does not exist, a verb does not take an argument, or a
+            reaction is called where it is given (the message names its line), or see
+            :func:`load_function`.
     """
     tree = python_tree(read_text(mission.path, MISSION_FILE), mission.path)
     for function in tree.body:
@@ -44,7 +45,7 @@ def check_python(mission: Mission) -> None:
 
 def _refuse_unknown_names(function: ast.AsyncFunctionDef, mission: Mission) -> None:
     """Refuse verbs that the fleet, a vehicle of it or a group does not have, arguments that a verb
-    does not take, and vehicles that the fleet does not have.
+    does not take, reactions that are called, and vehicles that the fleet does not have.
     """
     parameters = [*function.args.posonlyargs, *function.args.args]
     if not parameters:
@@ -62,6 +63,8 @@ def _refuse_unknown_names(function: ast.AsyncFunctionDef, mission: Mission) -> N
             if owner is not None:
                 _refuse_unknown_verb(node.func, owner, mission.path)
                 _refuse_wrong_arguments(node, getattr(owner, node.func.attr), mission.path)
+                if node.func.attr == "reacting":
+                    _refuse_called_reaction(node, fleet_name, function, mission.path)
 
 
 def _refuse_unknown_vehicle(item: ast.Subscript, mission: Mission) -> None:
@@ -111,6 +114,32 @@ def _refuse_wrong_arguments(call: ast.Call, function: Any, path: str) -> None:
         signature.bind(None, *call.args, **dict.fromkeys(names))
     except TypeError as error:
         raise ConfigError(f"{begin}: {error}. {end}") from None
+
+
+def _refuse_called_reaction(
+    call: ast.Call, fleet_name: str, function: ast.AsyncFunctionDef, path: str
+) -> None:
+    """Refuse a reaction that is called where it is given, instead of when its condition holds."""
+    reactions = [keyword.value for keyword in call.keywords if keyword.arg == "reaction"]
+    for reaction in [*call.args[1:2], *reactions]:
+        if isinstance(reaction, ast.Call) and _is_coroutine(reaction, fleet_name, function):
+            raise ConfigError(
+                f"{path}: line {reaction.lineno}: {ast.unparse(reaction)} is called at once, and "
+                "not as the reaction. Write the function without parentheses: "
+                f"{ast.unparse(reaction.func)}"
+            )
+
+
+def _is_coroutine(call: ast.Call, fleet_name: str, function: ast.AsyncFunctionDef) -> bool:
+    """Whether a call is surely of a coroutine function: a verb, or one inside the mission."""
+    if isinstance(call.func, ast.Attribute):
+        owner = _owner(call.func.value, fleet_name)
+        return inspect.iscoroutinefunction(getattr(owner, call.func.attr, None))
+
+    coroutines = [
+        node.name for node in ast.walk(function) if isinstance(node, ast.AsyncFunctionDef)
+    ]
+    return isinstance(call.func, ast.Name) and call.func.id in coroutines
 
 
 def _owner(expression: ast.expr, fleet_name: str) -> type[Group] | None:

@@ -78,6 +78,25 @@ async def test_a_failure_in_a_block_or_in_its_reaction_is_raised_as_what_it_is(
             await group.wait(5.0)
 
 
+async def test_a_reaction_is_a_function_whose_result_is_awaited_if_that_can_be(
+    group: Group,
+) -> None:
+    for reaction in (group.hold(), None):
+        wrong: Any = reaction
+        with pytest.raises(ConfigError, match="Write the function without parentheses"):
+            async with group.reacting(battery_below(99.0), wrong):
+                raise AssertionError("the block has begun")
+
+    called: list[str] = []
+    for ends in (False, True):
+        async with group.reacting(battery_below(99.0), lambda: called.append("now"), ends=ends):
+            await asyncio.sleep(0.01)
+        async with group.reacting(battery_below(99.0), lambda: group.hold(), ends=ends):
+            await asyncio.sleep(0.01)
+    assert called == ["now", "now"]
+    assert [step.step for step in group.ground.steps] == ["hold mav0,mav1,mav2"] * 2
+
+
 @pytest.mark.parametrize("timeout_s", [0.0, -1.0])
 async def test_a_wait_without_time_only_looks_whether_the_condition_holds_now(
     group: Group, timeout_s: float

@@ -66,6 +66,16 @@ def test_an_argument_that_a_verb_does_not_take_is_told_with_its_line(tmp_path, c
     assert words in str(refusal.value)
 
 
+@pytest.mark.parametrize("reaction", ["fleet.hold", "fleet['mav0'].home", "go_home"])
+def test_a_reaction_that_is_called_where_it_is_given_is_told_with_its_line(tmp_path, reaction):
+    body = ["async def go_home():", "    pass", "async with fleet.reacting(any_of(), REACTION):"]
+    called = [line.replace("REACTION", f"{reaction}()") for line in [*body, "    pass"]]
+    with pytest.raises(ConfigError) as refusal:
+        check_python(mission_of(tmp_path, called))
+    assert f"show.py: line 7: {reaction}() is called at once" in str(refusal.value)
+    assert str(refusal.value).endswith(f"Write the function without parentheses: {reaction}")
+
+
 @pytest.mark.parametrize(
     "body",
     [
@@ -77,6 +87,8 @@ def test_an_argument_that_a_verb_does_not_take_is_told_with_its_line(tmp_path, c
         ["fleet = fleet.group(['mav0'])", "fleet.dance()"],
         ["for fleet in [print]:", "    fleet.dance()"],
         ["dance = lambda fleet: fleet.dance()", "dance(print)"],
+        ["async with fleet.reacting(any_of(), fleet.hold):", "    pass"],
+        ["async with fleet.reacting(any_of(), partial(fleet.hold, 'mav0')):", "    pass"],
     ],
 )
 def test_what_exists_and_what_is_not_surely_the_fleet_is_not_refused(tmp_path, body):
