@@ -16,7 +16,7 @@ import itertools
 from collections.abc import AsyncIterator, Callable, Sequence
 from numbers import Real
 from pathlib import Path
-from typing import Literal
+from typing import Literal, get_args
 
 from groundstation.client.client import FleetClient
 from groundstation.fleet.places import vehicles_at
@@ -47,6 +47,12 @@ AtEnd = Literal["land", "hold", "home"]
 _LAND_S = 40.0
 _HOLD_S = 15.0
 _HOME_S = 90.0
+
+
+def _check_at_end(at_end: object) -> None:
+    """Refuse a state at the end that does not exist."""
+    if at_end not in get_args(AtEnd):
+        raise ConfigError(f"at_end is {at_end!r:.80}. Write land, hold or home.")
 
 
 class Fleet(Group):
@@ -86,11 +92,12 @@ class Fleet(Group):
             The fleet.
 
         Raises:
-            ConfigError: no fleet file, or a wrong one; or the second connection of a script that
-                has a verdict.
+            ConfigError: no fleet file, or a wrong one; a state at the end that does not exist; or
+                the second connection of a script that has a verdict.
             NotReady: a vehicle is not ready in time.
         """
         check_first_connection()
+        _check_at_end(at_end)
         host = host_of(fleet)
         host.at_end = at_end
         if ready_timeout_s is None:
@@ -157,7 +164,11 @@ class Fleet(Group):
 
         Args:
             at_end: "land" where they are, "home" to land at their take-off spots, or "hold".
+
+        Raises:
+            ConfigError: there is no such state.
         """
+        _check_at_end(at_end)
         await self.ground.check_not_ending()
         await self._leave(at_end)
 

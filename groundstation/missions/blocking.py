@@ -70,8 +70,8 @@ class BlockingFleet(_Blocking):
         ready_timeout_s: longest wait for the vehicles [s]; 0: no wait; None: the host decides.
 
     Raises:
-        ConfigError: no fleet file, or a wrong one; or the second connection of a script that has a
-            verdict.
+        ConfigError: no fleet file, or a wrong one; a state at the end that does not exist; or the
+            second connection of a script that has a verdict.
         NotReady: a vehicle is not ready in time.
     """
 

@@ -83,6 +83,19 @@ async def test_every_verb_is_refused_after_the_end_of_the_connection(bus: Any) -
     assert flown["mav0"].position_enu_m is not None, "what is known can still be read"
 
 
+@pytest.mark.parametrize("at_end", ["hover", "Home", None, ["land"]])
+async def test_a_state_at_the_end_that_does_not_exist_is_refused_before_a_script_connects(
+    host: ClientHost, client: FleetClient, bus: Any, at_end: Any
+) -> None:
+    words = r"at_end is .*\. Write land, hold or home\."
+    with pytest.raises(ConfigError, match=words):
+        async with Fleet.connect(at_end=at_end):
+            raise AssertionError("it has connected")
+    with pytest.raises(ConfigError, match=words):
+        await Fleet(client).leave(at_end)
+    assert (host.flown, bus.orders) == (None, [])
+
+
 async def _more_orders(bus: Any) -> None:
     """Wait for an order after the one to take off."""
     while len(bus.orders) == len(bus.vehicles):  # noqa: ASYNC110 - the bus sets no Event
