@@ -19,7 +19,7 @@ from pathlib import Path
 from typing import Any, Protocol, TypeVar
 
 from groundstation.client.client import FleetClient
-from groundstation.missions.lasting_output import lasting_output
+from groundstation.missions.lasting_output import cancelled_by_end_signals, lasting_output
 from groundstation.recording.channels import RECORDED
 from groundstation.recording.writer import RecordEnd, RecordWriter
 from groundstation.verdict.observations import FlightObservations
@@ -205,22 +205,13 @@ class RealTime:
         client = FleetClient(self.config, extra_topics=RECORDED if self.folder is not None else ())
         record = self._begin_record(client)
         self._record = record
-        is_main_thread = threading.current_thread() is threading.main_thread()
-        loop = asyncio.get_running_loop()
-        task = asyncio.current_task()
-        caught = end_signals() if is_main_thread else ()
 
         try:
             await client.start()
             client.announce_recording(record is not None and record.failure is None)
-            if task is not None:
-                for number in caught:
-                    loop.add_signal_handler(number, task.cancel)
-            with lasting_output():
+            with cancelled_by_end_signals(), lasting_output():
                 yield client
         finally:
-            for number in caught:
-                loop.remove_signal_handler(number)
             await client.stop()
             if record is not None:
                 await asyncio.to_thread(record.stop)

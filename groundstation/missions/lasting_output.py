@@ -7,14 +7,21 @@ sends SIGHUP, which ends a program at once if nothing handles it.
 
 from __future__ import annotations
 
+import asyncio
 import contextlib
 import os
 import signal
 import sys
+import threading
 from collections.abc import Iterator
 from typing import Any, TextIO, cast
 
 from onboard.end_signals import end_signals
+
+# Tasks that the signals cancel, in the main thread's event loop; a task with two blocks is in it
+# twice.
+_cancelled: list[asyncio.Task[Any]] = []
+_handlers_before: dict[signal.Signals, Any] = {}  # of the signals, while they cancel tasks
 
 
 @contextlib.contextmanager
@@ -47,6 +54,43 @@ def end_signals_as_ctrl_c() -> Iterator[None]:
     finally:
         for number, handler in previous_handlers.items():
             signal.signal(number, handler)
+
+
+@contextlib.contextmanager
+def cancelled_by_end_signals() -> Iterator[None]:
+    """Let these signals cancel the present task of the event loop while the block runs.
+
+    Several tasks may have such a block, and a block may have one inside: a signal cancels all these
+    tasks. The last block that ends restores what the signals did before. Only the main thread gets
+    signals; in another thread the block has no effect.
+    """
+    task = asyncio.current_task()
+    if task is None or threading.current_thread() is not threading.main_thread():
+        yield
+        return
+
+    loop = asyncio.get_running_loop()
+    if not _cancelled:
+        for number in end_signals():
+            _handlers_before[number] = signal.getsignal(number)
+            loop.add_signal_handler(number, _cancel_all)
+    _cancelled.append(task)
+    try:
+        yield
+    finally:
+        _cancelled.remove(task)
+        if not _cancelled:
+            for number, handler in _handlers_before.items():
+                loop.remove_signal_handler(number)
+                if handler is not None:  # None: not set from Python
+                    signal.signal(number, handler)
+            _handlers_before.clear()
+
+
+def _cancel_all() -> None:
+    """Cancel each task with a block once."""
+    for task in set(_cancelled):
+        task.cancel()
 
 
 class _LastingStream:
