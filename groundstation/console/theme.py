@@ -69,6 +69,7 @@ PHASE_SIGNS: dict[str, tuple[str, str]] = {
     "timed out": ("✖", BAD),
     "no answer": ("✖", BAD),
     "unfinished": ("✖", WARN),
+    "cancelled": ("↷", FAINT),
 }
 
 _DARK = 40  # a light whose red, green and blue are all below this counts as off

@@ -101,6 +101,8 @@ class MissionGround:
     ) -> Results:
         """Give an order, wait for its end and log the results.
 
+        A cancellation ends the wait only: the order stays in force.
+
         Args:
             intent: the order.
             timeout_s: longest wait for its end [s].
@@ -162,7 +164,8 @@ class MissionGround:
 
         order = client.send(planned, is_by_mission=True)
         order.add_listener(functools.partial(self._note_arrival, order.planned))
-        ended = await self.end_of(order, timeout_s)
+        with self.noting_cancellation(str(intent), order):
+            ended = await self.end_of(order, timeout_s)
         # adds to each unfinished move what hinders it
         results = explained(ended, order.planned, client.fleet, client.state, client.now_ns())
 
@@ -554,15 +557,50 @@ class MissionGround:
     def note_done(self, words: str, name: str, message: Order, results: Results) -> None:
         """Note an order as the last one of a vehicle, if the vehicle has done it.
 
+        One that brings the vehicle down counts even if the wait for its end was cancelled.
+
         Args:
             words: the order in words.
             name: name of the vehicle.
             message: message to the vehicle.
             results: results of the order.
         """
-        done = last_order(words, message, self.client.now_ns())
-        if done is not None and results[name].is_done:
-            self._last_orders[name] = done
+        order = last_order(words, message, self.client.now_ns())
+        if order is None:
+            return
+
+        result = results[name]
+        brings_down = result.phase == "cancelled" and not order.leaves_flying
+        if result.is_done or brings_down:
+            self._last_orders[name] = order
+
+    @contextlib.contextmanager
+    def noting_cancellation(self, words: str, order: OrderResult) -> Iterator[None]:
+        """Keep the results of an order that stays in force when the block is cancelled.
+
+        Args:
+            words: the order in words.
+            order: order that was sent; the block waits for its end.
+        """
+        begin_ns = self.client.now_ns()
+        messages = order.planned.orders
+
+        def note_end(result: VehicleResult) -> None:
+            name = result.vehicle
+            self.note_done(words, name, messages[name], {name: result})
+
+        try:
+            yield
+        except asyncio.CancelledError:
+            results = order.cancelled()
+            for name, message in messages.items():
+                self.note_done(words, name, message, results)
+            order.add_listener(note_end)
+            duration_s = (self.client.now_ns() - begin_ns) * 1e-9
+            self.steps.append(step_result(words, duration_s, results))
+            self.say("  no longer waited for; the order stays in force")
+            self.has_begun = True
+            raise
 
     def note_other_ends(self) -> None:
         """Note and say which vehicles do not fly although their last order left them flying."""

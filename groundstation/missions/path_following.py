@@ -82,6 +82,9 @@ class PathGround(Protocol):
     def counting(self, at: WallTime, names: Sequence[str]) -> AbstractContextManager[Countdown]:
         """Begin a countdown, which ends with the block."""
 
+    def noting_cancellation(self, words: str, order: OrderResult) -> AbstractContextManager[None]:
+        """Keep the results of an order that stays in force when the block is cancelled."""
+
     async def go_on_or_fail(self, intent: Intent, results: Results) -> None:
         """Leave out the vehicles that failed, or fail the order when no vehicle would be left."""
 
@@ -159,7 +162,8 @@ async def follow_paths(
     try:
         if not timeout_s:
             timeout_s = AHEAD_S + longest_s / _SLOWEST_RATE + _LATE_S
-        results = await _end_of(ground, order, timeout_s)
+        with ground.noting_cancellation(f"follow_path {','.join(names)}", order):
+            results = await _end_of(ground, order, timeout_s)
     finally:
         for task in tasks:
             task.cancel()
@@ -308,7 +312,8 @@ async def _start_at(
 
         order = await _start(ground, taking_part(), on_lag, countdown.start_ns)
         try:
-            await count_down(countdown, ground.say, until_s=_SPARE_S)
+            with ground.noting_cancellation(f"follow_path {','.join(order.results)}", order):
+                await count_down(countdown, ground.say, until_s=_SPARE_S)
         except CountdownEnded:
             await _hold(ground, tuple(order.results))
             raise
@@ -325,7 +330,8 @@ async def _start(ground: PathGround, paths: Paths, on_lag: OnLag, start_ns: int)
     def have_replied(_: object) -> bool:
         return all(result.phase != "sent" for result in order.results.values())
 
-    await client.wait_for(have_replied, AHEAD_S)
+    with ground.noting_cancellation(f"follow_path {','.join(starts)}", order):
+        await client.wait_for(have_replied, AHEAD_S)
     if any(result.phase != "accepted" for result in order.results.values()):
         results = dict(order.results)
         # This includes vehicles that may have accepted the start, and whose reply was lost.

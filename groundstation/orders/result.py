@@ -21,6 +21,7 @@ Phase = Literal[
     "failed",
     "timed out",
     "unfinished",
+    "cancelled",
 ]
 OPEN_PHASES: tuple[Phase, ...] = ("sent", "accepted", "direct")
 
@@ -31,6 +32,7 @@ class VehicleResult:
 
     Phases: sent -> accepted -> done | superseded | failed | timed out; or refused; or no answer.
     ``direct``: the order goes straight to PX4. ``unfinished``: the wait ended before the order.
+    ``cancelled``: whoever gave the order has ended the wait, and the order stays in force.
     """
 
     vehicle: str
@@ -181,6 +183,18 @@ class OrderResult:
             name: _unfinished(result, f"not finished within {timeout_s:g} s")
             for name, result in self.results.items()
         }
+
+    def cancelled(self) -> Results:
+        """Return the results after a cancelled wait: what is not done is ``cancelled``."""
+        return {name: _cancelled(result) for name, result in self.results.items()}
+
+
+def _cancelled(result: VehicleResult) -> VehicleResult:
+    """Return the result of an order after the wait for its end was cancelled."""
+    if result.is_done:
+        return result
+    sentence = f"no longer waited for (the order was {result.phase}). {result.sentence}"
+    return replace(result, phase="cancelled", sentence=sentence.strip())
 
 
 def _unfinished(result: VehicleResult, limit: str) -> VehicleResult:

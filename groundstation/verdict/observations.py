@@ -27,6 +27,11 @@ class Arrival(msgspec.Struct, frozen=True):
     is_truth: bool  # whether it comes from ground truth, not from telemetry
 
 
+# Phases of orders that do not make a flight fail. The mission itself has cancelled the wait for the
+# end of an order, and the order stays in force.
+RIGHT_PHASES = ("done", "cancelled")
+
+
 class StepResult(msgspec.Struct, frozen=True):
     """One step of the mission, with each vehicle's phase and sentence."""
 

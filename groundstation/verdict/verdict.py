@@ -18,6 +18,7 @@ from groundstation.fleet.unknown_time import UnknownTime
 from groundstation.recording.flight_report import PERIOD_NOMINAL_MS, FlightReport, LoopTiming
 from groundstation.verdict.expectations import Expect, ExpectationResult, check, metres
 from groundstation.verdict.observations import (
+    RIGHT_PHASES,
     Arrival,
     FlightObservations,
     StepResult,
@@ -489,7 +490,7 @@ def _exit_status(
         phases = {
             name: phase for name, phase in step.vehicles.items() if name not in flown.left_out
         }
-        if any(phase != "done" for phase in phases.values()):
+        if any(phase not in RIGHT_PHASES for phase in phases.values()):
             failed_steps.append(phases)
 
     if flown.is_interrupted:
@@ -565,7 +566,7 @@ def _undone_words(flown: FlightObservations) -> list[str]:
     for step in flown.steps:
         names_by_end: dict[str, list[str]] = {}  # phase and sentence -> vehicles
         for name, phase in step.vehicles.items():
-            if phase != "done" and name not in flown.left_out:
+            if phase not in RIGHT_PHASES and name not in flown.left_out:
                 end = f"{phase}: {step.sentences.get(name, '')}".rstrip(" :")
                 names_by_end.setdefault(end, []).append(name)
 

@@ -16,7 +16,9 @@ from groundstation.missions.api import AtEnd, Fleet
 from groundstation.missions.conditions import flying
 from groundstation.missions.connection import hosted
 from groundstation.paths.pieces import fitted
+from groundstation.verdict.expectations import Expect
 from groundstation.verdict.observations import FlightObservations
+from groundstation.verdict.verdict import judge
 from onboard.config.fleet import ConfigError, FleetConfig
 
 
@@ -159,3 +161,34 @@ async def test_vehicles_that_follow_another_one_get_no_goals_in_the_end_of_a_scr
     with pytest.raises(ConfigError, match="The script's flight has ended"):
         await task
     assert [order.kind for _, order in bus.orders][4:] == ["hold"] * 3
+
+
+async def test_a_cancelled_verb_stays_in_force_is_a_step_and_fails_no_flight(
+    host: ClientHost, bus: Any
+) -> None:
+    bus.accept_only = {"follow_path"}
+    async with Fleet.connect() as flown:
+        await flown.takeoff(1.0)
+        bus.misbehave = {"mav0": "late", "mav1": "late"}
+        orders = [
+            flown["mav0"].go_to((-1.5, -0.5, 1.0)),
+            flown["mav1"].land(),
+            flown["mav2"].follow_path({"mav2": PATHS["mav0"]}),
+        ]
+        tasks = [asyncio.create_task(order) for order in orders]
+        await asyncio.wait(tasks, timeout=0.2)
+        for task in tasks:
+            task.cancel()
+        assert await flown.client.wait_for(lambda state: state.is_landed("mav1"), 2.0)
+        bus.misbehave.clear()
+
+    assert flown["mav0"].position_enu_m == (-1.5, -0.5, 0.0), "it has gone on to its goal"
+    assert {step.step: list(step.vehicles.values()) for step in flown.steps[1:]} == {
+        "goto mav0 -1.5 -0.5 1": ["cancelled"],
+        "land mav1": ["cancelled"],
+        "goto mav2 0 0 1": ["done"],
+        "follow_path mav2": ["cancelled"],
+    }
+    assert host.flown is not None
+    verdict = judge(host.flown, Expect(all_landed=True))
+    assert verdict.passed, verdict.sentences
