@@ -16,7 +16,7 @@ import threading
 from collections.abc import AsyncIterator, Callable, Collection, Coroutine, Iterator, Sequence
 from contextlib import AbstractAsyncContextManager
 from pathlib import Path
-from typing import Any, Protocol, TypeVar
+from typing import Any, NoReturn, Protocol, TypeVar
 
 from groundstation.client.client import FleetClient
 from groundstation.missions.lasting_output import cancelled_by_end_signals, lasting_output
@@ -27,6 +27,12 @@ from onboard.config.fleet import ConfigError, FleetConfig, load_fleet
 from onboard.end_signals import end_signals
 
 READY_TIMEOUT_S = 30.0
+# Why a coroutine cannot call a verb of a blocking fleet.
+INSIDE_COROUTINE = (
+    "its verbs wait, and a coroutine may not: nothing of the flight would go on meanwhile. In a "
+    "function for fleet.run use the fleet that it gets, with await; in asyncio.run use "
+    "Fleet.connect."
+)
 _THREAD_END_S = 5.0  # longest wait for the end of the thread of a blocking script
 # Longest wait for the end of a call that is cancelled. A mission may catch its cancellation, and
 # vehicles that follow another one hold before they end.
@@ -167,6 +173,20 @@ def host_of(fleet: FleetConfig | str | Path | None) -> Host:
     return RealTime(fleet)
 
 
+def refuse_call(coroutine: Coroutine[Any, Any, Any], why: str) -> NoReturn:
+    """Refuse a call of a blocking script, of which nothing is done.
+
+    Args:
+        coroutine: what was to be run.
+        why: why it cannot be run, and what to do, in sentences.
+
+    Raises:
+        ConfigError: always.
+    """
+    coroutine.close()  # otherwise Python warns that it was never awaited
+    raise ConfigError(f"BlockingFleet: {why}")
+
+
 class RealTime:
     """Host that connects with running agents over the bus.
 
@@ -236,7 +256,12 @@ class RealTime:
         The loop has a separate thread, so that it reads the bus even while the script computes.
         Ctrl-C, and an exception that a signal becomes, cancel the coroutine before they end the
         script: what it orders would otherwise go on while the end of the script lands vehicles.
+
+        Raises:
+            ConfigError: it is called in that thread, which would wait for itself.
         """
+        if threading.current_thread() is self._thread:
+            refuse_call(coroutine, INSIDE_COROUTINE)
         if self._loop is None:
             self._loop = _ThreadLoop()
             self._thread = threading.Thread(

@@ -12,6 +12,7 @@ import asyncio
 import contextlib
 import gc
 import math
+import threading
 from collections.abc import AsyncIterator, Callable, Coroutine, Sequence
 from pathlib import Path
 from typing import Any, TypeVar
@@ -26,7 +27,12 @@ from groundstation.flights.left_tasks import end_other_tasks
 from groundstation.mission_files.loading import load_mission
 from groundstation.mission_files.mission import Mission
 from groundstation.missions.api import Fleet
-from groundstation.missions.connection import hosted, run_script
+from groundstation.missions.connection import (
+    INSIDE_COROUTINE,
+    hosted,
+    refuse_call,
+    run_script,
+)
 from groundstation.missions.runner import READY_TIMEOUT_SIM_S, MissionRun
 from groundstation.orders.result import VehicleResult
 from groundstation.recording.channels import RECORDED
@@ -53,6 +59,10 @@ _DIRECT_DELAY_S = 0.01  # time that a direct command takes to reach PX4
 _DIRECT_RETRY_S = 0.2  # period of a direct command until it is answered
 _WATCH_S = 0.2  # time between two checks for silent vehicles
 _FORCE = 21196.0  # parameter 2 of MAV_CMD_COMPONENT_ARM_DISARM: disarm also in the air
+_OTHER_THREAD = (
+    "in lockstep its verbs are for the script's first thread only, in which the simulated time "
+    "passes. Let things happen at the same time in a function for fleet.run, or fly with --sitl."
+)
 
 # number of new objects that triggers garbage collection; with Python's default of 700 the collector
 # takes a fifth of a flight's time
@@ -135,6 +145,7 @@ class Lockstep:
 
         self.fleet = Fleet(self.client, say=self._say_as_event)
         self.run_under_way: MissionRun | None = None  # the run of the newest mission
+        self._thread = threading.current_thread()  # in which the flight's time passes
         self._loop = VirtualLoop(self.simulation.clock_ns, self.simulation.step)
         self._started: set[asyncio.Task[object]] = set()  # asyncio itself does not keep tasks alive
         self._runner = asyncio.Runner(loop_factory=lambda: self._loop)
@@ -155,7 +166,15 @@ class Lockstep:
         yield self.client
 
     def call(self, coroutine: Coroutine[Any, Any, T]) -> T:
-        """Run a coroutine of a script to its end, in simulated time."""
+        """Run a coroutine of a script to its end, in simulated time.
+
+        Raises:
+            ConfigError: it is called in another thread than the flight's, or inside a coroutine.
+        """
+        if threading.current_thread() is not self._thread:
+            refuse_call(coroutine, _OTHER_THREAD)
+        if self._loop.is_running():
+            refuse_call(coroutine, INSIDE_COROUTINE)
         return self.wait_for(coroutine)
 
     def end_calls(self) -> None:

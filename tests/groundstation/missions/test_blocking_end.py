@@ -1,4 +1,6 @@
-"""A blocking script that is ended: while it waits for its vehicles, or while a coroutine flies."""
+"""A blocking script that is ended: while it waits for its vehicles, or while a coroutine flies.
+Such a coroutine calls no blocking verbs.
+"""
 
 from __future__ import annotations
 
@@ -14,7 +16,7 @@ import pytest
 from groundstation.missions.api import Fleet
 from groundstation.missions.blocking import BlockingFleet
 from groundstation.missions.connection import RealTime, close_all, hosted
-from onboard.config.fleet import FleetConfig
+from onboard.config.fleet import ConfigError, FleetConfig
 
 
 class EndedHost:
@@ -94,3 +96,16 @@ def test_the_end_of_a_script_waits_until_its_coroutine_is_cancelled(
         signal.signal(signal.SIGUSR1, before)
         host.end_calls()
     assert done == ["cancelled", "end"]
+
+
+def test_a_coroutine_of_a_script_may_not_wait_for_its_own_thread(fleet: FleetConfig) -> None:
+    host = RealTime(fleet)
+
+    async def mission() -> None:
+        host.call(asyncio.sleep(0.0))
+
+    try:
+        with pytest.raises(ConfigError, match="use the fleet that it gets, with await"):
+            host.call(mission())
+    finally:
+        host.end_calls()

@@ -187,6 +187,59 @@ def test_a_script_connects_once_because_its_record_and_its_verdict_are_of_one_co
         assert capsys.readouterr().out == "connected\n"
 
 
+REFUSED_CALLS = {
+    "another thread": (
+        """
+        said = []
+
+        def order():
+            try:
+                fleet.takeoff(1.0)
+            except Exception as error:
+                said.append(error)
+
+        with BlockingFleet(ready_timeout_s=0.0) as fleet:
+            thread = threading.Thread(target=order)
+            thread.start()
+            thread.join()
+        raise said[0]
+        """,
+        "for the script's first thread only",
+    ),
+    "a function for run": (
+        """
+        async def hop(_):
+            fleet.takeoff(1.0)
+
+        with BlockingFleet(ready_timeout_s=0.0) as fleet:
+            fleet.run(hop)
+        """,
+        "use the fleet that it gets, with await",
+    ),
+    "asyncio": (
+        """
+        async def main():
+            BlockingFleet(ready_timeout_s=0.0)
+
+        asyncio.run(main())
+        """,
+        "in asyncio.run use Fleet.connect",
+    ),
+}
+
+
+@pytest.mark.parametrize(("body", "words"), REFUSED_CALLS.values(), ids=REFUSED_CALLS)
+def test_a_blocking_verb_is_refused_where_no_simulated_time_could_pass(
+    lockstep: Any, tmp_path: Path, body: str, words: str
+) -> None:
+    head = "import asyncio\nimport threading\nfrom groundstation import BlockingFleet\n"
+    flight = lockstep(PAPER, seed=3)
+    with pytest.raises(ConfigError, match=words):
+        flight.run_script(_script(tmp_path, head + textwrap.dedent(body)))
+    flight.run(0.5)
+    assert all(view.telemetry.taken_order_id == "" for view in flight.state.vehicles.values())
+
+
 @pytest.mark.long
 def test_a_script_of_crazyswarm_flies_with_its_import_line_changed(
     lockstep: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
