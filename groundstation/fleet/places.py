@@ -11,7 +11,7 @@ from collections.abc import Iterable, Mapping
 from typing import TypeVar
 
 from groundstation.fleet.state import FleetState
-from onboard.config.fleet import FleetConfig
+from onboard.config.fleet import ConfigError, FleetConfig
 from onboard.tuples import Xyz
 
 Value = TypeVar("Value")
@@ -101,6 +101,33 @@ def vehicles_at(places: Iterable[str], state: FleetState | None) -> tuple[str, .
     vehicle_by_place = stand_ins(state)
     vehicles = [vehicle_by_place.get(place, place) for place in places]
     return tuple(dict.fromkeys(vehicles))  # without repetitions, in the same order
+
+
+def by_place(
+    values: Iterable[tuple[str | Iterable[str], Value]], fleet: FleetConfig, what: str
+) -> dict[str, Value]:
+    """Return values of places that are named by name or by index, as place -> value.
+
+    Args:
+        values: name or index of a place, and its value, as a mission gives them.
+        fleet: the fleet file.
+        what: the kind of value in words, for the refusal.
+
+    Raises:
+        ConfigError: a name or an index is of no vehicle or of several, or a vehicle has two values.
+    """
+    value_by_place: dict[str, Value] = {}
+    for key, value in values:
+        names = fleet.select(key)
+        if len(names) != 1:
+            raise ConfigError(
+                f"'{key}' names {len(names)} vehicles for one {what}. Give each vehicle its own."
+            )
+        (name,) = names
+        if name in value_by_place:
+            raise ConfigError(f"{name} has two {what}s. Give each vehicle one.")
+        value_by_place[name] = value
+    return value_by_place
 
 
 def by_vehicle(values: Mapping[str, Value], state: FleetState | None) -> dict[str, Value]:

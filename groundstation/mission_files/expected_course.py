@@ -19,6 +19,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from msgspec import structs
 
+from groundstation.fleet.places import by_place
 from groundstation.formations.assignment import nearest_slots
 from groundstation.formations.frame import Begin, FormationPaths, frame_paths
 from groundstation.formations.slots import formation_names, formation_slots
@@ -129,7 +130,7 @@ def resolved(intent: Intent, fleet: FleetConfig) -> Intent:
     is_everybody = means_all(intent.vehicles)
 
     if isinstance(intent, Goto):
-        goals = positions_by_name(intent.goals, fleet)
+        goals = by_place(intent.goals.items(), fleet, "position")
         return structs.replace(intent, vehicles=tuple(goals), goals=goals)
 
     if isinstance(intent, Formation):
@@ -144,30 +145,6 @@ def resolved(intent: Intent, fleet: FleetConfig) -> Intent:
             names = tuple(name for name in names if name in slots)
 
     return structs.replace(intent, vehicles=names, is_everybody=is_everybody)
-
-
-def positions_by_name(positions: Mapping[str, Xyz], fleet: FleetConfig) -> dict[str, Xyz]:
-    """Return positions with the names of their vehicles instead of indices.
-
-    Args:
-        positions: position of each vehicle, which the mission file names by name or by index.
-        fleet: the fleet file.
-
-    Raises:
-        ConfigError: a key names no vehicle or several, or a vehicle has two positions.
-    """
-    by_name: dict[str, Xyz] = {}
-    for key, position in positions.items():
-        names = fleet.select(key)
-        if len(names) != 1:
-            raise ConfigError(
-                f"'{key}' names {len(names)} vehicles for one position. Give each vehicle its own."
-            )
-        (name,) = names
-        if name in by_name:
-            raise ConfigError(f"{name} has two positions. Give each vehicle one.")
-        by_name[name] = position
-    return by_name
 
 
 def refuse_disabled(names: Iterable[str], fleet: FleetConfig) -> None:

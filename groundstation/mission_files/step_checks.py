@@ -11,10 +11,10 @@ import itertools
 import math
 from collections.abc import Collection, Sequence
 
+from groundstation.fleet.places import by_place
 from groundstation.mission_files.expected_course import (
     CourseStep,
     inner_steps,
-    positions_by_name,
     refuse_disabled,
 )
 from groundstation.mission_files.mission import Mission
@@ -137,7 +137,7 @@ def _check_until(until: Until | None, fleet: FleetConfig, written_key: str) -> N
     try:
         for vehicles in (until.vehicles, until.landed, until.flying):
             refuse_disabled(fleet.select(vehicles), fleet)
-        refuse_disabled(positions_by_name(until.reached, fleet), fleet)
+        refuse_disabled(by_place(until.reached.items(), fleet, "position"), fleet)
     except ConfigError as error:
         raise ConfigError(f"{written_key}: {error}") from None
 

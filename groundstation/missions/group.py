@@ -42,8 +42,8 @@ from groundstation.missions.conditions import (
 )
 from groundstation.missions.following import follow, present_offsets
 from groundstation.missions.ground import MissionGround
-from groundstation.missions.path_following import Lights, Paths, follow_paths
-from groundstation.missions.vehicle_names import Vehicles, as_names
+from groundstation.missions.path_following import follow_paths
+from groundstation.missions.vehicle_names import ByVehicle, Vehicles, as_names, by_name
 from groundstation.orders.degrees import goal_enu_m
 from groundstation.orders.grammar import OrderError
 from groundstation.orders.intents import (
@@ -77,11 +77,13 @@ from groundstation.orders.intents import (
 from groundstation.orders.path_orders import OnLag
 from groundstation.orders.result import OrderFailed, Results
 from groundstation.paths.checks import path_findings, refusals
+from groundstation.paths.lights import TimedColour
 from groundstation.paths.pieces import through
 from onboard.config.fleet import ConfigError, FleetConfig
+from onboard.control.path import Path
 from onboard.tuples import Xyz
 
-GoalOrGoals = Xyz | Mapping[str, Xyz]
+GoalOrGoals = Xyz | ByVehicle[Xyz]
 
 _EVER_S = 1e9  # timeout of a wait that ends only with its condition
 
@@ -394,12 +396,14 @@ class Group:
         All goals are one order, which is checked as a whole, so vehicles may change places.
 
         Args:
-            goals: a position [m], ENU, for a group of one vehicle; or a position for each name.
+            goals: a position [m], ENU, for a group of one vehicle; or a position for each name or
+                index.
             yaw_deg: heading to turn to, counterclockwise from east; None: the present one.
             duration_s: duration of the move [s]; 0 leaves it to the vehicles' limits.
             timeout_s: longest wait [s].
 
         Raises:
+            ConfigError: a goal is not three finite numbers.
             OrderError: several vehicles would share one goal.
         """
         if not isinstance(goals, Mapping):
@@ -409,7 +413,9 @@ class Group:
                 )
             goals = {self.names[0]: goals}
 
-        own_goals = by_vehicle(goals, self.state)
+        named_goals = by_name(goals, self.config, "go_to", "position")
+        places = {name: as_position(goal, "go_to") for name, goal in named_goals.items()}
+        own_goals = by_vehicle(places, self.state)
         intent = Goto(
             vehicles=self.select(list(own_goals)),
             goals=own_goals,
@@ -635,9 +641,9 @@ class Group:
 
     async def follow_path(
         self,
-        paths: Paths,
+        paths: ByVehicle[Path],
         *,
-        lights: Lights | None = None,
+        lights: ByVehicle[Sequence[TimedColour]] | None = None,
         on_lag: OnLag = "land",
         at: str | WallTime = "",
         timeout_s: float | None = None,
@@ -650,8 +656,9 @@ class Group:
         the one at their end.
 
         Args:
-            paths: paths of vehicles, see :func:`groundstation.paths.path_files.load_path`, or of a
-                formation, see :func:`groundstation.formations.frame.frame_paths`.
+            paths: path of each vehicle, by name or index, see
+                :func:`groundstation.paths.path_files.load_path`; or paths of a formation, see
+                :func:`groundstation.formations.frame.frame_paths`.
             lights: colours of vehicles, see :func:`groundstation.paths.lights.load_lights`.
             on_lag: reaction of a vehicle that falls behind for too long; the others go on.
             at: wall-clock time at which they start; empty: at once.
@@ -662,25 +669,33 @@ class Group:
             check_timeout(timeout_s, "follow_path")
         if on_lag not in get_args(OnLag):
             raise ConfigError(f"on_lag is {on_lag!r:.80}. Write {' or '.join(get_args(OnLag))}.")
-        self.select(list(paths))  # raises ConfigError for a vehicle outside this group
         end = None
         if isinstance(paths, FormationPaths):
             end = paths.end
-        paths = by_vehicle(paths, self.state)
+        named_paths = by_name(paths, self.config, "follow_path", "path")
+        named_lights = by_name(lights or {}, self.config, "follow_path", "list of lights")
+        self.select(list(named_paths))  # raises ConfigError for a vehicle outside this group
+        for name, path in named_paths.items():
+            if not isinstance(path, Path):
+                raise ConfigError(
+                    f"follow_path: {path!r:.80} is no path for {name}. Read its file with "
+                    "load_path of groundstation.paths.path_files."
+                )
+        own_paths = by_vehicle(named_paths, self.state)
         start = self._time_of(at)
 
         # With another law than Covey's, a simulation may fly paths that Covey's law would refuse.
         is_other_law = self.config.law.built_in != "covey"
         may_fly_any_path = self.state.is_simulated and is_other_law
         if not may_fly_any_path:
-            refused = refusals(path_findings(self.config, paths, "follow_path"))
+            refused = refusals(path_findings(self.config, own_paths, "follow_path"))
             if refused:
                 raise ConfigError(refused[0])
 
         results = await follow_paths(
             self.ground,
-            paths,
-            lights=by_vehicle(lights or {}, self.state),
+            own_paths,
+            lights=by_vehicle(named_lights, self.state),
             on_lag=on_lag,
             at=start,
             timeout_s=timeout_s,
@@ -690,12 +705,12 @@ class Group:
         return results
 
     async def fly_through(
-        self, waypoints: Mapping[str, Sequence[Xyz]], *, speed_m_s: float, on_lag: OnLag = "land"
+        self, waypoints: ByVehicle[Sequence[Xyz]], *, speed_m_s: float, on_lag: OnLag = "land"
     ) -> Results:
         """Fly through waypoints without stopping, from where the vehicles are to the last ones.
 
         Args:
-            waypoints: waypoints of each vehicle [m], ENU.
+            waypoints: waypoints of each vehicle, by name or index [m], ENU.
             speed_m_s: speed at the waypoints between the first and the last [m/s].
             on_lag: reaction of a vehicle that falls behind for too long; the others go on.
 
@@ -705,7 +720,8 @@ class Group:
         """
         check_number(speed_m_s, "fly_through", "metres per second")
         paths = {}
-        own_waypoints = by_vehicle(waypoints, self.state)
+        named_waypoints = by_name(waypoints, self.config, "fly_through", "list of positions")
+        own_waypoints = by_vehicle(named_waypoints, self.state)
         for name in self.select(list(own_waypoints)):
             telemetry = self.state.vehicles[name].telemetry
             if telemetry is None or not telemetry.is_airborne:
@@ -723,7 +739,7 @@ class Group:
         return await self.follow_path(paths, on_lag=on_lag)
 
     async def follow(
-        self, leader: str | int, duration_s: float, *, offsets: Mapping[str, Xyz] | None = None
+        self, leader: str | int, duration_s: float, *, offsets: ByVehicle[Xyz] | None = None
     ) -> Results:
         """Follow another vehicle for a time, each at its offset; then hold.
 
@@ -733,8 +749,8 @@ class Group:
         Args:
             leader: name or index of the vehicle that is followed.
             duration_s: duration [s].
-            offsets: offsets of the followers from the leader [m], ENU; None: the present offsets
-                of all other vehicles of the group.
+            offsets: offsets of the followers from the leader, by name or index [m], ENU; None: the
+                present offsets of all other vehicles of the group.
 
         Raises:
             ConfigError: the leader or a follower does not report where it is, or the duration or
@@ -747,13 +763,14 @@ class Group:
             raise ConfigError(f"follow: {', '.join(leaders)} cannot all be followed. Name one.")
         (leader,) = leaders  # the spare, if the vehicle was swapped
         if offsets is not None:
-            offsets = {name: as_position(offset, "follow") for name, offset in offsets.items()}
+            named = by_name(offsets, self.config, "follow", "offset")
+            places = {name: as_position(offset, "follow") for name, offset in named.items()}
         else:
-            offsets = present_offsets(self.client, leader, self.names)
-        offsets = by_vehicle(offsets, self.state)
+            places = present_offsets(self.client, leader, self.names)
+        own_offsets = by_vehicle(places, self.state)
 
-        followers = self.select(list(offsets))
-        follower_offsets = {name: offsets[name] for name in followers}
+        followers = self.select(list(own_offsets))
+        follower_offsets = {name: own_offsets[name] for name in followers}
         return await follow(self.ground, leader, follower_offsets, duration_s)
 
     async def hold(self, vehicles: Vehicles = "all", *, timeout_s: float = 15.0) -> Results:

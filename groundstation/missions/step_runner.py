@@ -11,13 +11,12 @@ from collections.abc import Mapping, Sequence
 
 from msgspec.structs import replace
 
-from groundstation.fleet.places import by_vehicle, place_of, vehicles_at
+from groundstation.fleet.places import by_place, by_vehicle, place_of, vehicles_at
 from groundstation.fleet.state import FleetState
 from groundstation.formations.frame import FormationPaths
 from groundstation.mission_files.expected_course import (
     CourseStep,
     formation_paths,
-    positions_by_name,
     resolved,
     with_speed,
 )
@@ -265,7 +264,7 @@ def condition(until: Until, fleet: Fleet) -> WaitCondition:
 
     parts = []
     if until.reached:
-        goals = positions_by_name(until.reached, fleet.config)
+        goals = by_place(until.reached.items(), fleet.config, "position")
         parts.append(conditions.reached(by_vehicle(goals, fleet.state), until.within_m))
     if until.separation_above_m is not None:
         parts.append(conditions.separation_above(until.separation_above_m))

@@ -6,11 +6,16 @@ each argument becomes a text or a tuple where it enters, and everything else is 
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from numbers import Integral
+from typing import Any, TypeVar
 
+from groundstation.fleet.places import by_place
 from groundstation.orders.intents import Names
-from onboard.config.fleet import ConfigError
+from onboard.config.fleet import ConfigError, FleetConfig
+
+Value = TypeVar("Value")
+ByVehicle = Mapping[str, Value] | Mapping[int, Value]  # name or index -> value
 
 # "all", names or indices: "mav0,mav2", "0-1", or 1; or several of them, as in a list
 Vehicles = str | int | Iterable[str | int]
@@ -30,6 +35,28 @@ def as_names(vehicles: Vehicles) -> Names:
     if not isinstance(vehicles, Iterable):
         raise _no_name(vehicles)
     return tuple(_as_name(vehicle) for vehicle in vehicles)
+
+
+def by_name(values: object, fleet: FleetConfig, verb: str, what: str) -> dict[str, Any]:
+    """Return values that a mission gives to vehicles, by names in the fleet file.
+
+    Args:
+        values: name or index -> value.
+        fleet: the fleet file.
+        verb: name of the method, for the refusal.
+        what: the kind of value in words, for the refusal.
+
+    Raises:
+        ConfigError: it is no dictionary, a key names no vehicle or several, or a vehicle has two
+            values.
+    """
+    if not isinstance(values, Mapping):
+        raise ConfigError(
+            f"{verb}: {values!r:.80} does not say which vehicle it is for. Give each vehicle its "
+            f'{what}, for instance {{"{next(iter(fleet.vehicles))}": {what}}}.'
+        )
+    named = [(as_names(vehicle), value) for vehicle, value in values.items()]
+    return by_place(named, fleet, what)
 
 
 def _as_name(vehicle: object) -> str:

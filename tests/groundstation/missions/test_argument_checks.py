@@ -31,7 +31,23 @@ WRONG: list[tuple[Callable[[Any], Any], str]] = [
     (lambda flown: flown.fly_through({"mav0": 5}, speed_m_s=1.0), "5 is no list of positions"),
     (lambda flown: flown.fly_through({"mav0": UP}, speed_m_s=1.0), "fly_through: 0.0 is not three"),
     (lambda flown: flown.fly_through({"mav0": [UP]}, speed_m_s=1.0, on_lag="slow"), "'slow'"),
+    (lambda flown: flown.fly_through([UP], speed_m_s=1.0), "fly_through: .* which vehicle it is"),
     (lambda flown: flown.follow_path({}, on_lag=None), "on_lag is None. Write land or hold"),
+    (lambda flown: flown.follow_path({"mav0": "a.csv"}), "'a.csv' is no path for mav0. Read its"),
+    (lambda flown: flown.follow_path([1]), "follow_path: .* Give each vehicle its path"),
+    (lambda flown: flown.follow_path({}, lights=["a.csv"]), "Give each vehicle its list of lights"),
+    (
+        lambda flown: flown.follow("mav0", 3, offsets=[UP]),
+        "follow: .* which vehicle it is",
+    ),
+    (lambda flown: flown.follow("mav0", 3, offsets={"1-2": UP}), "names 2 vehicles for one offset"),
+    (lambda flown: flown["mav0"].go_to("abc"), "go_to: 'abc' is not three finite numbers"),
+    (lambda flown: flown["mav0"].go_to(None), "go_to: None is not three finite numbers"),
+    (lambda flown: flown.go_to({"mav0": (1.0, 2.0)}), r"go_to: \(1.0, 2.0\) is not three finite"),
+    (lambda flown: flown.go_to({"0-1": UP}), "'0-1' names 2 vehicles for one position"),
+    (lambda flown: flown.go_to({0: UP, "mav0": UP}), "mav0 has two positions"),
+    (lambda flown: flown.go_to({0.0: UP}), "type float names no vehicle"),
+    (lambda flown: flown.go_to({7: UP}), "'7' selects no vehicle: vehicles"),
     (lambda flown: flown.countdown(5), "'5' is no time of day. Write 21:30"),
     (lambda flown: flown.countdown(datetime.time(21)), "'21:00:00' is no time of day"),
     (lambda flown: flown.countdown(None), "'None' is no time of day"),
@@ -76,3 +92,22 @@ async def test_positions_and_times_may_be_values_of_numpy(client: Any, bus: Any)
     offsets: Any = {"mav1": np.array([0.0, 2.0, 0.0])}
     assert (await flown.follow("mav0", 0.01, offsets=offsets))["mav1"].is_done
     assert await flown["mav2"].reached(bus.vehicles["mav2"].position_enu_m)
+
+
+async def test_goals_offsets_and_waypoints_are_given_by_index_as_well(
+    client: Any, bus: Any
+) -> None:
+    bus.accept_only = {"follow_path"}
+    flown = Fleet(client)
+    await flown.takeoff(1.0)
+    goals: Any = {1: (0.0, 0.5, 1.0), np.int64(2): (1.5, 0.5, 1.0)}
+    await flown.go_to(goals)
+    assert bus.vehicles["mav1"].position_enu_m == (0.0, 0.5, 1.0)
+    assert bus.vehicles["mav2"].position_enu_m == (1.5, 0.5, 1.0)
+
+    assert (await flown.follow(0, 0.01, offsets={1: (1.5, 0.0, 0.0)}))["mav1"].is_done
+    flying = asyncio.create_task(flown.fly_through({2: [(1.5, 1.0, 1.0)]}, speed_m_s=0.5))
+    while bus.orders[-1][1].kind != "follow_path":  # noqa: ASYNC110 - the bus sets no Event
+        await asyncio.sleep(0.01)
+    assert bus.orders[-1][0] == "mav2"
+    flying.cancel()

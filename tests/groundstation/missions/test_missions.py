@@ -656,7 +656,6 @@ async def test_a_python_mission_that_waits_for_no_time_fails_in_words(
     [
         lambda flown: flown.takeoff("1.2"),
         lambda flown: flown.takeoff(1.0, by=2.5),
-        lambda flown: flown.go_to({"mav0": (1.0, 2.0)}),
         lambda flown: flown.formation("triangle", rotation_deg=math.inf),
         lambda flown: flown.move((1.0, 2.0), "mav0"),
     ],
