@@ -265,7 +265,7 @@ class RealTime:
         if self._loop is None:
             self._loop = _ThreadLoop()
             self._thread = threading.Thread(
-                target=self._loop.run_forever, name="fleet", daemon=True
+                target=_run, args=(self._loop,), name="fleet", daemon=True
             )
             self._thread.start()
 
@@ -295,6 +295,16 @@ class RealTime:
         if loop is not None and self._thread is not None:
             loop.call_soon_threadsafe(loop.stop)
             self._thread.join(_THREAD_END_S)
+
+
+def _run(loop: asyncio.AbstractEventLoop) -> None:
+    """Run an event loop until it is stopped, also after a coroutine has called ``sys.exit``."""
+    while True:
+        try:
+            loop.run_forever()
+        except SystemExit:
+            continue  # asyncio passes it on to whoever waits for the coroutine, once the loop runs
+        return
 
 
 async def _end(tasks: Collection[asyncio.Task[Any]]) -> None:

@@ -7,6 +7,7 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import signal
+import sys
 import threading
 from collections.abc import AsyncIterator, Coroutine
 from typing import Any, NoReturn
@@ -109,3 +110,31 @@ def test_a_coroutine_of_a_script_may_not_wait_for_its_own_thread(fleet: FleetCon
             host.call(mission())
     finally:
         host.end_calls()
+
+
+@pytest.mark.parametrize("is_in_task", [False, True])
+def test_a_coroutine_that_calls_sys_exit_ends_the_script_and_its_end_can_land(
+    fleet: FleetConfig, is_in_task: bool
+) -> None:
+    host = RealTime(fleet)
+    done: list[str] = []
+
+    async def leave() -> None:
+        sys.exit(3)
+
+    async def mission() -> None:
+        await (asyncio.create_task(leave()) if is_in_task else leave())
+
+    async def finish() -> None:
+        done.append("end")
+
+    def run() -> None:
+        with pytest.raises(SystemExit, match="3"):
+            host.call(mission())
+        host.call(finish())
+
+    script = threading.Thread(target=run, daemon=True)  # which would wait for ever
+    script.start()
+    script.join(5.0)
+    host.end_calls()
+    assert done == ["end"]
