@@ -24,7 +24,6 @@ from groundstation.recording.channels import RECORDED
 from groundstation.recording.writer import RecordEnd, RecordWriter
 from groundstation.verdict.observations import FlightObservations
 from onboard.config.fleet import ConfigError, FleetConfig, load_fleet
-from onboard.end_signals import end_signals
 
 READY_TIMEOUT_S = 30.0
 # Why a coroutine cannot call a verb of a blocking fleet.
