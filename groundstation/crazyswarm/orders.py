@@ -95,6 +95,7 @@ class ScriptOrders:
         self.fleet: Fleet = blocking.run(_itself)
         self._batch = _Batch()
         self._open: list[_Open] = []
+        self._is_stopped = False  # whether emergency() has stopped the motors
         self._failure: BaseException | None = None
         self._has_failed = asyncio.Event()
         self._begin_ns = self.fleet.client.now_ns()
@@ -109,11 +110,13 @@ class ScriptOrders:
 
     def arm(self, name: str) -> None:
         """Have a vehicle arm on the ground."""
+        self._check_not_stopped("arm")
         self._batch.stops = [other for other in self._batch.stops if other != name]
         self._batch.arms.append(name)
 
     def takeoff(self, name: str, height_m: float, duration_s: float) -> None:
         """Have a vehicle take off."""
+        self._check_not_stopped("takeoff")
         self._batch.forget(name)
         self._batch.takeoffs[name] = _Takeoff(height_m, duration_s)
 
@@ -124,11 +127,13 @@ class ScriptOrders:
 
     def go_to(self, name: str, goal: Xyz, yaw_deg: float, duration_s: float) -> None:
         """Have a vehicle go to a goal."""
+        self._check_not_stopped("goTo")
         self._batch.forget(name)
         self._batch.moves[name] = _Move(goal, yaw_deg, duration_s)
 
     def follow(self, name: str, path: Path) -> None:
         """Have a vehicle follow a path."""
+        self._check_not_stopped("startTrajectory")
         self._batch.forget(name)
         self._batch.paths[name] = path
 
@@ -145,8 +150,18 @@ class ScriptOrders:
         self._batch.stops.append(name)
 
     def kill_all(self) -> None:
-        """Stop all motors now."""
+        """Stop all motors now; orders that are not sent yet are dropped."""
+        self._batch = _Batch()
+        self._is_stopped = True
         self._blocking.run(lambda fleet: fleet.kill(fleet.names))
+
+    def _check_not_stopped(self, command: str) -> None:
+        """Refuse a command to arm or to fly after an emergency."""
+        if self._is_stopped:
+            raise OrderError(
+                f"{command} is refused, because emergency() has stopped all motors: a Crazyflie has"
+                " to be restarted after it. Look at the vehicles, then start the script again."
+            )
 
     # -- what the script reads ---------------------------------------------------------------------
 

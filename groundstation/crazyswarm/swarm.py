@@ -419,7 +419,10 @@ class CrazyflieServer:
             vehicle.startTrajectory(trajectoryId, timescale, reverse, relative, groupMask)
 
     def emergency(self) -> None:
-        """Stop the motors of all at once, even in the air: they fall."""
+        """Stop the motors of all at once, even in the air: they fall.
+
+        Later commands to arm or to fly are refused.
+        """
         self._orders.kill_all()
 
     def setParam(self, name: str, value: float) -> None:

@@ -8,6 +8,7 @@ from typing import Any
 import pytest
 
 from groundstation.crazyswarm.orders import ScriptOrders
+from groundstation.orders.grammar import OrderError
 
 
 class Standing:
@@ -52,3 +53,19 @@ def test_arming_replaces_a_stop_before_it(orders: ScriptOrders) -> None:
     orders.arm("mav0")
     assert orders._batch.stops == []
     assert orders._batch.arms == ["mav0"]
+
+
+def test_an_emergency_drops_what_is_not_sent_and_refuses_what_would_fly(
+    orders: ScriptOrders,
+) -> None:
+    orders.takeoff("mav0", 1.0, 2.0)
+    orders.kill_all()
+    assert orders._batch.takeoffs == {}, "mav0 would take off after its motors were stopped"
+
+    with pytest.raises(OrderError, match=r"goTo is refused, because emergency\(\) has stopped"):
+        orders.go_to("mav0", (0.0, 0.0, 1.0), 0.0, 2.0)
+    with pytest.raises(OrderError, match="takeoff is refused"):
+        orders.takeoff("mav1", 1.0, 2.0)
+    with pytest.raises(OrderError, match="arm is refused"):
+        orders.arm("mav1")
+    assert orders._batch.moves == {}
