@@ -3,7 +3,9 @@
 A command of Crazyswarm returns at once, and the script sleeps until it should have ended. So all
 commands between two sleeps are one batch. Each order of a batch has a due time on the script's
 clock. A sleep that ends later than the due time waits for the end of the order. The script's clock
-stands still during such a wait: it is the fleet's time without the lateness of vehicles.
+stands still during such a wait: it is the fleet's time without the lateness of vehicles. The end of
+the script is a sleep until all orders are due, because a Crazyflie carries out its last command
+after the end of its script, too.
 """
 
 from __future__ import annotations
@@ -96,6 +98,7 @@ class ScriptOrders:
         self._batch = _Batch()
         self._open: list[_Open] = []
         self._is_stopped = False  # whether emergency() has stopped the motors
+        self._is_interrupted = False  # whether Ctrl-C has ended a sleep
         self._failure: BaseException | None = None
         self._has_failed = asyncio.Event()
         self._begin_ns = self.fleet.client.now_ns()
@@ -209,13 +212,32 @@ class ScriptOrders:
         """
         batch = self._batch
         self._batch = _Batch()
-        self._blocking.run(lambda _: self._pass(batch, duration_s, waits_for_moves))
+        try:
+            self._blocking.run(lambda _: self._pass(batch, duration_s, waits_for_moves))
+        except KeyboardInterrupt:
+            self._is_interrupted = True
+            raise
 
         failure = self._failure
         if failure is not None:
             self._failure = None
             self._has_failed.clear()
             raise failure
+
+    def finish(self) -> None:
+        """Send the orders after the last sleep, and wait until all orders should have ended.
+
+        After Ctrl-C it does nothing, also if the script has caught the exception.
+
+        Raises:
+            OrderFailed: a vehicle did not do what was ordered.
+        """
+        if self._is_interrupted:
+            return
+
+        self.pass_time(0.0, waits_for_moves=False)
+        end_s = max((order.due_s for order in self._open), default=0.0)
+        self.pass_time(max(0.0, end_s - self.time_s), waits_for_moves=True)
 
     async def _pass(self, batch: _Batch, duration_s: float, waits_for_moves: bool) -> None:
         """Send a batch, let time pass unless an order fails, and wait for orders that are due."""

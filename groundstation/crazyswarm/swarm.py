@@ -26,6 +26,7 @@ from groundstation.crazyswarm.script_check import (
 )
 from groundstation.crazyswarm.uav_trajectory import path_of_trajectory, refuse_unflyable_trajectory
 from groundstation.missions.blocking import BlockingFleet
+from groundstation.missions.connection import call_after_last_line
 from groundstation.orders.grammar import OrderError
 from groundstation.paths.pieces import backwards, moved, slowed
 from onboard.arrays import Array
@@ -74,6 +75,7 @@ class Crazyswarm:
         self.timeHelper = TimeHelper(orders)
         self.allcfs = CrazyflieServer(orders, longest_timescale(script))
         self.input = Buttons(self.timeHelper)
+        call_after_last_line(orders.finish)
 
 
 class TimeHelper:

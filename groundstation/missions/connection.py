@@ -66,6 +66,9 @@ class _Script:
 
     has_connected = False  # whether its first connection has begun
 
+    def __init__(self) -> None:
+        self.after_last_line: Callable[[], None] = lambda: None
+
 
 _hosts: list[Host] = []  # hosts that have been set; the last one is in force
 _scripts: list[_Script] = []  # scripts under way; the last one connects
@@ -84,6 +87,16 @@ def close_all() -> None:
     while _to_close:
         close = _to_close.pop()
         close()
+
+
+def call_after_last_line(function: Callable[[], None]) -> None:
+    """Register a function to be called when the script that runs has come to its end by itself.
+
+    It is not called after an exception or Ctrl-C, nor in a program that :func:`run_script` does not
+    run.
+    """
+    if _scripts:
+        _scripts[-1].after_last_line = function
 
 
 def script_name() -> str:
@@ -112,13 +125,23 @@ def run_script(path: str | Path, arguments: Sequence[str], host: Host) -> None:
     try:
         with hosted(host):
             try:
-                runpy.run_path(str(path), run_name="__main__")
+                _run_to_last_line(path)
+                script.after_last_line()
             finally:
                 close_all()
     finally:
         _scripts.remove(script)
         sys.argv = former_argv
         sys.path[:] = former_sys_path
+
+
+def _run_to_last_line(path: str | Path) -> None:
+    """Run a Python file; ``sys.exit()`` without a failure counts as its last line."""
+    try:
+        runpy.run_path(str(path), run_name="__main__")
+    except SystemExit as end:
+        if end.code not in (None, 0):
+            raise
 
 
 def check_first_connection() -> None:

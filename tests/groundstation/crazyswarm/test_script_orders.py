@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import asyncio
+import time
+from collections.abc import Callable, Coroutine, Iterator
 from types import SimpleNamespace
 from typing import Any
 
@@ -14,17 +17,47 @@ from groundstation.orders.grammar import OrderError
 class Standing:
     """A fleet whose vehicles stand on the ground."""
 
+    names = ("mav0", "mav1", "mav2")
+
     def __init__(self) -> None:
-        self.client = SimpleNamespace(now_ns=lambda: 0)
+        self.client = SimpleNamespace(now_ns=time.monotonic_ns)
+        self.said: list[str] = []
 
     def __getitem__(self, name: str) -> Any:
         return SimpleNamespace(is_flying=False)
 
+    async def land(self, names: list[str], timeout_s: float) -> None:
+        """Land, which takes a moment."""
+        self.said.append(f"land {','.join(names)}")
+        await asyncio.sleep(0.02)
+        self.said.append("landed")
+
+    async def kill(self, names: tuple[str, ...]) -> None:
+        """Stop the motors."""
+        self.said.append(f"kill {','.join(names)}")
+
+
+class BlockingStanding:
+    """The same fleet for a script, in an event loop of its own."""
+
+    def __init__(self) -> None:
+        self.fleet = Standing()
+        self.loop = asyncio.new_event_loop()
+
+    def run(self, function: Callable[[Any], Coroutine[Any, Any, Any]]) -> Any:
+        """Run a function of the fleet to its end."""
+        return self.loop.run_until_complete(function(self.fleet))
+
 
 @pytest.fixture
-def orders() -> ScriptOrders:
-    fleet: Any = Standing()
-    blocking: Any = SimpleNamespace(run=lambda _: fleet)
+def blocking() -> Iterator[BlockingStanding]:
+    standing = BlockingStanding()
+    yield standing
+    standing.loop.close()
+
+
+@pytest.fixture
+def orders(blocking: Any) -> ScriptOrders:
     return ScriptOrders(blocking)
 
 
@@ -56,10 +89,11 @@ def test_arming_replaces_a_stop_before_it(orders: ScriptOrders) -> None:
 
 
 def test_an_emergency_drops_what_is_not_sent_and_refuses_what_would_fly(
-    orders: ScriptOrders,
+    orders: ScriptOrders, blocking: BlockingStanding
 ) -> None:
     orders.takeoff("mav0", 1.0, 2.0)
     orders.kill_all()
+    assert blocking.fleet.said == ["kill mav0,mav1,mav2"]
     assert orders._batch.takeoffs == {}, "mav0 would take off after its motors were stopped"
 
     with pytest.raises(OrderError, match=r"goTo is refused, because emergency\(\) has stopped"):
@@ -69,3 +103,27 @@ def test_an_emergency_drops_what_is_not_sent_and_refuses_what_would_fly(
     with pytest.raises(OrderError, match="arm is refused"):
         orders.arm("mav1")
     assert orders._batch.moves == {}
+
+
+def test_the_end_of_a_script_sends_what_no_sleep_has_sent_and_waits_for_its_end(
+    orders: ScriptOrders, blocking: BlockingStanding
+) -> None:
+    orders.land("mav0", 0.01)
+    orders.finish()
+    assert blocking.fleet.said == ["land mav0", "landed"]
+
+
+def test_the_end_of_a_script_that_was_interrupted_in_a_sleep_sends_nothing(
+    orders: ScriptOrders, blocking: BlockingStanding, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def interrupted(function: Callable[[Any], Coroutine[Any, Any, Any]]) -> None:
+        function(blocking.fleet).close()
+        raise KeyboardInterrupt
+
+    with monkeypatch.context() as patch:
+        patch.setattr(blocking, "run", interrupted)
+        with pytest.raises(KeyboardInterrupt):
+            orders.pass_time(1.0, waits_for_moves=True)
+    orders.land("mav0", 0.01)
+    orders.finish()
+    assert blocking.fleet.said == []

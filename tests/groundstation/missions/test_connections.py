@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import contextlib
 from collections.abc import AsyncIterator, Awaitable, Callable, Iterator
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -14,7 +15,7 @@ from groundstation.client.client import FleetClient
 from groundstation.missions import following
 from groundstation.missions.api import AtEnd, Fleet
 from groundstation.missions.conditions import flying
-from groundstation.missions.connection import hosted
+from groundstation.missions.connection import hosted, run_script
 from groundstation.paths.pieces import fitted
 from groundstation.verdict.expectations import Expect
 from groundstation.verdict.observations import FlightObservations
@@ -192,3 +193,39 @@ async def test_a_cancelled_verb_stays_in_force_is_a_step_and_fails_no_flight(
     assert host.flown is not None
     verdict = judge(host.flown, Expect(all_landed=True))
     assert verdict.passed, verdict.sentences
+
+
+@pytest.mark.parametrize(
+    ("last_line", "has_ended_by_itself"),
+    [
+        ("pass", True),
+        ("sys.exit()", True),
+        ("sys.exit(0)", True),
+        ("sys.exit(143)", False),
+        ("sys.exit('a vehicle is missing')", False),
+        ("1 / 0", False),
+        ("raise KeyboardInterrupt", False),
+    ],
+)
+def test_what_comes_after_the_last_line_of_a_script_comes_only_if_it_has_ended_by_itself(
+    host: Any,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    last_line: str,
+    has_ended_by_itself: bool,
+) -> None:
+    script = tmp_path / "script.py"
+    script.write_text(
+        "import sys\n"
+        "from groundstation.missions.connection import call_after_last_line\n"
+        "call_after_last_line(lambda: print('after it'))\n"
+        f"{last_line}\n"
+    )
+    if has_ended_by_itself:
+        run_script(script, (), host)
+        assert capsys.readouterr().out == "after it\n"
+        return
+
+    with pytest.raises((SystemExit, ZeroDivisionError, KeyboardInterrupt)):
+        run_script(script, (), host)
+    assert capsys.readouterr().out == ""
