@@ -13,7 +13,7 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import math
-from collections.abc import Coroutine
+from collections.abc import Coroutine, Iterable, Set
 from dataclasses import dataclass, field, replace
 from typing import Any, Literal, NamedTuple
 
@@ -21,10 +21,11 @@ from msgspec import structs
 
 from groundstation.missions.api import Fleet
 from groundstation.missions.blocking import BlockingFleet
+from groundstation.missions.ground import step_result
 from groundstation.orders.grammar import OrderError
 from groundstation.orders.intents import Goto
 from groundstation.orders.plan import PlannedOrder
-from groundstation.orders.result import OrderFailed
+from groundstation.orders.result import OrderFailed, Results
 from groundstation.paths.checks import path_findings, refusals
 from groundstation.paths.pieces import slowed
 from onboard.config.fleet import ConfigError
@@ -62,6 +63,7 @@ class _Open:
     kind: Kind
     names: tuple[str, ...]
     due_s: float  # on the script's clock
+    replaced: set[str]  # vehicles with a later order of the same script
 
 
 @dataclass(slots=True)
@@ -156,6 +158,7 @@ class ScriptOrders:
         """Stop all motors now; orders that are not sent yet are dropped."""
         self._batch = _Batch()
         self._is_stopped = True
+        self._replace_open(self.fleet.names)
         self._blocking.run(lambda fleet: fleet.kill(fleet.names))
 
     def _check_not_stopped(self, command: str) -> None:
@@ -355,26 +358,47 @@ class ScriptOrders:
         self, kind: Kind, durations_s: dict[str, float], order: Coroutine[Any, Any, Any]
     ) -> None:
         """Begin an order in a separate task."""
+        self._replace_open(durations_s)
         due_s = self.time_s + max(durations_s.values())
-        task = asyncio.create_task(self._until_its_end(order))
+        replaced: set[str] = set()
+        task = asyncio.create_task(self._until_its_end(order, replaced))
         task.add_done_callback(self._take_failure)
-        self._open.append(_Open(task=task, kind=kind, names=tuple(durations_s), due_s=due_s))
+        self._open.append(
+            _Open(task=task, kind=kind, names=tuple(durations_s), due_s=due_s, replaced=replaced)
+        )
 
-    async def _until_its_end(self, order: Coroutine[Any, Any, Any]) -> None:
+    def _replace_open(self, names: Iterable[str]) -> None:
+        """Note that these vehicles get a later order than those that are open."""
+        for order in self._open:
+            order.replaced.update(names)
+
+    async def _until_its_end(self, order: Coroutine[Any, Any, Results], replaced: Set[str]) -> None:
         """Wait for the end of an order.
 
-        An order that a later order of the same script has superseded has not failed.
+        An order has not failed if a later order of the same script has superseded it. Cut off by
+        anything else, as by the landing at the end, it has.
+
+        Args:
+            order: the order.
+            replaced: vehicles to which the script has given a later order by the order's end.
         """
         try:
             await order
         except OrderFailed as error:
-            phases = {result.phase for result in error.results.values()}
-            has_failed = bool(phases - {"done", "superseded"})
-            if has_failed:
-                raise
-            # A superseded order is not a step of the flight, so the verdict leaves it out.
-            steps = self.fleet.steps
-            steps[:] = [step for step in steps if "superseded" not in step.vehicles.values()]
+            for name, result in error.results.items():
+                is_replaced = result.phase == "superseded" and name in replaced
+                if not result.is_done and not is_replaced:
+                    raise
+            self._leave_out_step(error.results)
+
+    def _leave_out_step(self, results: Results) -> None:
+        """Leave the step of a superseded order out of the flight's steps, and so of its verdict."""
+        step = step_result("", 0.0, results)
+        self.fleet.steps[:] = [
+            other
+            for other in self.fleet.steps
+            if other.vehicles != step.vehicles or other.sentences != step.sentences
+        ]
 
     def _take_failure(self, task: asyncio.Task[None]) -> None:
         """Keep the first failure, and end the sleep that runs."""

@@ -11,7 +11,11 @@ from typing import Any
 import pytest
 
 from groundstation.crazyswarm.orders import ScriptOrders
+from groundstation.missions.ground import step_result
 from groundstation.orders.grammar import OrderError
+from groundstation.orders.intents import Intent
+from groundstation.orders.result import OrderFailed, VehicleResult
+from groundstation.verdict.observations import StepResult
 
 
 class Standing:
@@ -21,10 +25,25 @@ class Standing:
 
     def __init__(self) -> None:
         self.client = SimpleNamespace(now_ns=time.monotonic_ns)
+        self.ground = SimpleNamespace(order=self.order)
         self.said: list[str] = []
+        self.steps: list[StepResult] = []
+        self.cuts: list[asyncio.Event] = []  # one for each order to move, which cuts it off
 
     def __getitem__(self, name: str) -> Any:
         return SimpleNamespace(is_flying=False)
+
+    async def order(self, intent: Intent, timeout_s: float, change: Any) -> None:
+        """Move until something else cuts it off."""
+        cut = asyncio.Event()
+        self.cuts.append(cut)
+        await cut.wait()
+        results = {
+            name: VehicleResult(name, "1", "superseded", "Ended by another order.")
+            for name in intent.names
+        }
+        self.steps.append(step_result(str(intent), 1.0, results))
+        raise OrderFailed(intent, results)
 
     async def land(self, names: list[str], timeout_s: float) -> None:
         """Land, which takes a moment."""
@@ -127,3 +146,33 @@ def test_the_end_of_a_script_that_was_interrupted_in_a_sleep_sends_nothing(
     orders.land("mav0", 0.01)
     orders.finish()
     assert blocking.fleet.said == []
+
+
+@pytest.mark.parametrize("is_replaced", [True, False], ids=["by the script", "by others"])
+def test_only_a_move_that_the_script_itself_replaces_has_not_failed_when_it_is_cut_off(
+    orders: ScriptOrders, blocking: BlockingStanding, is_replaced: bool
+) -> None:
+    fleet = blocking.fleet
+    for name in ("mav0", "mav1"):
+        orders.go_to(name, (0.0, 0.0, 1.0), 0.0, 8.0)
+    orders.pass_time(0.0, waits_for_moves=False)
+    orders.go_to("mav0", (1.0, 0.0, 1.0), 0.0, 8.0)
+    if is_replaced:
+        orders.go_to("mav1", (2.0, 0.0, 1.0), 0.0, 8.0)
+    orders.pass_time(0.0, waits_for_moves=False)
+
+    fleet.cuts[0].set()
+    if is_replaced:
+        orders.pass_time(0.01, waits_for_moves=False)
+        assert fleet.steps == []
+    else:
+        with pytest.raises(OrderFailed, match="mav1 superseded: Ended by another order"):
+            orders.pass_time(10.0, waits_for_moves=False)
+        assert [step.vehicles for step in fleet.steps] == [
+            dict.fromkeys(("mav0", "mav1"), "superseded")
+        ]
+
+    fleet.cuts[1].set()
+    with pytest.raises(OrderFailed):
+        orders.pass_time(10.0, waits_for_moves=False)
+    assert len(fleet.steps) == (1 if is_replaced else 2)
