@@ -99,6 +99,7 @@ class ScriptOrders:
         self.fleet: Fleet = blocking.run(_itself)
         self._batch = _Batch()
         self._open: list[_Open] = []
+        self._sent: dict[str, _Takeoff | _Move] = {}  # the newest one of each vehicle
         self._is_stopped = False  # whether emergency() has stopped the motors
         self._is_interrupted = False  # whether Ctrl-C has ended a sleep
         self._failure: BaseException | None = None
@@ -174,11 +175,13 @@ class ScriptOrders:
     def spot(self, name: str) -> tuple[Xyz, float]:
         """Return the point at which relative goals begin, and the heading there [deg].
 
-        It is the goal of a vehicle that moves, or else its position.
+        It is the goal of the move or take-off that the vehicle carries out for this script, which
+        telemetry shows only later. Otherwise it is the goal that the vehicle reports in the air, or
+        else its position.
         """
-        if name in self._batch.moves:
-            move = self._batch.moves[name]
-            return move.goal_enu_m, move.yaw_deg
+        sent = self._batch.moves.get(name) or self._under_way(name)
+        if isinstance(sent, _Move):
+            return sent.goal_enu_m, sent.yaw_deg
 
         telemetry = self.fleet[name].telemetry
         if telemetry is None:
@@ -188,10 +191,28 @@ class ScriptOrders:
         if abs(yaw_deg) < _SMALL_YAW_DEG:
             yaw_deg = 0.0
 
+        point_enu_m = telemetry.position_enu_m
         goal_enu_m = telemetry.goal_position_enu_m
-        if telemetry.state in ("flying", "holding") and all(map(math.isfinite, goal_enu_m)):
-            return goal_enu_m, yaw_deg
-        return telemetry.position_enu_m, yaw_deg
+        has_goal = telemetry.state in ("taking off", "flying", "holding")
+        if has_goal and all(map(math.isfinite, goal_enu_m)):
+            point_enu_m = goal_enu_m
+
+        if isinstance(sent, _Takeoff):
+            x, y, _ = point_enu_m
+            return (x, y, sent.height_m), yaw_deg
+        return point_enu_m, yaw_deg
+
+    def _under_way(self, name: str) -> _Takeoff | _Move | None:
+        """Return the take-off or move that a vehicle carries out for this script, if there is one.
+
+        The newest order that was sent to it decides.
+        """
+        for order in reversed(self._open):
+            if name in order.names:
+                if order.kind in ("takeoff", "goto") and not order.task.done():
+                    return self._sent[name]
+                return None
+        return None
 
     def position(self, name: str) -> Xyz:
         """Return the reported position [m], ENU; NaN if it is not known."""
@@ -277,6 +298,8 @@ class ScriptOrders:
         # A vehicle refuses a take-off while it still arms.
         await self._wait(self._open_tasks("arm", set(batch.takeoffs)))
 
+        self._sent.update(batch.takeoffs)
+        self._sent.update(batch.moves)
         arms = [name for name in batch.arms if name not in batch.takeoffs]
         if arms:
             self._begin("arm", dict.fromkeys(arms, 0.0), self.fleet.arm(arms))

@@ -26,12 +26,22 @@ class Standing:
     def __init__(self) -> None:
         self.client = SimpleNamespace(now_ns=time.monotonic_ns)
         self.ground = SimpleNamespace(order=self.order)
+        self.telemetry = SimpleNamespace(
+            state="ready",
+            yaw_deg=0.0,
+            position_enu_m=(-1.6, 0.0, 0.0),
+            goal_position_enu_m=(-1.6, 0.0, 0.0),
+        )
         self.said: list[str] = []
         self.steps: list[StepResult] = []
         self.cuts: list[asyncio.Event] = []  # one for each order to move, which cuts it off
 
     def __getitem__(self, name: str) -> Any:
-        return SimpleNamespace(is_flying=False)
+        return SimpleNamespace(is_flying=False, telemetry=self.telemetry)
+
+    async def takeoff(self, height_m: float, names: list[str], timeout_s: float) -> None:
+        """Take off, which takes a moment."""
+        await asyncio.sleep(0.02)
 
     async def order(self, intent: Intent, timeout_s: float, change: Any) -> None:
         """Move until something else cuts it off."""
@@ -176,3 +186,22 @@ def test_only_a_move_that_the_script_itself_replaces_has_not_failed_when_it_is_c
     with pytest.raises(OrderFailed):
         orders.pass_time(10.0, waits_for_moves=False)
     assert len(fleet.steps) == (1 if is_replaced else 2)
+
+
+def test_relative_goals_begin_where_the_command_before_leads_and_not_where_telemetry_is(
+    orders: ScriptOrders, blocking: BlockingStanding
+) -> None:
+    orders.takeoff("mav0", 1.5, 2.0)
+    orders.pass_time(0.0, waits_for_moves=True)
+    assert orders.spot("mav0") == ((-1.6, 0.0, 1.5), 0.0)
+
+    blocking.fleet.telemetry.state = "flying"
+    orders.go_to("mav0", (1.0, 2.0, 1.0), 90.0, 8.0)
+    orders.pass_time(0.0, waits_for_moves=True)
+    assert orders.spot("mav0") == ((1.0, 2.0, 1.0), 90.0)
+
+    # once it has ended, the vehicle may be elsewhere
+    blocking.fleet.cuts[0].set()
+    with pytest.raises(OrderFailed):
+        orders.pass_time(10.0, waits_for_moves=True)
+    assert orders.spot("mav0") == ((-1.6, 0.0, 0.0), 0.0)
