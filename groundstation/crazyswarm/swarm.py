@@ -25,6 +25,7 @@ from groundstation.crazyswarm.script_check import (
     refuse_what_is_not_flown,
 )
 from groundstation.crazyswarm.uav_trajectory import path_of_trajectory, refuse_unflyable_trajectory
+from groundstation.missions.argument_checks import as_position, check_duration, check_number
 from groundstation.missions.blocking import BlockingFleet
 from groundstation.missions.connection import call_after_last_line
 from groundstation.orders.grammar import OrderError
@@ -93,11 +94,13 @@ class TimeHelper:
         """Let time pass, and wait for orders that should have ended by then.
 
         Args:
-            duration: time on the script's clock [s].
+            duration: time on the script's clock [s]; a negative one counts as 0.
 
         Raises:
+            ConfigError: it is no finite number.
             OrderFailed: a vehicle did not do what was ordered.
         """
+        check_number(duration, "sleep", "seconds")
         self._orders.pass_time(max(0.0, float(duration)), waits_for_moves=True)
 
     def sleepForRate(self, rateHz: float) -> None:
@@ -105,7 +108,13 @@ class TimeHelper:
 
         Args:
             rateHz: the rate [Hz].
+
+        Raises:
+            ConfigError: it is no finite number above 0.
         """
+        check_number(rateHz, "sleepForRate", "hertz")
+        if rateHz <= 0.0:
+            raise OrderError(f"sleepForRate: {rateHz:g} Hz is no rate. Give one above 0.")
         self._orders.pass_time(1.0 / rateHz, waits_for_moves=False)
 
     def isShutdown(self) -> bool:
@@ -200,12 +209,23 @@ class Crazyflie:
             self._orders.stop(self._name)
 
     def takeoff(self, targetHeight: float, duration: float, groupMask: int = 0) -> None:
-        """Arm and take off to a height above the fleet's origin."""
+        """Arm and take off to a height above the fleet's origin.
+
+        Raises:
+            ConfigError: a value is no finite number.
+        """
+        check_number(targetHeight, "takeoff", "metres")
+        check_duration(duration, "takeoff")
         if self._is_meant(groupMask):
             self._orders.takeoff(self._name, float(targetHeight), float(duration))
 
     def land(self, targetHeight: float, duration: float, groupMask: int = 0) -> None:
-        """Land on the ground and disarm; the given height is not used."""
+        """Land on the ground and disarm; the given height is not used.
+
+        Raises:
+            ConfigError: the duration is no finite number.
+        """
+        check_duration(duration, "land")
         if self._is_meant(groupMask):
             self._orders.land(self._name, float(duration))
 
@@ -226,11 +246,17 @@ class Crazyflie:
         relative: bool = False,
         groupMask: int = 0,
     ) -> None:
-        """Go to a goal; all goals between two sleeps are checked together."""
+        """Go to a goal; all goals between two sleeps are checked together.
+
+        Raises:
+            ConfigError: a value is no finite number, or the goal is not three of them.
+        """
+        x, y, z = as_position(goal, "goTo")
+        check_number(yaw, "goTo", "radians")
+        check_duration(duration, "goTo")
         if not self._is_meant(groupMask):
             return
 
-        x, y, z = (float(value) for value in goal)
         yaw_deg = math.degrees(float(yaw))
         if relative:
             (spot_x, spot_y, spot_z), spot_yaw_deg = self._orders.spot(self._name)
@@ -270,9 +296,9 @@ class Crazyflie:
         if not self._is_meant(groupMask):
             return
         if trajectoryId not in self._trajectories:
-            known = ", ".join(map(str, self._trajectories)) or "none"
+            known = ", ".join(map(repr, self._trajectories)) or "none"
             raise OrderError(
-                f"{self._name} has no trajectory {trajectoryId}; it has {known}. Upload it first."
+                f"{self._name} has no trajectory {trajectoryId!r}; it has {known}. Upload it first."
             )
 
         path = slowed(self._trajectories[trajectoryId], float(timescale))
@@ -290,7 +316,11 @@ class Crazyflie:
         return np.array(self._orders.position(self._name))
 
     def setLEDColor(self, r: float, g: float, b: float) -> None:
-        """Show and record a colour, each share from 0 to 1; no lamp of a vehicle gets it."""
+        """Show and record a colour, each share from 0 to 1; no lamp of a vehicle gets it.
+
+        Raises:
+            ConfigError: a share is no finite number.
+        """
         client = self._orders.fleet.client
         message = Light(
             vehicle=self._name,
@@ -336,6 +366,7 @@ class Crazyflie:
 
 def _colour_byte(share: float) -> int:
     """Return a colour's share from 0 to 1 as a byte."""
+    check_number(share, "setLEDColor", "parts of full brightness")
     return round(255 * min(max(float(share), 0.0), 1.0))
 
 
