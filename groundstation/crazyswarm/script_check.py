@@ -1,8 +1,9 @@
 """Checks a Crazyswarm script before it connects, so that it does not fail in the air.
 
 Covey refuses some of Crazyswarm's commands. A script usually calls them after its take-off. So the
-source of the script is read first, and the script is refused with the line of the call. A script
-that uses vehicles with ids that the fleet does not have is also refused.
+source of the script is read first, and the script is refused with the line of the call. A method
+that a class of the script defines may have the name of such a command: its calls are left out. A
+script that uses vehicles with ids that the fleet does not have is also refused.
 
 Only numbers that stand in the source are known: in the call itself, or in a name that the script
 assigns once. Code below an `if` or in a `try` is not checked for ids, because a script may check
@@ -180,11 +181,19 @@ def refuse_too_small_a_fleet(crazyflies_yaml: str | None, fleet: FleetConfig) ->
 
 
 def _calls(tree: ast.Module) -> Iterator[tuple[int, str]]:
-    """Yield line and name of each call of a method that Covey does not fly."""
+    """Yield line and name of each call of a method that Covey does not fly.
+
+    The names of the script's own methods are left out: the call may be one of them.
+    """
+    own_methods = set()
+    for node in ast.walk(tree):
+        if isinstance(node, ast.ClassDef):
+            own_methods |= {part.name for part in node.body if isinstance(part, ast.FunctionDef)}
+
     for node in ast.walk(tree):
         if not isinstance(node, ast.Call) or not isinstance(node.func, ast.Attribute):
             continue
-        if node.func.attr in NOT_FLOWN:
+        if node.func.attr in NOT_FLOWN and node.func.attr not in own_methods:
             yield node.lineno, node.func.attr
 
 

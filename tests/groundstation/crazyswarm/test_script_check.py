@@ -41,6 +41,19 @@ def test_a_script_that_waits_for_a_charger_is_refused(tmp_path: Path) -> None:
         refuse_what_is_not_flown(str(script))
 
 
+def test_a_method_of_a_scripts_own_class_may_have_the_name_of_a_refused_command(
+    tmp_path: Path,
+) -> None:
+    script = tmp_path / "camera.py"
+    own_class = "class Camera:\n    def get_status(self):\n        return 'ok'\n"
+    script.write_text(f"{own_class}print(Camera().get_status())\n")
+    refuse_what_is_not_flown(str(script))
+
+    script.write_text(f"{own_class}one.cmdHover(0, 0, 0, 1)\n")
+    with pytest.raises(ConfigError, match=r"calls cmdHover \(line 4\)"):
+        refuse_what_is_not_flown(str(script))
+
+
 def test_a_script_for_more_vehicles_than_the_fleet_has_is_refused() -> None:
     fleet = load_fleet(str(PAPER))
     three = "crazyflies:\n- id: 1\n  channel: 110\n- channel: 2\n  id: 2\n- {}\n"
