@@ -198,6 +198,10 @@ def loop_growth_1_s(
     delay_s = response.delay_s * stretch
     wn = response.wn_rad_s / stretch
 
+    # a response that is quicker than the steps of this model cannot be told from one as quick
+    step_s = TICK_S / _SUBSTEPS
+    wn = min(wn, 1.0 / (step_s * max(1.0, 2.0 * response.zeta)))
+
     # the law predicts over the configured lag, not over the real one
     window_s = 0.0
     if is_predicted:
@@ -224,7 +228,6 @@ def loop_growth_1_s(
     past = np.concatenate([command[:, None], past], axis=1)
 
     # the vehicle responds for one tick
-    step_s = TICK_S / _SUBSTEPS
     for index in range(_SUBSTEPS):
         slot = max(0, math.ceil((delay_s - index * step_s) / TICK_S - 1e-9))
         delayed = past[:, slot]

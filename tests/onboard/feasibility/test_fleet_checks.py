@@ -416,6 +416,15 @@ def test_the_loop_dies_out_with_prediction_where_it_grows_without() -> None:
     assert grown[0] < grown[1] < 0.0 < grown[2]
 
 
+@pytest.mark.parametrize("zeta", [0.5, 1.0, 2.0])
+def test_a_response_that_is_quicker_than_the_error_of_its_lag_does_not_count_as_growing(
+    zeta: float,
+) -> None:
+    quick = Response(delay_s=0.0, wn_rad_s=60.0, zeta=zeta)
+    for lag_error_s in (-0.04, 0.0, 0.04):
+        assert bounds.loop_growth_1_s(quick, 4.0, 8.0, lag_error_s=lag_error_s) < 0.0
+
+
 def test_the_growth_rate_is_that_of_the_loop_flown_in_time() -> None:
     k_1 = 10.0
     k_2 = 20.0
