@@ -48,9 +48,11 @@ from onboard.feasibility.pair_checks import (
     too_few_neighbours,
 )
 from onboard.feasibility.vehicle_checks import (
+    attitude_response,
     available_m_s2,
     battery,
     beside_people,
+    dead_time,
     gust_reserve,
     height_at_tilt,
     own_failsafes,
@@ -71,6 +73,8 @@ _CHECKS_OF_A_VEHICLE = (
     height_at_tilt,
     thrust_reserve,
     gust_reserve,
+    attitude_response,
+    dead_time,
     wind,
     battery,
     silence,

@@ -17,10 +17,14 @@ from onboard.config.fleet import FleetConfig, Vehicle, parking_distance_m
 from onboard.config.flight_space import flight_space_of
 from onboard.estimation.accuracies import Accuracy
 from onboard.feasibility import bounds
-from onboard.feasibility.bounds import Response
 from onboard.feasibility.finding import Finding, at_least, at_most, rounded_down, rounded_up, worst
 from onboard.feasibility.inequality import inequality_finding
-from onboard.feasibility.vehicle_checks import GUST_M_S2, available_m_s2
+from onboard.feasibility.vehicle_checks import (
+    GUST_M_S2,
+    available_m_s2,
+    largest_growth_1_s,
+    response_of,
+)
 from onboard.types import TICK_S
 
 # least gap between two bodies at the safety distance, for downwash and a turned body
@@ -50,19 +54,6 @@ _MARGIN_WARNING_SHARE = 0.95  # a smaller margin is a warning
 
 _BRAKING_WARNING_SHARE = 0.8  # more than this share of the available braking is a warning
 _NEVER_REFUSED = math.inf
-
-
-def response_of(vehicle: Vehicle) -> Response:
-    """Return the configured response of a vehicle, from a command to the acceleration.
-
-    Args:
-        vehicle: the vehicle.
-    """
-    return Response(
-        delay_s=vehicle.attitude_delay_s,
-        wn_rad_s=vehicle.attitude_wn_rad_s,
-        zeta=vehicle.attitude_zeta,
-    )
 
 
 def pair_findings(fleet: FleetConfig, vehicles: list[Vehicle], accuracy: Accuracy) -> list[Finding]:
@@ -355,19 +346,8 @@ def _largest_growth_1_s(fleet: FleetConfig, vehicle: Vehicle, share: float) -> f
     lag.
     """
     kappa_1, kappa_2 = kappa_values(fleet)
-    response = response_of(vehicle)
     is_predicted = fleet.law.prediction == "lag"
-
-    return max(
-        bounds.loop_growth_1_s(
-            response,
-            share * kappa_1,
-            share * kappa_2,
-            lag_error_s=lag_error_s,
-            is_predicted=is_predicted,
-        )
-        for lag_error_s in (-LAG_ERROR_S, 0.0, LAG_ERROR_S)
-    )
+    return largest_growth_1_s(vehicle, share * kappa_1, share * kappa_2, is_predicted=is_predicted)
 
 
 def _paper_kappas(vehicle: Vehicle, kappa: float) -> Finding:

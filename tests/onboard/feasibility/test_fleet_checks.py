@@ -68,6 +68,35 @@ def test_gps_with_the_papers_spacing_is_refused_in_words(base: str) -> None:
     )
 
 
+@pytest.mark.parametrize(
+    ("name", "wn_rad_s", "zeta", "delay_s", "status"),
+    [
+        ("attitude response", 3.0, 0.7, 0.04, "ok"),
+        ("attitude response", 2.5, 0.7, 0.04, "warning"),
+        ("attitude response", 1.0, 0.7, 0.0, "refused"),
+        ("attitude response", 6.0, 2.0, 0.04, "refused"),
+        ("attitude response", 4.0, 0.3, 0.04, "refused"),
+        ("dead time", 11.0, 0.6, 0.25, "ok"),
+        ("dead time", 11.0, 0.6, 0.3, "warning"),
+        ("dead time", 11.0, 0.6, 0.35, "refused"),
+    ],
+)
+def test_the_attitude_of_a_vehicle_that_flies_alone_is_judged(
+    name: str, wn_rad_s: float, zeta: float, delay_s: float, status: str
+) -> None:
+    fleet = fleet_with(
+        {
+            "types.sih.attitude_wn_rad_s": wn_rad_s,
+            "types.sih.attitude_zeta": zeta,
+            "types.sih.attitude_delay_s": delay_s,
+            "vehicles.mav1.enabled": False,
+            "vehicles.mav2.enabled": False,
+        }
+    )
+    assert fleet.enabled_names == ("mav0",)
+    assert named(fleet, name).status == status
+
+
 def test_a_fixed_margin_made_for_a_mocap_is_refused_for_a_worse_position() -> None:
     fixed = fleet_with({"law.margin": "fixed"})
     assert [
