@@ -19,6 +19,27 @@ def no_way(around: Surroundings, vehicle_name: str, begin_enu_m: Xyz, goal_enu_m
         vehicle_name: the vehicle that should fly there.
         begin_enu_m, goal_enu_m: its position, and the goal [m], ENU.
     """
+    words = _no_way_at_once(around, vehicle_name, begin_enu_m, goal_enu_m)
+    if not words:
+        return ""
+
+    # A fence that ends below the goal is in the way only while the vehicle climbs.
+    begin_x, begin_y, begin_z = begin_enu_m
+    _, _, goal_z = goal_enu_m
+    above = (begin_x, begin_y, goal_z)
+    may_climb = goal_z > begin_z and not _no_way_at_once(around, vehicle_name, begin_enu_m, above)
+    if may_climb and not _no_way_at_once(around, vehicle_name, above, goal_enu_m):
+        return (
+            f"cannot be reached from ({begin_x:.2f}, {begin_y:.2f}, {begin_z:.2f}): a fence is in "
+            f"the way up to a lower height; after a climb to {goal_z:.2f} m it can"
+        )
+    return words
+
+
+def _no_way_at_once(
+    around: Surroundings, vehicle_name: str, begin_enu_m: Xyz, goal_enu_m: Xyz
+) -> str:
+    """Return the same words for a flight that may pass all heights between begin and goal."""
     if not around.still:
         return ""
 
