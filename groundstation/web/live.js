@@ -16,6 +16,7 @@
   const KEPT_S = 600;
   const MAX_EVENTS = 200;
   const MAX_ALARMS = 6;
+  const SEVERITIES = ["note", "warning", "critical"]; // of alarms
   const MAX_CARDS = 8;
   const RECONNECT_MS = 1000;
   const SILENT_MS = 1500; // without a state: the page says so
@@ -26,7 +27,7 @@
 
   const byId = (id) => document.getElementById(id);
   const aimed = new Set(); // names that the next order reaches; none: all
-  const seen = new Set(); // alarms that somebody has acknowledged on this page
+  const seen = new Map(); // alarms that somebody has acknowledged on this page -> their severity
   const cards = new Map(); // number -> card
   const states = []; // of the last ten minutes
   let fleet = null;
@@ -285,12 +286,12 @@
   /* Forgets that alarms were acknowledged which are over: one that comes again is a new one. */
   function forgetEnded(alarms) {
     const holding = new Set(alarms.map(alarmKey));
-    for (const key of seen) if (!holding.has(key)) seen.delete(key);
+    for (const key of seen.keys()) if (!holding.has(key)) seen.delete(key);
   }
 
   function showAlarms(state) {
-    const open = state.alarms.filter((alarm) => !seen.has(alarmKey(alarm)));
-    const acknowledged = state.alarms.filter((alarm) => seen.has(alarmKey(alarm)));
+    const open = state.alarms.filter((alarm) => !isAcknowledged(alarm));
+    const acknowledged = state.alarms.filter(isAcknowledged);
     const lines = open.slice(0, MAX_ALARMS).map(alarmLine);
     const hidden = open.length - lines.length;
     if (hidden > 0) lines.push(element("div", { className: "soft" }, `and ${hidden} more`));
@@ -305,6 +306,11 @@
     return `${alarm.kind} ${alarm.subject}`;
   }
 
+  /* An alarm that got worse has to be acknowledged again. */
+  function isAcknowledged(alarm) {
+    return SEVERITIES.indexOf(alarm.severity) <= SEVERITIES.indexOf(seen.get(alarmKey(alarm)));
+  }
+
   function alarmLine(alarm) {
     const key = alarmKey(alarm);
     const acknowledge = {
@@ -314,7 +320,7 @@
       title: "acknowledge: it stays in one line until it is over",
       on: {
         click: () => {
-          seen.add(key);
+          seen.set(key, alarm.severity);
           if (fleet.can_order) say({ do: "acknowledge", kind: alarm.kind, subject: alarm.subject });
           showSoon();
         },

@@ -249,7 +249,7 @@ def _alarm(line: AlarmLine, now_ns: int) -> PageMessage:
     return {
         "kind": alarm.kind.value,
         "subject": plain_line(alarm.subject),
-        "severity": alarm.severity,
+        "severity": alarm.severity.name.lower(),
         "sentence": plain_line(alarm.sentence)[:_MAX_TEXT],
         "advice": plain_line(alarm.advice)[:_MAX_TEXT],
         "for_s": line.duration_s(now_ns),

@@ -156,6 +156,25 @@ def test_an_acknowledged_alarm_that_ends_and_comes_again_on_a_hidden_page_is_a_n
     assert said == {"do": "acknowledge", "kind": "battery low", "subject": "v000"}
 
 
+def test_an_acknowledged_alarm_that_gets_worse_is_shown_as_a_new_one() -> None:
+    found = run_page("""
+    const alarm = {
+      kind: "battery", subject: "v000", severity: "warning", sentence: "v000: battery at 28 %",
+      advice: "Land soon.", for_s: 1, count: 1,
+    };
+    const told = (severity) => {
+      hear({ ...STATE, alarms: [{ ...alarm, severity }] });
+      show();
+      return byId("alarms").children[0].className;
+    };
+    hear(FLEET);
+    const found = [told("warning")];
+    byId("alarms").children[0].children[0].dispatch("click");
+    found.push(told("warning"), told("note"), told("critical"));
+    """)
+    assert found == ["alarm warning", "soft", "soft", "alarm critical"]
+
+
 def test_who_looks_back_sees_the_trail_of_that_moment() -> None:
     found = run_page("""
     const vehicle = {
