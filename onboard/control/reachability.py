@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from onboard.control.route_map import is_beyond
 from onboard.control.router import Surroundings, in_the_way, map_of
 from onboard.tuples import Xyz
 from onboard.vectors import Vec2
@@ -19,13 +20,22 @@ def no_way(around: Surroundings, vehicle_name: str, begin_enu_m: Xyz, goal_enu_m
         vehicle_name: the vehicle that should fly there.
         begin_enu_m, goal_enu_m: its position, and the goal [m], ENU.
     """
+    begin_x, begin_y, begin_z = begin_enu_m
+    _, _, goal_z = goal_enu_m
+
+    # The vehicle sinks on its whole way, and so into what ends below it.
+    tops = [edge for edge in around.still if goal_z <= edge.high_m < begin_z]
+    if tops and is_beyond(Vec2(float(begin_x), float(begin_y)), tops):
+        return (
+            f"cannot be reached from ({begin_x:.2f}, {begin_y:.2f}, {begin_z:.2f}): a fence is "
+            f"below; from beside it, after a flight at {begin_z:.2f} m, it can"
+        )
+
     words = _no_way_at_once(around, vehicle_name, begin_enu_m, goal_enu_m)
     if not words:
         return ""
 
     # A fence that ends below the goal is in the way only while the vehicle climbs.
-    begin_x, begin_y, begin_z = begin_enu_m
-    _, _, goal_z = goal_enu_m
     above = (begin_x, begin_y, goal_z)
     may_climb = goal_z > begin_z and not _no_way_at_once(around, vehicle_name, begin_enu_m, above)
     if may_climb and not _no_way_at_once(around, vehicle_name, above, goal_enu_m):

@@ -311,6 +311,20 @@ def _is_beyond_areas(point_m: Array, things: _Things) -> BoolArray:
     return np.asarray(is_beyond)
 
 
+def is_beyond(point_m: Vec2, edges: Sequence[Capsule]) -> bool:
+    """Return whether a point [m] is beyond the edges of areas to stay out of.
+
+    Args:
+        point_m: the point, in fleet ENU.
+        edges: all edges of these areas.
+    """
+    for edge in edges:
+        is_circle = edge.begin_enu_m == edge.end_enu_m
+        if is_circle and math.dist(edge.begin_enu_m, point_m) < edge.radius_m:
+            return True
+    return bool(_is_beyond_areas(np.array(point_m), _things_of(edges, 0.0)).any())
+
+
 def _is_round_field(capsule: Capsule) -> bool:
     """Return whether an edge is the circle of an area to stay inside.
 

@@ -1,10 +1,12 @@
-"""Goals without a route are refused with the reason, and the climb after which there is one."""
+"""Goals without a route are refused with the reason, and the climb or flight after which there is one."""
 
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import msgspec
+import pytest
 
 from onboard.avoidance.params import law_params, still
 from onboard.config.fences import Fence
@@ -15,11 +17,14 @@ from onboard.control.router import Surroundings, surroundings
 PAPER = Path(__file__).resolve().parents[3] / "configs/fleets/paper.toml"
 
 
-def around_a_low_fence() -> Surroundings:
-    """A square to stay out of, up to a height of 2 m."""
-    corners = [[-1.5, -1.5], [1.5, -1.5], [1.5, 1.5], [-1.5, 1.5]]
-    low = {"name": "low", "keep": "out", "polygon_enu_m": corners, "height_m": [0.0, 2.0]}
-    fences = msgspec.convert([low | {"buffer_m": 0.3}], tuple[Fence, ...])
+SQUARE = {"polygon_enu_m": [[-1.5, -1.5], [1.5, -1.5], [1.5, 1.5], [-1.5, 1.5]]}
+CIRCLE = {"circle": {"center_enu_m": [0.0, 0.0], "radius_m": 1.5}}
+
+
+def around_a_low_fence(outline: dict[str, Any] = SQUARE) -> Surroundings:
+    """A place to stay out of, up to a height of 2 m."""
+    low = {"name": "low", "keep": "out", "height_m": [0.0, 2.0], "buffer_m": 0.3, **outline}
+    fences = msgspec.convert([low], tuple[Fence, ...])
     fleet = msgspec.structs.replace(load_fleet(PAPER), fences=fences)
     return surroundings(still(fleet), law_params(fleet, "mav0"))
 
@@ -37,3 +42,14 @@ def test_a_goal_above_a_fence_is_refused_from_below_with_the_climb_that_leads_th
 def test_where_no_climb_helps_none_is_named() -> None:
     words = no_way(around_a_low_fence(), "mav0", (2.5, 0.0, 1.0), (0.0, 0.0, 1.8))
     assert words.startswith("cannot be reached from (2.50, 0.00): no way around the obstacles")
+
+
+@pytest.mark.parametrize("outline", [SQUARE, CIRCLE], ids=["square", "circle"])
+def test_nobody_sinks_from_above_a_fence_to_a_goal_beside_it(outline: dict[str, Any]) -> None:
+    around = around_a_low_fence(outline)
+    assert no_way(around, "mav0", (0.0, 0.0, 3.0), (2.6, 0.0, 0.5)) == (
+        "cannot be reached from (0.00, 0.00, 3.00): a fence is below; from beside it, after a "
+        "flight at 3.00 m, it can"
+    )
+    assert no_way(around, "mav0", (0.0, 0.0, 3.0), (2.6, 0.0, 3.0)) == ""
+    assert no_way(around, "mav0", (2.6, 0.0, 3.0), (2.6, 0.0, 0.5)) == ""
