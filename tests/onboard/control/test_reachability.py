@@ -1,4 +1,4 @@
-"""Goals without a route are refused with the reason, and the climb or flight after which there is one."""
+"""Goals without a route are refused with the reason, and what leads there all the same."""
 
 from __future__ import annotations
 
