@@ -287,7 +287,7 @@ def wind(fleet: FleetConfig, vehicle: Vehicle) -> Finding:
         )
 
     gust_m_s2 = GUST_SHARE * vehicle.drag_1_s * limit_m_s
-    wider_m = gust_margin_m(gust_m_s2, vehicle.lag_s, fleet.law)
+    wider_m = gust_margin_m(gust_m_s2, vehicle, fleet.law)
     advised_m_s = 0.95 * largest_push_m_s2(vehicle) / (GUSTY * vehicle.drag_1_s)
     spots = ""
     if vehicle.drag_1_s * limit_m_s < tilt_acceleration_m_s2(vehicle):

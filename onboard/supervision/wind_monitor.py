@@ -88,7 +88,7 @@ class WindMonitor:
         self._limit_m_s = wind_limit_m_s(fleet, vehicle)
         self._bound_m_s2 = _AT_BOUND_SHARE * largest_push_m_s2(vehicle)
         self._law = fleet.law
-        self._lag_s = vehicle.lag_s
+        self._vehicle = vehicle
         self._largest_gust_m_s2 = _LARGEST_GUST_SHARE * tilt_acceleration_m_s2(vehicle)
 
         self._too_much_m_s = math.inf  # the wind that takes nearly all of the tilt
@@ -189,4 +189,4 @@ class WindMonitor:
 
     def _margin_m(self, gust_m_s2: float) -> float:
         """Return the margin that others keep from a vehicle in such gusts."""
-        return gust_margin_m(gust_m_s2, self._lag_s, self._law)
+        return gust_margin_m(gust_m_s2, self._vehicle, self._law)
