@@ -155,6 +155,49 @@ def square(time_s: float) -> float:
     return 20.0 if time_s % 2.0 < 1.0 else -20.0
 
 
+def test_a_vehicle_that_leans_when_it_is_first_looked_at_has_not_missed_that() -> None:
+    """A vehicle by satellites is looked at above a metre, in the middle of a manoeuvre."""
+
+    def becomes_level(time_s: float) -> float:
+        return 35.0 * math.exp(-time_s / 0.27)
+
+    for seconds in (0.2, 0.4, 0.6):
+        assert after(seconds, level, becomes_level).missed_s == 0.0
+    assert after(1.5, level, lambda time_s: 35.0).is_attitude_lost, "it stays as it is"
+
+
+@pytest.mark.parametrize("half_period_s", [0.3, 0.4, 0.5, 0.7, 1.0])
+@pytest.mark.parametrize(
+    ("delay_s", "wn_rad_s", "zeta"), [(0.06, 8.0, 0.6), (0.1, 6.0, 0.7), (0.04, 6.1, 0.6)]
+)
+def test_a_slow_attitude_follows_large_commands_to_both_sides(
+    half_period_s: float, delay_s: float, wn_rad_s: float, zeta: float
+) -> None:
+    """It responds after a dead time, as a second-order system."""
+
+    def commanded(time_s: float) -> float:
+        return 25.0 if time_s % (2.0 * half_period_s) < half_period_s else -25.0
+
+    monitor = TrackingMonitor(lag_s=delay_s + 2.0 * zeta / wn_rad_s, largest_frac=0.98)
+    tilt_deg = 0.0
+    rate_deg_s = 0.0
+    for tick in range(200):
+        for _ in range(10):
+            delayed_deg = commanded(TICK_S * tick - delay_s)
+            acceleration = wn_rad_s * (wn_rad_s * (delayed_deg - tilt_deg) - 2 * zeta * rate_deg_s)
+            rate_deg_s += 0.1 * TICK_S * acceleration
+            tilt_deg += 0.1 * TICK_S * rate_deg_s
+        monitor.update(
+            tilted(commanded(TICK_S * tick)),
+            tilted(tilt_deg),
+            0.5,
+            below_m=0.0,
+            climb_m_s=0.0,
+            dt_s=TICK_S,
+        )
+        assert monitor.missed_s == 0.0
+
+
 def test_an_attitude_that_follows_weakly_late_and_leaning_still_follows() -> None:
     def measured(time_s: float) -> float:
         # a moving average over 0.4 s
