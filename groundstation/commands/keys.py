@@ -44,7 +44,7 @@ from groundstation.keys.secured_fleet import (
     secure_fleet,
 )
 from onboard.config.fleet import ConfigError, FleetConfig, load_fleet
-from onboard.exit_status import EXIT_FAILED, EXIT_OK
+from onboard.exit_status import EXIT_FAILED, EXIT_NO_ANSWER, EXIT_OK
 from onboard.security.certificate_times import end_words
 from onboard.security.certificates import read_certificate
 from onboard.security.credentials import credentials_of, files_of, hosts_of
@@ -201,6 +201,8 @@ def list_(fleet: FleetArgument, /, *, running: bool = False) -> int:
         others = [node for node in authorities if node not in config.vehicles]
         for name in (*config.enabled_names, *others):
             print(f"{name:12s} {_RUNNING_WORDS[authorities.get(name, '')]}")
+        if not authorities:
+            return EXIT_NO_ANSWER
         if "former" in authorities.values():
             is_right = False
     return EXIT_OK if is_right else EXIT_FAILED

@@ -33,7 +33,13 @@ from groundstation.verdict.expectations import Expect
 from groundstation.verdict.final_verdict import final_verdict
 from onboard.config.file_reading import SCRIPT, python_tree, read_text, toml_values
 from onboard.config.fleet import ConfigError, FleetConfig
-from onboard.exit_status import EXIT_FAILED, EXIT_INTERRUPTED, EXIT_OK
+from onboard.exit_status import (
+    EXIT_FAILED,
+    EXIT_INTERRUPTED,
+    EXIT_NO_ANSWER,
+    EXIT_OK,
+    EXIT_WRONG_INPUT,
+)
 from onboard.plain_text import plain_lines
 
 _ROS = ("rclpy", "rospy", "tf2_ros", "geometry_msgs", "nav_msgs", "sensor_msgs", "std_msgs")
@@ -47,6 +53,7 @@ class _ScriptEnd(NamedTuple):
 
     status: int  # exit status
     failure: str  # a sentence about what went wrong; empty if nothing did
+    is_refused: bool = False  # whether something in it was refused
 
 
 def refuse_what_is_no_script(path: str) -> None:
@@ -137,7 +144,11 @@ def fly_script(
         sentence = end.failure
         if not sentence:
             sentence = "The script has connected with no fleet: groundstation.Fleet.connect() does."
-        print(plain_lines(f"{script}: {sentence}"), file=sys.stderr)
+        if not sentence.startswith(script):
+            sentence = f"{script}: {sentence}"
+        print(plain_lines(sentence), file=sys.stderr)
+        if end.is_refused:
+            return EXIT_WRONG_INPUT
         if end.status != EXIT_OK:
             return end.status
         return EXIT_FAILED
@@ -158,7 +169,8 @@ def fly_script(
         print(plain_lines(line), flush=True)
     if record_end.written or record_end.failure is not None:
         print(f"See it again: covey replay {shlex.quote(str(folder))}", flush=True)
-    if end.status != EXIT_OK:
+    nobody_answered = end.status == EXIT_FAILED and verdict.exit_status == EXIT_NO_ANSWER
+    if end.status != EXIT_OK and not nobody_answered:
         return end.status
     return verdict.exit_status
 
@@ -178,7 +190,7 @@ def _run_to_end(
     except SystemExit as error:
         return _end_by_exit(error.code)
     except _SELF_EXPLANATORY as error:
-        return _ScriptEnd(EXIT_FAILED, str(error))
+        return _ScriptEnd(EXIT_FAILED, str(error), isinstance(error, ConfigError))
     except ExceptionGroup as failures:
         first = first_failure(failures)
         if isinstance(first, _SELF_EXPLANATORY):

@@ -14,7 +14,7 @@ from groundstation.flights.script_flight import (
 )
 from groundstation.missions.connection import RealTime
 from onboard.config.fleet import ConfigError, FleetConfig
-from onboard.exit_status import EXIT_FAILED
+from onboard.exit_status import EXIT_FAILED, EXIT_WRONG_INPUT
 
 SCRIPT = """
 import asyncio
@@ -41,6 +41,20 @@ def test_the_failure_of_a_task_of_a_script_is_told_in_its_own_sentence(
     assert fly_script(str(script), (), host, tmp_path) == EXIT_FAILED
     told = capsys.readouterr().err
     assert told == f"{script}: The goal lies outside the fence.\n"
+
+
+def test_a_script_that_is_refused_before_it_connects_is_wrong_input(
+    fleet: FleetConfig, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    script = tmp_path / "show.py"
+    script.write_text(
+        "from groundstation.crazyswarm import Crazyswarm\nCrazyswarm().cmdPosition()\n"
+    )
+    host: Any = RealTime(fleet, folder=tmp_path, say=lambda line: None)
+    assert fly_script(str(script), (), host, tmp_path) == EXIT_WRONG_INPUT
+    told = capsys.readouterr().err
+    assert told.startswith(f"{script} calls cmdPosition (line 2), which is refused")
+    assert told.count("show.py") == 1
 
 
 def test_an_emulator_that_cannot_start_is_refused_in_a_sentence(

@@ -17,6 +17,7 @@ from groundstation.keys.secured_fleet import renew_authority, secure_fleet
 from groundstation.processes.free_ports import toml_text, with_free_ports
 from onboard.bus.session import BusSession
 from onboard.config.fleet import FleetConfig, load_fleet
+from onboard.exit_status import EXIT_NO_ANSWER
 from onboard.security.credentials import credentials_of
 from onboard.security.node_roles import NodeRole
 
@@ -98,6 +99,14 @@ def test_a_former_authority_is_not_overwritten_after_an_older_one_was_removed(
 
     assert (former / "2" / "viewer.pem").read_bytes() == kept
     assert (former / "4" / "viewer.pem").read_bytes() != kept
+
+
+def test_a_fleet_of_which_nobody_answers_is_told_by_the_exit_status(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    fleet = _secured(tmp_path)
+    monkeypatch.setattr("groundstation.commands.keys.running_authorities", lambda _: {})
+    assert main(["keys", "list", fleet.path, "--running"]) == EXIT_NO_ANSWER
 
 
 def test_a_folder_of_another_name_beside_former_authorities_is_left_alone(tmp_path: Path) -> None:
