@@ -193,7 +193,7 @@ def _print_next(fleet_path: Path, mission_path: Path) -> None:
     """Print which commands come next, and what each does."""
     mission = shlex.quote(str(mission_path))
     fleet = shlex.quote(str(fleet_path))
-    print("Both have comments on what to measure and to look up. Next:")
+    print("fleet.toml and mission.toml have comments on what to measure and to look up. Next:")
     for command, effect in (
         (f"covey check {mission}", "what can be flown, and how closely"),
         (f"covey fly {mission} --lockstep", "the flight in simulated time: seconds"),

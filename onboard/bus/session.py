@@ -469,8 +469,9 @@ def open_zenoh(settings: Iterable[Setting]) -> zenoh.Session:
                 "network, or change the endpoint in the fleet file."
             ) from None
         raise BusError(
-            f"{refused} Another agent or emulator of this fleet may be running: stop it, or change "
-            "the endpoint in the fleet file."
+            f"{refused} Another agent or emulator, perhaps of another fleet, may be running: stop "
+            "it, or change the endpoint in the fleet file. The simulator's is one port below the "
+            "lowest of the agents, unless fleet.simulator names it."
         ) from None
 
 
