@@ -267,6 +267,7 @@
 
   function wordsOf(vehicle) {
     const words = [];
+    if (vehicle.latched) words.push(vehicle.latched);
     if (vehicle.service) words.push(vehicle.service);
     if (vehicle.show) words.push(vehicle.show);
     if (vehicle.avoids) words.push(`avoids ${vehicle.avoids}`);

@@ -222,7 +222,9 @@ class LiveFeed:
         if self._can_order:
             control = self._client.control
         mission = ("", False)  # the mission's line in words, and whether it counts down
+        latch = None
         if self.cards is not None:
+            latch = self.cards.latch
             mission = (self.cards.missions.live_line, self.cards.missions.counts_down)
         return _text(
             state_message(
@@ -232,6 +234,7 @@ class LiveFeed:
                 control=control,
                 now_ns=now_ns,
                 mission=mission,
+                latch=latch,
             )
         )
 

@@ -21,6 +21,7 @@ from groundstation.fleet.state import (
     Separation,
     VehicleView,
 )
+from groundstation.orders.kill_latch import KillLatch
 from groundstation.scene.ground_tiles import GroundTiles, ground_message
 from onboard.bus.schema import Telemetry
 from onboard.config.fleet import FleetConfig
@@ -80,6 +81,7 @@ def state_message(
     control: Control | None,
     now_ns: int,
     mission: tuple[str, bool] = ("", False),
+    latch: KillLatch | None = None,
 ) -> PageMessage:
     """Return the fleet's present state.
 
@@ -90,13 +92,16 @@ def state_message(
         control: the control over the fleet; None if pages only watch.
         now_ns: time on the ground's clock.
         mission: a few words on the mission that this server flies, and whether it counts down.
+        latch: the vehicles that pages have killed; None if pages only watch.
     """
+    if latch is None:
+        latch = KillLatch()
     mission_line, counts_down = mission
     views = [state.vehicles[name] for name in fleet.enabled_names if name in state.vehicles]
     return {
         "kind": "state",
         "time_s": now_ns * 1e-9,
-        "vehicles": [_vehicle(view, fleet, now_ns) for view in views],
+        "vehicles": [_vehicle(view, fleet, latch, now_ns) for view in views],
         "people": [_person(person, now_ns) for person in state.people],
         "closest": _separation(state.closest(now_ns)),
         "smallest": _separation(state.smallest_truth or state.smallest),
@@ -118,13 +123,18 @@ def event_message(logged: LoggedEvent) -> PageMessage:
     }
 
 
-def _vehicle(view: VehicleView, fleet: FleetConfig, now_ns: int) -> PageMessage:
-    """Return one vehicle's part of the state; without telemetry only its name and age."""
+def _vehicle(view: VehicleView, fleet: FleetConfig, latch: KillLatch, now_ns: int) -> PageMessage:
+    """Return one vehicle's part of the state.
+
+    Without telemetry it is the name, the age, and why the vehicle gets no orders.
+    """
     telemetry = view.telemetry
+    latched = latch.refusal((view.name,))
     message: PageMessage = {
         "name": view.name,
         "is_fresh": view.is_fresh(now_ns),
         "age_s": _known(view.age_s(now_ns)),
+        "latched": latched,
     }
     if telemetry is None:
         return message
@@ -133,6 +143,7 @@ def _vehicle(view: VehicleView, fleet: FleetConfig, now_ns: int) -> PageMessage:
     quaternion = None
     if view.has_truth(now_ns) and view.truth is not None:
         quaternion = view.truth.quaternion_enu_flu_wxyz
+    reasons = [latched, *telemetry.not_ready]
     message.update(
         state=telemetry.state,
         reason=plain_line(telemetry.reason)[:_MAX_TEXT],
@@ -162,7 +173,7 @@ def _vehicle(view: VehicleView, fleet: FleetConfig, now_ns: int) -> PageMessage:
         wind_m_s=[_known(part) for part in telemetry.wind_enu_m_s],
         conditions=without_implied(telemetry.conditions),
         action=telemetry.action,
-        blocks=[plain_line(sentence)[:_MAX_TEXT] for sentence in telemetry.not_ready],
+        blocks=[plain_line(sentence)[:_MAX_TEXT] for sentence in reasons if sentence],
         loop_p99_ms=_known(telemetry.loop_period_p99_ms),
         neighbour_age_s=_known(telemetry.neighbour_age_s),
     )

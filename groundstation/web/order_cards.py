@@ -118,10 +118,10 @@ class OrderCards:
         self._forecaster = forecaster
         self._tell = tell
         self._cards: deque[OrderCard] = deque(maxlen=MAX_CARDS)
-        self._latch = KillLatch()
+        self.latch = KillLatch()  # the vehicles that pages have killed
         self._count = 0
         self.missions = MissionOrders(
-            client, self._begin_mission, ask=self._ask_mission, latch=self._latch
+            client, self._begin_mission, ask=self._ask_mission, latch=self.latch
         )
         self._mission_card: OrderCard | None = None  # card of the latest mission
         self._flying: asyncio.Task[None] | None = None
@@ -305,7 +305,7 @@ class OrderCards:
 
     def _preview(self, text: str, intent: Intent) -> None:
         """Make a card that shows an order's preview and waits for its confirmation."""
-        latched = self._latch.refusal(intent.names)
+        latched = self.latch.refusal(intent.names)
         if latched:
             self._new_card(text, "refused", latched)
             return
@@ -335,7 +335,7 @@ class OrderCards:
     def _kill(self, text: str, intent: Intent) -> None:
         """Take a kill order, which must be given twice within a second."""
         now_s = self._client.now_ns() * 1e-9
-        if not self._latch.press(_PAGE, intent.names, now_s):
+        if not self.latch.press(_PAGE, intent.names, now_s):
             sentence = below_words(
                 intent.names, self._client.fleet, self._client.state, self._client.now_ns()
             )
@@ -346,7 +346,7 @@ class OrderCards:
         self._send(card, self._client.plan(intent))
         if card.result is not None:
             killed = tuple(card.result.planned.orders)
-            self._latch.add(killed)
+            self.latch.add(killed)
             self._drop_orders_to(killed)
 
     def _drop_orders_to(self, killed: Sequence[str]) -> None:
@@ -360,7 +360,7 @@ class OrderCards:
 
     def _reset(self, text: str, names: str) -> None:
         """Allow orders to killed vehicles again: to the named ones, or to all."""
-        vehicles = self._latch.killed
+        vehicles = self.latch.killed
         if names:
             try:
                 vehicles = frozenset(self._client.fleet.select(names))
@@ -368,7 +368,7 @@ class OrderCards:
                 self._new_card(text, "refused", str(error))
                 return
 
-        freed = ", ".join(sorted(self._latch.reset(vehicles)))
+        freed = ", ".join(sorted(self.latch.reset(vehicles)))
         sentence = "No vehicle was killed from here."
         if freed:
             sentence = f"{freed} may be ordered again."

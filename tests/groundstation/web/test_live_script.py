@@ -136,6 +136,18 @@ def test_who_looks_back_sees_the_countdown_the_control_and_the_refusals_of_now()
     assert not is_stop_hidden
 
 
+def test_the_row_of_a_killed_vehicle_says_that_it_gets_no_orders() -> None:
+    row = run_page("""
+    const latched = "v000 was killed. Look at it, then write: reset v000";
+    const killed = { ...STATE.vehicles[0], is_fresh: true, state: "ready", latched };
+    hear(FLEET);
+    hear({ ...STATE, vehicles: [killed] });
+    show();
+    const found = byId("vehicles").textContent;
+    """)
+    assert "readyv000 was killed. Look at it, then write: reset v000" in row
+
+
 def test_an_acknowledged_alarm_that_ends_and_comes_again_on_a_hidden_page_is_a_new_one() -> None:
     found = run_page("""
     const alarm = {

@@ -375,6 +375,28 @@ async def test_a_kill_needs_the_same_words_twice_within_a_second(operated: Serve
         assert freed["sentences"] == ["mav1 may be ordered again."]
 
 
+async def test_a_killed_vehicle_says_that_it_gets_no_orders_until_it_is_reset(
+    operated: Served,
+) -> None:
+    sentence = "mav1 was killed. Look at it, then write: reset mav1"
+
+    def is_latched(message: Message) -> bool:
+        if message["kind"] != "state":
+            return False
+        other, killed, _ = message["vehicles"]
+        assert not other["latched"]
+        return killed["latched"] == sentence
+
+    async with opened(operated) as socket:
+        await heard(socket, is_operator)
+        for _ in range(2):
+            await socket.send_str(json.dumps({"do": "order", "text": "kill mav1"}))
+        told = await heard(socket, is_latched)
+        assert told["vehicles"][1]["blocks"] == [sentence]
+        await socket.send_str(json.dumps({"do": "order", "text": "reset mav1"}))
+        await heard(socket, lambda m: m["kind"] == "state" and not is_latched(m))
+
+
 async def test_the_alarm_of_a_kill_ends_on_all_pages_when_one_acknowledges_it(
     operated: Served,
 ) -> None:
