@@ -36,6 +36,7 @@ from onboard.config.fleet import ConfigError
 from onboard.plain_text import plain_line
 
 MAX_CARDS = 60
+MAX_LINE = 12_000  # number of letters of a line at most: the names of 255 vehicles fit in
 CHECK_S = 0.5  # period of the checks of waiting cards
 MAX_WAITING_S = 120.0  # time after which a card without confirmation is dropped
 _URGENT = ("land", "hold")
@@ -134,6 +135,13 @@ class OrderCards:
         """Take a line of a page: an order, a mission, a change of control or a kill's reset."""
         words = text.split()
         if not words:
+            return
+        if len(text) > MAX_LINE:
+            reason = (
+                f"The line has {len(text)} letters, more than {MAX_LINE}, so nothing was sent. "
+                "Order fewer vehicles at once."
+            )
+            self._new_card(text[:_MAX_TEXT], "refused", reason)
             return
         first_word, *further_words = words
         if words[:2] in (["take", "control"], ["give", "control"], ["keep", "control"]):

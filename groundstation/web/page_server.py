@@ -27,13 +27,13 @@ from aiohttp import WSCloseCode, WSMsgType, web
 from groundstation.scene.ground_tiles import GroundTile, GroundTiles
 from groundstation.scene.static_files import text_of
 from groundstation.web.live_feed import LiveFeed, TooSlow
+from groundstation.web.order_cards import MAX_LINE
 from onboard.config.endpoints import is_loopback
 from onboard.config.file_reading import json_values
 from onboard.config.fleet import ConfigError
 
 MAX_PAGES = 50
-MAX_MESSAGE_BYTES = 4096  # longest message of a page
-MAX_ORDER_CHARACTERS = 500
+MAX_MESSAGE_BYTES = 65536  # longest message of a page; the longest line fits in, in any letters
 _HEARTBEAT_S = 15.0
 _CLOSE_S = 3.0
 _SHARED_SCRIPTS = ("elements.js", "colours.js", "camera.js", "scene.js", "ground.js")
@@ -164,7 +164,9 @@ class PageServer:
             f'<link rel="stylesheet" href="files/{name}">' for name in (_SHARED_STYLE, _OWN_STYLE)
         )
         page = Template(_own_text("live.html"))
-        text = page.substitute(title=html.escape(self._title), scripts=scripts, styles=styles)
+        text = page.substitute(
+            title=html.escape(self._title), scripts=scripts, styles=styles, max_line=MAX_LINE
+        )
         return web.Response(text=text, content_type="text/html")
 
     async def _tile(self, request: web.Request) -> web.Response:
@@ -274,7 +276,7 @@ async def obey(text: str, feed: LiveFeed) -> None:
         return
 
     match dict(values):
-        case {"do": "order", "text": str(order)} if len(order) <= MAX_ORDER_CHARACTERS:
+        case {"do": "order", "text": str(order)}:
             # half of a pair of surrogates cannot be sent back to the pages
             await cards.take(order.encode("utf-8", "replace").decode("utf-8"))
         case {"do": "urgent", "verb": str(verb)}:

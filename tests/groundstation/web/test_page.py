@@ -511,8 +511,7 @@ async def test_a_kill_drops_what_waits_for_the_killed_vehicle(operated: Served) 
         '{"do": "confirm", "number": 99}',
         '{"do": "confirm", "number": "1"}',
         '{"do": "launch"}',
-        json.dumps({"do": "order", "text": "x" * 600}),
-        "[" * 2000,
+        "[" * 60_000,
     ],
 )
 async def test_words_that_are_none_are_left_out_and_the_page_lives_on(
@@ -523,6 +522,37 @@ async def test_words_that_are_none_are_left_out_and_the_page_lives_on(
         await socket.send_str(said)
         await heard(socket, lambda m: m["kind"] == "state")
     assert operated.bus.orders == []
+
+
+async def test_an_order_that_names_many_vehicles_is_sent_and_a_line_that_is_too_long_refused(
+    operated: Served,
+) -> None:
+    names = ",".join(["mav0", "mav1"] * 150)
+    too_long = "land " + "x" * order_cards.MAX_LINE
+    async with opened(operated) as socket:
+        await heard(socket, is_operator)
+        for text in (f"land {names}", too_long):
+            await socket.send_str(json.dumps({"do": "order", "text": text}))
+        await heard(socket, card(f"land {names}", "sent"))
+        refused = await heard(socket, lambda m: m.get("phase") == "refused")
+    assert refused["sentences"] == [
+        "The line has 12005 letters, more than 12000, so nothing was sent. "
+        "Order fewer vehicles at once."
+    ]
+    assert [name for name, _ in operated.bus.orders] == ["mav0", "mav1"]
+
+
+async def test_the_longest_line_fits_into_a_message_in_any_letters(operated: Served) -> None:
+    line = "\N{AIRPLANE}" * order_cards.MAX_LINE
+    async with opened(operated) as socket:
+        await heard(socket, is_operator)
+        await socket.send_str(json.dumps({"do": "order", "text": line}, ensure_ascii=False))
+        await heard(socket, lambda m: m.get("phase") == "refused")
+    async with (
+        aiohttp.ClientSession() as session,
+        session.get(operated.address) as response,
+    ):
+        assert f'maxlength="{order_cards.MAX_LINE}"' in await response.text()
 
 
 async def test_names_and_sentences_with_markup_arrive_as_they_are_written(operated: Served) -> None:
