@@ -22,6 +22,7 @@
   const SILENT_MS = 1500; // without a state: the page says so
   const TABLE_MS = 300; // from one table to the next: a hundred rows are more work than the scene
   const PRESS_MS = 1000; // longest time for which a press keeps buttons in their places
+  const BAD_PHASES = ["refused", "failed", "timed out", "no answer"]; // of a vehicle's result
   const URGENT_KEYS = { l: "land", o: "hold" }; // with ctrl
   const REPLACED = ["alarms", "vehicles", "cards"]; // parts whose buttons are made anew
 
@@ -462,7 +463,7 @@
 
   function phaseBadge(card) {
     const phases = (card.results ?? []).map((result) => result.phase);
-    const isBad = phases.some((phase) => ["refused", "failed", "no answer"].includes(phase));
+    const isBad = phases.some((phase) => BAD_PHASES.includes(phase));
     const isDone = phases.length > 0 && phases.every((phase) => phase === "done");
     if (card.phase === "previewed") {
       return element("span", { className: "badge" }, card.is_computing ? "flying it ahead" : "confirm?");
@@ -471,6 +472,7 @@
     if (card.outcome === "failed") return element("span", { className: "badge bad" }, "✖ failed");
     if (card.phase === "refused" || isBad) return element("span", { className: "badge bad" }, "✖ not done");
     if (isDone) return element("span", { className: "badge good" }, "✔ done");
+    if (card.is_final) return element("span", { className: "badge" }, "ended");
     return element("span", { className: "badge" }, card.phase === "sent" ? "under way" : card.phase);
   }
 

@@ -50,7 +50,8 @@ class OrderCard:
     def __init__(self, number: int, text: str) -> None:
         self.number = number
         self.text = text
-        # previewed (the card waits for its confirmation), sent, refused or dropped
+        # previewed (the card waits for its confirmation), sent, answered (nothing is under way),
+        # refused or dropped
         self.phase = "previewed"
         self.sentences: tuple[str, ...] = ()  # the reasons of a refusal or drop, or an answer
         self.prepared: PreparedOrder | None = None  # set for an order that needs a confirmation
@@ -246,9 +247,11 @@ class OrderCards:
 
     def _take_mission(self, text: str, words: list[str]) -> None:
         """Take a line about a mission: a mission to fly, or a word for the one that flies."""
-        card = self._new_card(text, "sent")
         if words[0] == "mission":
+            card = self._new_card(text, "sent")
             self._mission_card = card
+        else:
+            card = self._new_card(text, "answered")
         self._answer_mission(card, self.missions.take(words))
 
     def _answer_mission(self, card: OrderCard, refusal: str) -> None:
@@ -380,7 +383,7 @@ class OrderCards:
         sentence = "No vehicle was killed from here."
         if freed:
             sentence = f"{freed} may be ordered again."
-        self._new_card(text, "sent", sentence)
+        self._new_card(text, "answered", sentence)
 
     def _send(self, card: OrderCard, planned: PlannedOrder) -> None:
         try:
@@ -436,7 +439,7 @@ class OrderCards:
             usage = f"Write: take control, take control {FORCE_WORD}, give control, keep control."
             self._new_card(text, "refused", usage)
             return
-        self._new_card(text, "sent", answer)
+        self._new_card(text, "answered", answer)
 
 
 def _paths(prepared: PreparedOrder) -> dict[str, list[tuple[float, float, float]]]:

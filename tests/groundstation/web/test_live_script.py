@@ -92,6 +92,27 @@ def test_a_line_that_is_refused_or_not_sent_comes_back_and_so_does_a_kill() -> N
     assert found["without_connection"] == ["land all", "lnd all"]
 
 
+def test_a_card_says_how_its_order_ended() -> None:
+    said = run_page("""
+    const badge = (changes) => {
+      hear({ kind: "card", number: 1, text: "x", phase: "sent", sentences: [], ...changes });
+      show();
+      return byId("cards").children[0].children[2].textContent;
+    };
+    const result = (phase) => ({ vehicle: "v000", phase, sentence: "" });
+    hear(FLEET);
+    hear(STATE);
+    const found = [
+      ["done"], ["timed out"], ["no answer"], ["done", "superseded"], ["cancelled"],
+    ].map((phases) => badge({ is_final: true, results: phases.map(result) }));
+    found.push(badge({ is_final: false, results: ["done", "accepted"].map(result) }));
+    found.push(badge({}), badge({ phase: "answered" }));
+    """)
+    assert said[:3] == ["✔ done", "✖ not done", "✖ not done"]
+    assert said[3:5] == ["ended", "ended"]
+    assert said[5:] == ["under way", "under way", "answered"]
+
+
 def test_ctrl_l_and_ctrl_o_reach_all_on_every_layout_of_keys() -> None:
     verbs = run_page("""
     hear(FLEET);

@@ -367,11 +367,11 @@ async def test_a_kill_needs_the_same_words_twice_within_a_second(operated: Serve
         refused = await heard(socket, card("takeoff mav1 1", "refused"))
         assert "mav1 was killed" in refused["sentences"][0]
         await socket.send_str(json.dumps({"do": "order", "text": "reset mav0"}))
-        await heard(socket, card("reset mav0", "sent"))
+        await heard(socket, card("reset mav0", "answered"))
         await socket.send_str(json.dumps({"do": "order", "text": "takeoff mav1 2"}))
         await heard(socket, card("takeoff mav1 2", "refused"))
         await socket.send_str(json.dumps({"do": "order", "text": "reset mav1"}))
-        freed = await heard(socket, card("reset mav1", "sent"))
+        freed = await heard(socket, card("reset mav1", "answered"))
         assert freed["sentences"] == ["mav1 may be ordered again."]
 
 
@@ -455,6 +455,25 @@ async def test_control_is_not_taken_by_words_with_more_behind_them(operated: Ser
             await socket.send_str(json.dumps({"do": "order", "text": text}))
             answer = await heard(socket, card(text, "refused"))
             assert answer["sentences"][0].startswith("Write: take control"), text
+
+
+async def test_lines_after_which_nothing_is_under_way_are_answered(
+    operated: Served, tmp_path: Path
+) -> None:
+    wait = tmp_path / "wait.toml"
+    wait.write_text('schema = 1\n[[step]]\ndo = "wait"\nduration_s = 60.0\n')
+    async with opened(operated) as socket:
+        await heard(socket, is_operator)
+        phases = {
+            "take control": "answered",
+            "reset": "answered",
+            f"mission {wait}": "sent",
+            "stop": "answered",
+        }
+        for text, phase in phases.items():
+            await socket.send_str(json.dumps({"do": "order", "text": text}))
+            await heard(socket, card(text, phase))
+        await heard(socket, lambda m: m["kind"] == "card" and m["outcome"])
 
 
 async def test_no_mission_takes_off_with_a_killed_vehicle_before_its_reset(
