@@ -91,6 +91,7 @@ class Separation(Struct, frozen=True):
     distance_m: float
     stamp_ns: int
     is_truth: bool = False  # whether it comes from ground truth, not from telemetry
+    is_flying: bool = True  # whether at least one of them flies
 
 
 class LoggedEvent(Struct, frozen=True):
@@ -291,7 +292,10 @@ class FleetState(Struct, frozen=True):
         return newer
 
     def closest(self, now_ns: int) -> Separation | None:
-        """Return the closest pair now, by fresh telemetry; None without two known positions."""
+        """Return the closest pair now, by fresh telemetry; None without two known positions.
+
+        A pair on the ground is returned only if no pair has a vehicle in the air.
+        """
         positions = []
         for name, view in self.vehicles.items():
             position_enu_m = view.position_enu_m(now_ns)
@@ -301,8 +305,9 @@ class FleetState(Struct, frozen=True):
         pairs = []
         for (first, position), (second, other) in itertools.combinations(positions, 2):
             distance_m = separation_m(position, other, self.height_share)
-            pairs.append(Separation(first, second, distance_m, now_ns))
-        return min(pairs, key=lambda pair: pair.distance_m, default=None)
+            is_flying = self.vehicles[first].is_airborne or self.vehicles[second].is_airborne
+            pairs.append(Separation(first, second, distance_m, now_ns, is_flying=is_flying))
+        return min(pairs, key=lambda pair: (not pair.is_flying, pair.distance_m), default=None)
 
     def is_landed(self, name: str) -> bool:
         """Whether a vehicle is landed and disarmed, by its last telemetry.

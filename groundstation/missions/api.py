@@ -227,7 +227,10 @@ class Fleet(Group):
 
     @property
     def closest(self) -> Separation | None:
-        """The closest pair now, by telemetry; None if fewer than two positions are known."""
+        """The closest pair now, by telemetry; None if fewer than two positions are known.
+
+        A pair on the ground is returned only if no pair has a vehicle in the air.
+        """
         return self.state.closest(self.client.now_ns())
 
     @property

@@ -164,7 +164,7 @@
     const badge = byId("closest");
     badge.hidden = !closest;
     if (closest) {
-      const isTooNear = closest.distance_m < fleet.safety_distance_m;
+      const isTooNear = Covey.areTooNear(closest, fleet);
       badge.className = `badge ${isTooNear ? "bad" : ""}`;
       const sign = isTooNear ? "too near: " : "nearest ";
       badge.textContent = `${sign}${number(closest.distance_m, 2, "m")} ${closest.first}, ${closest.second}`;

@@ -252,6 +252,7 @@ def _separation(separation: Separation | None) -> PageMessage | None:
         "second": separation.second,
         "distance_m": _known(separation.distance_m),
         "is_truth": separation.is_truth,
+        "is_flying": separation.is_flying,
     }
 
 

@@ -143,7 +143,7 @@ globalThis.Covey ??= {};
       const [first, second] = [named(closest.first), named(closest.second)];
       if (!first || !second) return;
 
-      const isTooNear = closest.distance_m < this._fleet.safety_distance_m;
+      const isTooNear = areTooNear(closest, this._fleet);
       const colour = Covey.rgb(Covey.colour(isTooNear ? "bad" : "ground"));
       this.scene.line(first, second, colour, { opacity: 0.7, width: isTooNear ? 3 : 1 });
       const middle = first.map((axis, k) => (axis + second[k]) / 2);
@@ -174,6 +174,11 @@ globalThis.Covey ??= {};
     return time_s - last[0] >= TRAIL_STEP_S && moved_m >= TRAIL_STEP_M;
   }
 
+  /* Whether a pair is nearer than the safety distance; both may stand nearer on the ground. */
+  function areTooNear(pair, fleet) {
+    return pair.is_flying && pair.distance_m < fleet.safety_distance_m;
+  }
+
   /* Returns the attitude of a level vehicle with this heading. */
   function facing(yaw_deg) {
     const half = ((yaw_deg ?? 0) * Math.PI) / 360;
@@ -190,5 +195,5 @@ globalThis.Covey ??= {};
     return person.is_fresh ? person.name : `${person.name}, not seen`;
   }
 
-  Object.assign(Covey, { LiveScene, personColour, personWords });
+  Object.assign(Covey, { LiveScene, areTooNear, personColour, personWords });
 })();

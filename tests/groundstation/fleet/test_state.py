@@ -93,6 +93,22 @@ def test_the_closest_pair_is_found_from_fresh_and_valid_positions_only(
     assert state.closest(5 * SECOND) is None
 
 
+def test_a_pair_on_the_ground_is_the_closest_one_only_while_nobody_flies(
+    fleet: FleetConfig, make_telemetry: Any
+) -> None:
+    state = initial(fleet)
+    for name, x_m in (("mav0", 0.0), ("mav1", 0.5), ("mav2", 2.0)):
+        state = fold(state, make_telemetry(name, position_enu_m=(x_m, 0.0, 0.0)), 0)
+    standing = state.closest(0)
+    assert standing is not None
+    assert (standing.first, standing.second, standing.is_flying) == ("mav0", "mav1", False)
+
+    above = make_telemetry("mav2", position_enu_m=(2.0, 0.0, 1.0), is_airborne=True, sequence=9)
+    flying = fold(state, above, 0).closest(0)
+    assert flying is not None
+    assert (flying.first, flying.second, flying.is_flying) == ("mav1", "mav2", True)
+
+
 def test_positions_are_carried_on_with_their_velocity(
     fleet: FleetConfig, make_telemetry: Any
 ) -> None:

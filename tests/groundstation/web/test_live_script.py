@@ -157,6 +157,24 @@ def test_who_looks_back_sees_the_countdown_the_control_and_the_refusals_of_now()
     assert not is_stop_hidden
 
 
+def test_two_that_stand_near_each_other_on_the_ground_are_not_too_near() -> None:
+    found = run_page("""
+    const closest = { first: "v000", second: "v001", distance_m: 0.5, is_truth: false };
+    const position = { is_fresh: true, way_enu_m: [], position_enu_m: [0, 0, 0] };
+    const vehicles = STATE.vehicles.map((one) => ({ ...one, ...position }));
+    hear(FLEET);
+    const found = [false, true].map((is_flying) => {
+      hear({ ...STATE, vehicles, closest: { ...closest, is_flying } });
+      show();
+      return [byId("closest").textContent, byId("closest").className, lines.at(-1)[2].width];
+    });
+    """)
+    assert found == [
+        ["nearest 0.50 m v000, v001", "badge ", 1],
+        ["too near: 0.50 m v000, v001", "badge bad", 3],
+    ]
+
+
 def test_the_row_of_a_killed_vehicle_says_that_it_gets_no_orders() -> None:
     row = run_page("""
     const latched = "v000 was killed. Look at it, then write: reset v000";
