@@ -126,14 +126,19 @@ def event_message(logged: LoggedEvent) -> PageMessage:
 def _vehicle(view: VehicleView, fleet: FleetConfig, latch: KillLatch, now_ns: int) -> PageMessage:
     """Return one vehicle's part of the state.
 
-    Without telemetry it is the name, the age, and why the vehicle gets no orders.
+    Without telemetry it is the name, the age, the last known position, and why the vehicle gets no
+    orders.
     """
     telemetry = view.telemetry
     latched = latch.refusal((view.name,))
+    last_enu_m = None
+    if view.sighting is not None:
+        last_enu_m = view.sighting.position_enu_m
     message: PageMessage = {
         "name": view.name,
         "is_fresh": view.is_fresh(now_ns),
         "age_s": _known(view.age_s(now_ns)),
+        "last_enu_m": last_enu_m,
         "latched": latched,
     }
     if telemetry is None:

@@ -72,8 +72,9 @@ globalThis.Covey ??= {};
       scene.end();
     }
 
+    /* Draws a vehicle where it is, or pale where it was seen last. */
     _vehicle(vehicle, index, aimed, time_s) {
-      const position = vehicle.position_enu_m;
+      const position = vehicle.position_enu_m ?? vehicle.last_enu_m;
       if (!position) return;
       const scene = this.scene;
       const text = Covey.vehicleColour(index);
@@ -82,19 +83,19 @@ globalThis.Covey ??= {};
 
       scene.body(position, vehicle.quaternion ?? facing(vehicle.yaw_deg), colour, {
         diameter_m: this._fleet.body_diameter_m,
-        opacity: vehicle.is_fresh ? 1 : 0.4,
+        opacity: vehicle.position_enu_m ? 1 : 0.4,
       });
       scene.line(position, [position[0], position[1], 0], colour, { opacity: 0.35, width: 1 });
       scene.ring(position, this._fleet.safety_distance_m / 2, colour, {
         opacity: isAimed ? 0.9 : RING_OPACITY,
         width: isAimed ? 2.5 : 1,
       });
-      this._trail(vehicle, colour, time_s);
-      if (this.showsWays && vehicle.way_enu_m.length) {
+      this._trail(vehicle, position, colour, time_s);
+      if (this.showsWays && vehicle.way_enu_m?.length) {
         scene.line(vehicle.way_enu_m[0], vehicle.way_enu_m[1], colour, { opacity: 0.6, width: 2 });
         scene.ring(vehicle.goal_enu_m, 0.1, colour, { opacity: 0.8 });
       }
-      scene.label(position, vehicle.name, { colour: text, isStrong: isAimed });
+      scene.label(position, vehicleWords(vehicle), { colour: text, isStrong: isAimed });
     }
 
     /* Draws a person's circle on the ground and at the head, where he was seen last. */
@@ -111,12 +112,12 @@ globalThis.Covey ??= {};
       this.scene.label(head, personWords(person), { colour: text });
     }
 
-    /* Draws the trail up to this time, and from its last point to where the vehicle is. */
-    _trail(vehicle, colour, time_s) {
+    /* Draws the trail up to this time, and from its last point to the vehicle's position. */
+    _trail(vehicle, position, colour, time_s) {
       const kept = this._trails.get(vehicle.name) ?? [];
       const trail = kept.filter(([at_s]) => at_s >= time_s - TRAIL_S && at_s <= time_s);
       trail.forEach(([, point], index) => {
-        const next = index + 1 < trail.length ? trail[index + 1][1] : vehicle.position_enu_m;
+        const next = index + 1 < trail.length ? trail[index + 1][1] : position;
         const opacity = (0.5 * (index + 1)) / trail.length;
         this.scene.line(point, next, colour, { opacity, width: 2 });
       });
@@ -187,6 +188,12 @@ globalThis.Covey ??= {};
 
   function personColour(person) {
     return Covey.colour(person.is_fresh ? "warn" : "soft");
+  }
+
+  /* Returns a vehicle's name, and why its position now is not known. */
+  function vehicleWords(vehicle) {
+    if (vehicle.position_enu_m) return vehicle.name;
+    return `${vehicle.name}, ${vehicle.is_fresh ? "no position" : "silent"}`;
   }
 
   /* Returns a person's name, and whether the motion capture sees him. */

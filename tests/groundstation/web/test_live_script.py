@@ -175,6 +175,32 @@ def test_two_that_stand_near_each_other_on_the_ground_are_not_too_near() -> None
     ]
 
 
+def test_a_vehicle_without_a_known_position_is_drawn_pale_where_it_was_last() -> None:
+    found = run_page("""
+    const drawn = [];
+    Covey.Scene.prototype.body = (position, quaternion, colour, { opacity }) => {
+      drawn.push([position, opacity]);
+    };
+    Covey.Scene.prototype.label = (position, text) => drawn.push([position, text]);
+    const vehicle = { ...STATE.vehicles[0], last_enu_m: [1, 2, 1] };
+    const known = { ...vehicle, is_fresh: true, position_enu_m: [1, 2, 1], way_enu_m: [] };
+    hear(FLEET);
+    const found = [
+      known, { ...known, position_enu_m: null }, vehicle, { ...vehicle, last_enu_m: null },
+    ].map((one) => {
+      drawn.length = 0;
+      hear({ ...STATE, vehicles: [one] });
+      show();
+      return [...drawn];
+    });
+    """)
+    place = [1, 2, 1]
+    assert found[0] == [[place, 1], [place, "v000"]]
+    assert found[1] == [[place, 0.4], [place, "v000, no position"]]
+    assert found[2] == [[place, 0.4], [place, "v000, silent"]]
+    assert found[3] == [], "it was never seen"
+
+
 def test_the_row_of_a_killed_vehicle_says_that_it_gets_no_orders() -> None:
     row = run_page("""
     const latched = "v000 was killed. Look at it, then write: reset v000";

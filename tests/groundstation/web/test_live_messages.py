@@ -1,0 +1,34 @@
+"""What the server says of the fleet's state to a page."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from groundstation.web.live_messages import state_message
+from tests.groundstation.console.scenes import SteadyClient, crowd
+
+PLACE = (1.0, 2.0, 1.5)
+
+
+def said(client: SteadyClient) -> dict[str, Any]:
+    """The state as the server says it to pages."""
+    return state_message(
+        client.state, client.fleet, alarms=(), control=None, now_ns=client.now_ns()
+    )
+
+
+def test_a_vehicle_that_is_silent_or_has_no_position_is_told_where_it_was_last() -> None:
+    client = SteadyClient(crowd(2, side_m=8.0))
+    never, _ = said(client)["vehicles"]
+    assert never["last_enu_m"] is None
+
+    client.hear("v000", position_enu_m=PLACE)
+    client.hear("v000", position_enu_m=(9.0, 9.0, 9.0), is_position_valid=False)
+    without_position, _ = said(client)["vehicles"]
+    assert without_position["position_enu_m"] is None
+    assert without_position["last_enu_m"] == PLACE
+
+    client.clock_ns += 60 * 10**9
+    silent, _ = said(client)["vehicles"]
+    assert not silent["is_fresh"]
+    assert silent["last_enu_m"] == PLACE
