@@ -360,13 +360,17 @@
   }
 
   function aimText() {
-    return aimed.size ? fleet.vehicles.filter((name) => aimed.has(name)).join(",") : "all";
+    if (!aimed.size) return "all";
+    const enabled = fleet.vehicles.filter((name) => aimed.has(name));
+    const disabled = [...aimed].filter((name) => !fleet.vehicles.includes(name));
+    return [...enabled, ...disabled].join(",");
   }
 
   function showAim(state) {
     if (!fleet.can_order) return;
     byId("aim").textContent = aimText();
-    const reached = state.vehicles.filter((one) => !aimed.size || aimed.has(one.name));
+    const names = aimed.size ? aimed : new Set(fleet.vehicles);
+    const reached = state.vehicles.filter((one) => names.has(one.name));
     const blocks = reached
       .filter((one) => one.blocks?.length && !one.is_airborne)
       .map((one) => `${one.name}: ${one.blocks[0]}`);

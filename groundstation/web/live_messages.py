@@ -97,11 +97,10 @@ def state_message(
     if latch is None:
         latch = KillLatch()
     mission_line, counts_down = mission
-    views = [state.vehicles[name] for name in fleet.enabled_names if name in state.vehicles]
     return {
         "kind": "state",
         "time_s": now_ns * 1e-9,
-        "vehicles": [_vehicle(view, fleet, latch, now_ns) for view in views],
+        "vehicles": [_vehicle(view, fleet, latch, now_ns) for view in state.vehicles.values()],
         "people": [_person(person, now_ns) for person in state.people],
         "closest": _separation(state.closest(now_ns)),
         "smallest": _separation(state.smallest_truth or state.smallest),

@@ -4,6 +4,9 @@ from __future__ import annotations
 
 from typing import Any
 
+import msgspec
+import pytest
+
 from groundstation.web.live_messages import state_message
 from tests.groundstation.console.scenes import SteadyClient, crowd
 
@@ -15,6 +18,18 @@ def said(client: SteadyClient) -> dict[str, Any]:
     return state_message(
         client.state, client.fleet, alarms=(), control=None, now_ns=client.now_ns()
     )
+
+
+def test_a_vehicle_that_the_fleet_file_disables_is_told_once_it_is_heard() -> None:
+    fleet = crowd(2, side_m=8.0)
+    disabled = msgspec.structs.replace(fleet.vehicles["v000"], enabled=False)
+    vehicles = {**fleet.vehicles, "v000": disabled}
+    client = SteadyClient(msgspec.structs.replace(fleet, vehicles=vehicles))
+    assert [one["name"] for one in said(client)["vehicles"]] == ["v001"]
+
+    client.hear("v000", position_enu_m=PLACE)
+    told = {one["name"]: one.get("position_enu_m") for one in said(client)["vehicles"]}
+    assert told == {"v001": None, "v000": pytest.approx(PLACE)}
 
 
 def test_a_vehicle_that_is_silent_or_has_no_position_is_told_where_it_was_last() -> None:

@@ -201,6 +201,28 @@ def test_a_vehicle_without_a_known_position_is_drawn_pale_where_it_was_last() ->
     assert found[3] == [], "it was never seen"
 
 
+def test_an_order_reaches_a_vehicle_that_the_fleet_file_disables_by_its_name_only() -> None:
+    found = run_page("""
+    const spare = { ...STATE.vehicles[0], name: "spare", blocks: ["disabled"] };
+    hear(FLEET);
+    hear({ ...STATE, vehicles: [...STATE.vehicles, spare] });
+    show();
+    const names = [];
+    const collect = (node) => {
+      if (node.dataset.vehicle) names.push(node);
+      node.children.forEach(collect);
+    };
+    collect(byId("vehicles"));
+    const aim = () => (show(), [byId("aim").textContent, byId("blocks").textContent]);
+    const found = [aim()];
+    names.at(-1).dispatch("click");
+    found.push(aim());
+    names[0].dispatch("click");
+    found.push(aim());
+    """)
+    assert found == [["all", ""], ["spare", "spare: disabled"], ["v000,spare", "spare: disabled"]]
+
+
 def test_the_row_of_a_killed_vehicle_says_that_it_gets_no_orders() -> None:
     row = run_page("""
     const latched = "v000 was killed. Look at it, then write: reset v000";
