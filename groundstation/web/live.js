@@ -93,12 +93,19 @@
 
   function addState(state) {
     lastState_ms = performance.now();
+    if (state.time_s < states.at(-1)?.time_s) forgetStates(); // the ground's computer was restarted
     states.push(state);
     while (state.time_s - states[0].time_s > KEPT_S) states.shift();
     forgetEnded(state.alarms);
     scene.follow(state, states[0].time_s);
     showLink("good", fleet.can_order ? "live" : "live, read-only");
     isDirty = true;
+  }
+
+  function forgetStates() {
+    states.length = 0;
+    scene.forgetTrails();
+    look(0);
   }
 
   // -- what is shown ---------------------------------------------------------------------------------

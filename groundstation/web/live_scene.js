@@ -49,6 +49,10 @@ globalThis.Covey ??= {};
       }
     }
 
+    forgetTrails() {
+      this._trails.clear();
+    }
+
     /* Draws a state; `aimed` are the names that the next order reaches, `card` an order's preview. */
     draw(state, aimed, card) {
       this.isOld = false;

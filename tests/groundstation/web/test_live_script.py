@@ -295,6 +295,24 @@ def test_who_looks_back_sees_the_trail_of_that_moment() -> None:
     assert found == [[48, 60], [28, 40], [0, 2]]
 
 
+def test_a_page_that_is_open_over_a_restart_of_the_computer_begins_anew() -> None:
+    found = run_page("""
+    const vehicle = { ...STATE.vehicles[0], is_fresh: true, way_enu_m: [] };
+    const hearSecond = (time_s, east_m) => {
+      hear({ ...STATE, time_s, vehicles: [{ ...vehicle, position_enu_m: [east_m, 0, 1] }] });
+    };
+    hear(FLEET);
+    for (let second = 0; second <= 20; second += 1) hearSecond(90000 + second, second);
+    byId("rewind").dispatch("input", { target: { value: "-5" } });
+    for (let second = 0; second <= 4; second += 1) hearSecond(100 + second, 50 + second);
+    show();
+    const trail = lines.filter(([, , look]) => look.width === 2);
+    const found = [trail[0][0][0], trail.length];
+    found.push(byId("rewind").min, byId("rewind_text").textContent);
+    """)
+    assert found == [50, 5, "-4", "now"]
+
+
 def test_the_page_says_how_old_the_state_is_that_it_shows() -> None:
     found = run_page("""
     const look = (back) => {
