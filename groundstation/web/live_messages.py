@@ -103,7 +103,7 @@ def state_message(
         "vehicles": [_vehicle(view, fleet, latch, now_ns) for view in state.vehicles.values()],
         "people": [_person(person, now_ns) for person in state.people],
         "closest": _separation(state.closest(now_ns)),
-        "smallest": _separation(state.smallest_truth or state.smallest),
+        "smallest": _separation(state.smallest_known),
         "alarms": [_alarm(line, now_ns) for line in alarms],
         "control": _control(control),
         "mission": {"line": plain_line(mission_line)[:_MAX_TEXT], "counts_down": counts_down},

@@ -7,6 +7,7 @@ from typing import Any
 import msgspec
 import pytest
 
+from groundstation.fleet.state import Separation
 from groundstation.web.live_messages import state_message
 from tests.groundstation.console.scenes import SteadyClient, crowd
 
@@ -18,6 +19,17 @@ def said(client: SteadyClient) -> dict[str, Any]:
     return state_message(
         client.state, client.fleet, alarms=(), control=None, now_ns=client.now_ns()
     )
+
+
+def test_the_smallest_distance_is_that_of_telemetry_where_ground_truth_has_none_as_small() -> None:
+    client = SteadyClient(crowd(3, side_m=8.0))
+    client.state = msgspec.structs.replace(
+        client.state,
+        smallest=Separation("v000", "v001", 0.31, 1),
+        smallest_truth=Separation("v001", "v002", 2.5, 1, is_truth=True),
+    )
+    smallest = said(client)["smallest"]
+    assert (smallest["distance_m"], smallest["is_truth"]) == (0.31, False)
 
 
 def test_a_vehicle_that_the_fleet_file_disables_is_told_once_it_is_heard() -> None:
