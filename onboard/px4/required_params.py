@@ -165,6 +165,19 @@ _MOCAP_ADVICE = (
     ),
 )
 
+# for a vehicle whose PX4 gets its position from a camera
+_VISION_ADVICE = (
+    RequiredParam(
+        "EKF2_EVP_NOISE",
+        0.01,
+        "distances count on a position that errs by 5 cm [m]; PX4 takes odometry for no more "
+        "accurate than this",
+        is_advice=True,
+        most=0.03,
+    ),
+    *(param for param in _MOCAP_ADVICE if param.name in ("EKF2_TAU_VEL", "EKF2_TAU_POS")),
+)
+
 # all for a vehicle with a mocap; docs/deployment.md lists them
 BUILT_IN = (*FAILSAFES, *_MOCAP, *_MOCAP_ADVICE)
 
@@ -194,6 +207,8 @@ def all_params(
     built_in = [*failsafes, hover_throttle]
     if vehicle.mocap_required:
         built_in = [*failsafes, *_MOCAP, *_MOCAP_ADVICE, hover_throttle]
+    elif vehicle.flies_by_vision:
+        built_in = [*failsafes, *_VISION_ADVICE, hover_throttle]
 
     of_file = dict(vehicle.px4_params)
     for param in _weakened_params(fleet, vehicle):

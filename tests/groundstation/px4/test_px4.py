@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from msgspec.structs import replace
 
 from groundstation.cli import main
 from groundstation.client.autopilot_link import AutopilotLink, LinkSilentError
@@ -506,6 +507,19 @@ def test_a_fleet_files_own_parameters_replace_the_built_in_ones(fleet: FleetConf
     silence = [required["COM_OF_LOSS_T"]]
     assert differences(silence, {"COM_OF_LOSS_T": 0.30000001}) == ()
     assert "did not send" in differences(silence, {})[0]
+
+
+@pytest.mark.parametrize(("source", "is_advised"), [("vision", True), ("gps", False)])
+def test_a_vehicle_by_vision_is_advised_to_believe_its_odometry(
+    fleet: FleetConfig, source: Any, is_advised: bool
+) -> None:
+    vehicle = replace(fleet.vehicles["solo"], mocap_required=False, px4_position=source)
+    advice = {param.name: param for param in all_params(fleet, vehicle) if param.is_advice}
+    assert ("EKF2_EVP_NOISE" in advice) is is_advised
+    if is_advised:
+        assert advice["EKF2_EVP_NOISE"].is_met(0.02)
+        assert not advice["EKF2_EVP_NOISE"].is_met(0.1)
+        assert "EKF2_EV_CTRL" not in {param.name for param in all_params(fleet, vehicle)}
 
 
 def test_a_stick_that_is_bumped_takes_no_vehicle_out_of_offboard_on_any_version() -> None:
