@@ -64,7 +64,7 @@ _ON_FLOOR_M = 0.15  # a body less than this above the ground may stand there
 # stand there if it is nearer than this, and slower than this.
 _ON_SPOT_M = 1.0
 _STANDS_M_S = 0.5
-_MISSING_AFTER_S = 2.0  # a required vehicle is missing after this time without messages
+_MISSING_AFTER_S = 2.0  # a required vehicle is missing after this time without valid states
 _LEFT_NS = 5_000_000_000  # an agent has ended after this time without telemetry
 _START_UP_NS = 2_000_000_000  # an agent that has just started has not heard all others yet
 
@@ -566,9 +566,15 @@ class NeighbourTable:
     # -- neighbours with a problem -----------------------------------------------------------------
 
     def missing(self, now_ns: int) -> tuple[str, ...]:
-        """Return vehicles that are required (enabled = true) but send no messages."""
+        """Return vehicles that are required (enabled = true) but send no valid states."""
         names = self._named(self.heard_ages_s(now_ns) > _MISSING_AFTER_S)
         return tuple(name for name in names if self.fleet.vehicles[name].enabled is True)
+
+    def without_position(self, now_ns: int) -> tuple[str, ...]:
+        """Return vehicles that send states, but say in them that their position is not known."""
+        arrays = self.arrays
+        is_heard = (now_ns - arrays.newest_ns) * 1e-9 <= _MISSING_AFTER_S
+        return self._named(arrays.is_lost & is_heard)
 
     def silent(self, now_ns: int) -> tuple[str, ...]:
         """Return vehicles that were in the air when last heard, and have been silent for too

@@ -30,13 +30,19 @@ LOSS_ALLOWANCE = 0.10
 
 def _neighbours(facts: PreflightFacts, fleet: FleetConfig, vehicle: Vehicle) -> Judgement:
     missing = facts.missing_neighbours
-    if not missing:
-        return _radio(facts, fleet)
+    lost = facts.lost_neighbours
+    if missing:
+        names = ", ".join(missing)
+        if len(missing) == 1:
+            return "missing", {"names": names, "are": "is", "agents": "agent"}
+        return "missing", {"names": names, "are": "are", "agents": "agents"}
 
-    names = ", ".join(missing)
-    if len(missing) == 1:
-        return "missing", {"names": names, "are": "is", "agents": "agent"}
-    return "missing", {"names": names, "are": "are", "agents": "agents"}
+    if lost:
+        names = ", ".join(lost)
+        if len(lost) == 1:
+            return "lost", {"names": names, "do": "does", "its": "its"}
+        return "lost", {"names": names, "do": "do", "its": "their"}
+    return _radio(facts, fleet)
 
 
 def _radio(facts: PreflightFacts, fleet: FleetConfig) -> Judgement:

@@ -45,6 +45,7 @@ class PreflightFacts:
     position_enu_m: Xyz
     battery_frac: float  # NaN while PX4 has not published it
     missing_neighbours: tuple[str, ...]  # required vehicles that are not heard on the bus
+    lost_neighbours: tuple[str, ...]  # required vehicles that are heard, but know no position
     other_hashes: Mapping[str, str]  # vehicle -> its configuration hash, if that differs
     config_hash: str
     # sentences about wrong parameters of PX4; None until they are read

@@ -196,6 +196,9 @@ class PreflightReporter:
             px4_position_enu_m = enu_from_ned(snapshot.position_local_ned_m)
         battery_frac, battery_voltage_v = snapshot.battery(now_ns)
 
+        missing = self._missing(now_ns)
+        without_position = neighbours.without_position(now_ns)
+
         certificate_left = None
         if inputs.certificate is not None:
             certificate_left = (inputs.certificate.node, inputs.certificate.left_s)
@@ -254,7 +257,8 @@ class PreflightReporter:
             hover_frac=hover_frac,
             # bus and other vehicles
             has_duplicate=inputs.has_duplicate(now_ns),
-            missing_neighbours=self._missing(now_ns),
+            missing_neighbours=tuple(name for name in missing if name not in without_position),
+            lost_neighbours=tuple(name for name in missing if name in without_position),
             radio=self._state_ages.measured,
             clock_bounds_s=inputs.clock_bounds_s,
             other_hashes=neighbours.other_hashes(self._config_hash, now_ns),
@@ -290,7 +294,7 @@ class PreflightReporter:
         return spots
 
     def _missing(self, now_ns: int) -> tuple[str, ...]:
-        """Return required vehicles that send no messages and are not replaced."""
+        """Return required vehicles that send no valid states and are not replaced."""
         stood_in_for = {self._slot_owner}
         for telemetry in self._neighbours.telemetries().values():
             if not telemetry.disabled_by:

@@ -18,6 +18,7 @@ from onboard.agent.core import AgentCore
 from onboard.bus.schema import PreflightReport, Telemetry
 from onboard.bus.topics import Topic
 from tests.onboard.agent.rig import Rig, fleet
+from tests.onboard.state_messages import state_message
 from tests.oracles.rotation import quaternion_from_yaw, quaternion_multiply
 
 ADVICE = {"record", "kill switch"}
@@ -177,6 +178,25 @@ def test_each_broken_thing_shows_in_its_own_line_and_refuses_the_take_off(name: 
     assert rig.telemetry is not None
     assert rig.telemetry.not_ready == (reply.reason,)
     assert rig.count(agent_commands.Arm) == 0
+
+
+def test_a_neighbour_that_is_heard_without_a_position_is_not_called_silent() -> None:
+    required = fleet(("mav0", "mav1", "mav2"), enabled=True)
+    rig = Rig(AgentCore(required, "mav0", boot_id=7))
+    rig.run(2.5)
+    assert refusals(rig) == {"neighbours": "mav1, mav2 are not heard on the bus."}
+
+    for _ in range(3):
+        for name in ("mav1", "mav2"):
+            message = state_message(
+                vehicle=name, stamp_ns=rig.now_ns, is_valid=False, is_airborne=False
+            )
+            rig.core.handle(agent_inputs.NeighbourReceived(message, rig.now_ns), rig.now_ns)
+        rig.run(0.5)
+    assert refusals(rig) == {"neighbours": "mav1, mav2 do not know their position."}
+
+    rig.run(2.5)
+    assert refusals(rig) == {"neighbours": "mav1, mav2 are not heard on the bus."}
 
 
 def test_the_time_before_px4_spoke_makes_no_slow_link() -> None:

@@ -64,6 +64,7 @@ FINE = PreflightFacts(
     battery_frac=0.87,
     battery_voltage_v=11.9,
     missing_neighbours=(),
+    lost_neighbours=(),
     other_hashes={},
     config_hash="abc",
     param_problems=(),
@@ -257,6 +258,7 @@ CASES: dict[tuple[str, str], tuple[dict[str, Any], str]] = {
         {"missing_neighbours": ("mav0", "mav2")},
         "mav0, mav2 are not heard",
     ),
+    ("neighbours", "lost"): ({"lost_neighbours": ("mav0",)}, "mav0 does not know its position"),
     ("neighbours", "late"): (
         {"radio": RadioMeasured(0.12, "mav0", 0.0, "mav2")},
         "mav0 are 120 ms late or more; the fleet file expects 40",
