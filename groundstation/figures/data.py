@@ -2,6 +2,9 @@
 
 Time 0 is when the first vehicle leaves the ground. A record of an hour has hundreds of thousands of
 messages, so only the fields that the figures need are kept, as plain numbers.
+
+A record may have gaps, for instance where a radio failed. In each gap stands a sample of NaN, so
+that no line crosses it, and no position in it is made up.
 """
 
 from __future__ import annotations
@@ -22,7 +25,7 @@ from groundstation.recording.reader import (
     indexes_by_time,
     is_number,
 )
-from groundstation.recording.recorded_flight import IN_FLIGHT, at_times, has_lifted
+from groundstation.recording.recorded_flight import IN_FLIGHT, PATH_GAP_S, at_times, has_lifted
 from onboard.arrays import Array, IntArray
 from onboard.config.flight_space import Outline
 from onboard.config.pair_separation import separations_m
@@ -71,7 +74,7 @@ class Track:
     slots_enu_m: Array  # (k, 3): goals in the order of the orders
 
     def path_at(self, time_s: Array) -> Array:
-        """Return positions (n, 3) at these times, NaN outside the record."""
+        """Return positions (n, 3) at these times, NaN outside the record and in its gaps."""
         axes = [
             np.interp(time_s, self.path_time_s, self.path_enu_m[:, axis], np.nan, np.nan)
             for axis in range(3)
@@ -103,7 +106,8 @@ class PairSeparation:
 
     first: str
     second: str
-    distance_m: Array  # separation, on the flight's grid; NaN while neither flies
+    # separation, on the flight's grid; NaN while neither flies, or one of them is not known
+    distance_m: Array
 
 
 @dataclass(frozen=True, slots=True)
@@ -214,7 +218,7 @@ def from_samples(
 
 
 class _Series(NamedTuple):
-    """Samples of one channel within the flight, at least one, in the order of time."""
+    """Samples of one channel within the flight, at least one, in the order of time; NaN in gaps."""
 
     stamps_ns: IntArray  # (n,)
     vectors: dict[str, Array]  # field -> (n, size); NaN where missing, null or of another size
@@ -246,14 +250,22 @@ class _Collected:
         """Return the samples that are of one flight."""
         stamps_ns = np.array(self._stamps_ns, np.int64)
         kept = indexes_by_time(stamps_ns)
+        stamps_ns = stamps_ns[kept]
+
+        lengths_ns = np.diff(stamps_ns)
+        gaps = np.flatnonzero(lengths_ns > PATH_GAP_S * 1e9) + 1  # indexes of the samples after
+        middles_ns = stamps_ns[gaps] - lengths_ns[gaps - 1] // 2
+
         sizes = _VECTORS[self._topic]
         return _Series(
-            stamps_ns=stamps_ns[kept],
+            stamps_ns=np.insert(stamps_ns, gaps, middles_ns),
             vectors={
-                field: np.reshape(numbers, (-1, sizes[field]))[kept]
+                field: np.insert(
+                    np.reshape(numbers, (-1, sizes[field]))[kept], gaps, np.nan, axis=0
+                )
                 for field, numbers in self._numbers.items()
             },
-            marks=np.array(self._marks)[kept],
+            marks=np.insert(np.array(self._marks)[kept], gaps, np.nan),
         )
 
 

@@ -97,8 +97,9 @@ def _draw_time_marks(ax: Any, track: Track, times_s: Array, tint: str) -> Array:
     written_m: list[Array] = []
     for time_s, mark_m in zip(times_s, marks_m, strict=True):
         position_m = mark_m[:2]
+        is_known = bool(np.isfinite(position_m).all())
         is_free = all(math.dist(position_m, other_m) > _LABEL_ROOM_M for other_m in written_m)
-        if not is_free:
+        if not is_known or not is_free:
             continue
 
         text = f"{time_s:g}"

@@ -1,7 +1,8 @@
 """The flown path of each vehicle of a record, as CSV lines at an even rate.
 
 A path is the ground truth if the record has it, or else the vehicle's own estimate. The CSV files
-can be flown again as paths of a mission.
+can be flown again as paths of a mission. Nothing is written for gaps of the record, so that such a
+path leads straight across them; a sentence says so.
 """
 
 from __future__ import annotations
@@ -11,6 +12,7 @@ import math
 import re
 from array import array
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
@@ -21,6 +23,7 @@ from groundstation.recording.reader import (
     is_number,
     is_vector,
 )
+from groundstation.recording.recorded_flight import PATH_GAP_S
 from groundstation.recording.timeline import Timeline
 from onboard.arrays import Array, IntArray
 from onboard.config.fleet import ConfigError
@@ -31,8 +34,15 @@ _HEADER = "t,x,y,z,yaw"
 _NAME = re.compile(r"[A-Za-z0-9_-]{1,40}")
 
 
-def flown_paths(timeline: Timeline, rate_hz: float) -> dict[str, list[str]]:
-    """Return the lines ``t,x,y,z,yaw`` of each vehicle, in seconds, metres and degrees.
+class FlownPath(NamedTuple):
+    """One vehicle's path."""
+
+    lines: list[str]  # t,x,y,z,yaw in seconds, metres and degrees
+    gaps_s: list[tuple[float, float]]  # begin and end of each gap of the record, in seconds as t
+
+
+def flown_paths(timeline: Timeline, rate_hz: float) -> dict[str, FlownPath]:
+    """Return the path of each vehicle.
 
     Args:
         timeline: the record.
@@ -51,7 +61,10 @@ def flown_paths(timeline: Timeline, rate_hz: float) -> dict[str, list[str]]:
     begin_ns = min((int(stamps_ns[0]) for stamps_ns, _ in flown.values()), default=0)
     period_ns = round(1e9 / rate_hz)
     return {
-        name: _lines(stamps_ns, rows, begin_ns, period_ns)
+        name: FlownPath(
+            lines=_lines(stamps_ns, rows, begin_ns, period_ns),
+            gaps_s=_gaps_s(stamps_ns, begin_ns),
+        )
         for name, (stamps_ns, rows) in flown.items()
     }
 
@@ -90,7 +103,7 @@ def write_csvs(folder: Path, out: Path, rate_hz: float = 10.0) -> tuple[list[Pat
         rate_hz: rate of the lines.
 
     Returns:
-        Paths of the files, and sentences about what is damaged in the record.
+        Paths of the files, and sentences about what is damaged or missing in the record.
 
     Raises:
         ConfigError: there is no record, or it has no positions; or a file of such a name is there
@@ -100,7 +113,7 @@ def write_csvs(folder: Path, out: Path, rate_hz: float = 10.0) -> tuple[list[Pat
     with contextlib.closing(Timeline(folder)) as timeline:
         paths_by_name = flown_paths(timeline, rate_hz)
         notes = [timeline.broken] if timeline.broken else []
-    flown = {name: lines for name, lines in paths_by_name.items() if _NAME.fullmatch(name)}
+    flown = {name: path for name, path in paths_by_name.items() if _NAME.fullmatch(name)}
     if not flown:
         raise ConfigError(f"{folder}: the record has no positions.")
 
@@ -110,7 +123,11 @@ def write_csvs(folder: Path, out: Path, rate_hz: float = 10.0) -> tuple[list[Pat
         refuse_other_file(path, _is_path, other=f"has other columns than {_HEADER}", option="--csv")
     for name, path in paths.items():
         with written_beside(path) as part:
-            part.write_text("\n".join([_HEADER, *flown[name]]) + "\n", encoding="utf-8")
+            part.write_text("\n".join([_HEADER, *flown[name].lines]) + "\n", encoding="utf-8")
+
+    for path, own in zip(paths.values(), flown.values(), strict=True):
+        if own.gaps_s:
+            notes.append(_gap_note(path.name, own.gaps_s))
     return list(paths.values()), notes
 
 
@@ -118,6 +135,25 @@ def _is_path(begin: bytes) -> bool:
     """Return whether a file that begins with these bytes has the columns of a flown path."""
     first_line, _, _ = begin.partition(b"\n")
     return first_line.rstrip() == _HEADER.encode()
+
+
+def _gaps_s(stamps_ns: IntArray, begin_ns: int) -> list[tuple[float, float]]:
+    """Return begin and end of each gap between stamps (n,), in seconds after ``begin_ns``."""
+    befores = np.flatnonzero(np.diff(stamps_ns) > PATH_GAP_S * 1e9)
+    times_s = (stamps_ns - begin_ns) * 1e-9
+    return [(float(times_s[before]), float(times_s[before + 1])) for before in befores]
+
+
+def _gap_note(file: str, gaps_s: list[tuple[float, float]]) -> str:
+    """Return a sentence about the gaps of a path."""
+    begin_s, end_s = max(gaps_s, key=lambda gap_s: gap_s[1] - gap_s[0])
+    others = ""
+    if len(gaps_s) > 1:
+        others = f" ({len(gaps_s)} gaps in all)"
+    return (
+        f"The record has no positions for {file} from {begin_s:.1f} s to {end_s:.1f} s{others}."
+        " Flown from this file, the path leads straight across."
+    )
 
 
 def _lines(stamps_ns: IntArray, rows: Array, begin_ns: int, period_ns: int) -> list[str]:

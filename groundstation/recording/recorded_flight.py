@@ -25,6 +25,7 @@ from onboard.config.fleet import FleetConfig
 
 LIFTED_M = 0.05  # a vehicle this far above its first position has left the ground
 IN_FLIGHT = ("flying", "holding")  # states of an agent whose vehicle is in the air
+PATH_GAP_S = 0.5  # a longer time without a position is a gap of a path, which no line crosses
 
 
 @dataclass(frozen=True, slots=True)

@@ -22,6 +22,7 @@ import numpy as np
 from groundstation.px4_logs.flight_logs import FoundLogs
 from groundstation.recording.flight_report import TrueMotion, separations
 from groundstation.recording.recorded_flight import (
+    PATH_GAP_S,
     Flight,
     VehicleFlight,
     at_times,
@@ -48,7 +49,6 @@ MAX_PAIRS = 4_950  # number of pairs of a hundred vehicles
 MAX_TEXT = 400  # letters of a sentence
 MAX_MISSION = 60_000  # letters of a mission file
 _SEVERITIES = ("critical", "warning", "info", "debug")
-_PATH_GAP_S = 0.5
 _PERSON_GAP_S = 0.5
 _TICK_GAP_S = 0.3
 _TELEMETRY_GAP_S = 3.0
@@ -143,9 +143,9 @@ def _columns(
 def _path_columns(number: int, vehicle: VehicleFlight, grid_s: Array) -> Iterator[Column]:
     """Yield one vehicle's path, when it is up, and its attitude: the true ones if recorded."""
     times_s, positions_enu_m = vehicle.path
-    path_enu_m = between_times(times_s, positions_enu_m, grid_s, _PATH_GAP_S)
+    path_enu_m = between_times(times_s, positions_enu_m, grid_s, PATH_GAP_S)
     yield from _axes(number, "", path_enu_m, _METRE)
-    is_up = at_times(times_s, vehicle.is_up.astype(np.float64), grid_s, _PATH_GAP_S)
+    is_up = at_times(times_s, vehicle.is_up.astype(np.float64), grid_s, PATH_GAP_S)
     yield packed(f"{number}/is_up", is_up, 1.0)
 
     truth = vehicle.truth
@@ -281,7 +281,7 @@ def _ghost_columns(flight: Flight, ghost: Flight, grid_s: Array) -> Iterator[Col
         if ghost_vehicle is None:
             continue
         times_s, positions_enu_m = ghost_vehicle.path
-        path_enu_m = between_times(times_s + shift_s, positions_enu_m, grid_s, _PATH_GAP_S)
+        path_enu_m = between_times(times_s + shift_s, positions_enu_m, grid_s, PATH_GAP_S)
         yield from _axes(number, "ghost_", path_enu_m, _METRE)
 
 

@@ -216,6 +216,62 @@ def test_distances_count_above_the_ground_wherever_it_is(ground_m: float, has_tr
     assert closest[0].distance_m[closest[1]] == pytest.approx(0.55, abs=0.035)
 
 
+@pytest.mark.parametrize("has_truth", [True, False])
+def test_no_line_crosses_a_gap_of_a_record_and_no_distance_in_it_is_made_up(
+    has_truth: bool,
+) -> None:
+    samples = []
+    for step in range(500):
+        time_s = 0.02 * step
+        # mav1 flies around mav0, and is not heard on the other half of its circle
+        angle = 2.0 * math.pi * time_s / 10.0
+        places = {"mav0": [0.0, 0.0, 1.0], "mav1": [math.cos(angle), math.sin(angle), 1.0]}
+        for name, place in places.items():
+            if name == "mav1" and 2.5 < time_s < 7.5:
+                continue
+            values = {
+                "position_enu_m": place,
+                "setpoint_position_enu_m": place,
+                "state": "flying",
+                "is_on_ground": False,
+            }
+            samples.append(Sample(f"tick/{name}", step * SECOND // 50, values))
+            if has_truth:
+                samples.append(Sample(f"truth/{name}", step * SECOND // 50, values))
+
+    flight = from_samples(samples, title="test", safety_distance_m=0.8)
+    assert flight is not None
+    (pair,) = flight.pairs
+    assert np.nanmin(pair.distance_m) == pytest.approx(1.0, abs=0.01)
+    in_gap = (flight.grid_s > 2.53) & (flight.grid_s < 7.47)
+    assert np.isnan(pair.distance_m[in_gap]).all()
+    is_heard = (flight.grid_s < 2.48) | (flight.grid_s > 7.52)
+    assert np.isfinite(pair.distance_m[is_heard]).all()
+
+    _, track = flight.tracks
+    for times_s, drawn in (
+        (track.path_time_s, track.path_enu_m),
+        (track.time_s, track.setpoint_position_enu_m),
+    ):
+        (at,) = np.flatnonzero((times_s > 2.5) & (times_s < 7.5))
+        assert np.isnan(drawn[at]).all()
+
+
+def test_time_marks_of_a_vehicle_that_is_not_known_at_first_have_their_times(
+    tmp_path: Path,
+) -> None:
+    write_flight(tmp_path)
+    flight = flight_of(tmp_path)
+    track = flight.tracks[0]
+    late = track.path_time_s > 1.0
+    track = dataclasses.replace(
+        track, path_time_s=track.path_time_s[late], path_enu_m=track.path_enu_m[late]
+    )
+    ax = new_figure(4.0, 4.0, "marks").subplots()
+    plan_figure._draw_time_marks(ax, track, np.array([0.0, 4.0, 8.0]), "black")
+    assert [text.get_text() for text in ax.texts] == ["4", "8"]
+
+
 def test_distances_of_a_record_that_begins_in_flight_count() -> None:
     samples = [
         Sample(

@@ -58,6 +58,25 @@ def test_csvs_of_a_record_that_was_cut_off_say_so(
         assert "cut off" not in printed.out
 
 
+def test_gaps_of_a_record_are_said_beside_the_csvs(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    told = []
+    for step in range(100):
+        told.append((Topic.TICK, "mav0", tick(SECOND + step * SECOND // 10)))
+        is_heard = not 20 < step < 30 and not 60 < step < 90
+        if is_heard:
+            told.append((Topic.TICK, "mav1", tick(SECOND + step * SECOND // 10)))
+    write(tmp_path / "flight", told)
+
+    assert main(["replay", str(tmp_path / "flight"), "--csv", str(tmp_path / "csv")]) == 0
+    (line,) = capsys.readouterr().err.splitlines()
+    assert line.endswith(
+        "The record has no positions for mav1.csv from 6.0 s to 9.0 s (2 gaps in all)."
+        " Flown from this file, the path leads straight across."
+    )
+
+
 def test_a_file_of_other_columns_is_not_overwritten_and_no_other_is_written(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -109,9 +128,9 @@ class _LongRecord(Timeline):
 def test_a_long_record_is_not_kept_whole_in_memory() -> None:
     tracemalloc.start()
     try:
-        lines = flown_paths(_LongRecord(), 10.0)
+        paths = flown_paths(_LongRecord(), 10.0)
         _, peak_bytes = tracemalloc.get_traced_memory()
     finally:
         tracemalloc.stop()
-    assert len(lines["mav0"]) == 1000
+    assert len(paths["mav0"].lines) == 1000
     assert peak_bytes < 2_000_000
