@@ -8,6 +8,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 
+from groundstation.fleet.places import stand_ins
 from groundstation.fleet.state import FleetState
 from groundstation.orders.plan import PlannedOrder
 from groundstation.orders.result import Results
@@ -74,9 +75,10 @@ def in_the_way(fleet: FleetConfig, state: FleetState, name: str, goal: Xyz, now_
     ]
     hindrances.sort()  # by distance
     words = "; ".join(text for _, text in hindrances[:_MAX_NAMED])
-    if not words:
-        return f"{distance_sentence} Nothing known is in its way."
-    return f"{distance_sentence} In its way: {words}.{_law_words(view.telemetry)}"
+    way_sentence = "Nothing known is in its way."
+    if words:
+        way_sentence = f"In its way: {words}."
+    return f"{distance_sentence} {way_sentence}{_law_words(view.telemetry)}"
 
 
 def _law_words(telemetry: Telemetry) -> str:
@@ -92,16 +94,26 @@ def _law_words(telemetry: Telemetry) -> str:
 def _neighbours(
     fleet: FleetConfig, state: FleetState, name: str, position: Xyz, goal: Xyz, now_ns: int
 ) -> Iterator[tuple[float, str]]:
-    """Yield vehicles near the straight way, with their distances [m]."""
+    """Yield vehicles near the straight way, with their distances [m].
+
+    A vehicle whose position is not known now is avoided where it was last seen, unless another one
+    stands in for it.
+    """
     near_m = parking_distance_m(fleet)
     height_share = parking_height_share(fleet)
+    replaced = stand_ins(state)
 
     for other, view in state.vehicles.items():
         if other == name:
             continue
         other_position = view.position_enu_m(now_ns)
+        seen_words = ""
         if other_position is None:
-            continue
+            sighting = view.sighting
+            if sighting is None or other in replaced:
+                continue
+            other_position = sighting.position_enu_m
+            seen_words = "last seen "
         if _distance_m(other_position, position, goal, height_share) >= near_m:
             continue
 
@@ -110,7 +122,8 @@ def _neighbours(
         ground_words = "" if view.is_airborne else " on the ground"
         yield (
             away_m,
-            f"{other}{ground_words}, {away_m:.2f} m from it and {from_goal_m:.2f} m from the goal",
+            f"{other}{ground_words}, {seen_words}{away_m:.2f} m from it"
+            f" and {from_goal_m:.2f} m from the goal",
         )
 
 

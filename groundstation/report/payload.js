@@ -196,6 +196,9 @@ globalThis.Covey ??= {};
     /* The distance that was promised: of the mission, else of the fleet file; null for none. */
     get promise_m() {
       const check = (this.verdict.checks ?? []).find((one) => one?.name === "min_separation_m");
+      if (Number.isFinite(check?.limit_m)) return check.limit_m;
+
+      // records of older versions have it only in the sentence
       const words = /^At least ([0-9.]+) m/.exec(check?.sentence ?? "");
       if (words) return Number(words[1]);
       return this.fleet?.safety_distance_m ?? null;

@@ -35,6 +35,7 @@ class ExpectationResult(msgspec.Struct, frozen=True):
     name: str
     has_come_true: bool
     sentence: str
+    limit_m: float | None = None  # the expected distance; None: the expectation has none
 
 
 def check(
@@ -85,8 +86,8 @@ def _check_separation(
         is_met = False
         outcome = "no separation was measured"
 
-    sentence = f"At least {limit_m:.2f} m between all: {outcome}."
-    return ExpectationResult("min_separation_m", is_met, sentence)
+    sentence = f"At least {_limit_words(limit_m)} between all: {outcome}."
+    return ExpectationResult("min_separation_m", is_met, sentence, limit_m)
 
 
 def _check_arrivals(limit_m: float, arrivals: Sequence[Arrival]) -> ExpectationResult:
@@ -102,8 +103,8 @@ def _check_arrivals(limit_m: float, arrivals: Sequence[Arrival]) -> ExpectationR
             f"{metres(worst.distance_m)} at '{worst.step}'"
         )
 
-    sentence = f"Goals reached within {limit_m:.2f} m: {outcome}."
-    return ExpectationResult("arrived_within_m", is_met, sentence)
+    sentence = f"Goals reached within {_limit_words(limit_m)}: {outcome}."
+    return ExpectationResult("arrived_within_m", is_met, sentence, limit_m)
 
 
 def _check_landed(
@@ -121,6 +122,17 @@ def _check_landed(
     return ExpectationResult(
         "all_landed", are_landed == is_expected, f"Landed and disarmed: {outcome}."
     )
+
+
+def _limit_words(limit_m: float) -> str:
+    """Return a limit in words: as it was declared, with two decimals at least.
+
+    A rounded limit could seem to be kept where it was not, or broken where it was kept.
+    """
+    words = f"{limit_m:.2f}"
+    if float(words) != limit_m:
+        words = f"{limit_m:g}"
+    return f"{words} m"
 
 
 def metres(value: float) -> str:

@@ -82,6 +82,23 @@ def test_the_page_reads_what_was_packed(tmp_path: Path) -> None:
     assert found["pairs"] == [[0, 1], [1, 0], None, None, None]
 
 
+@needs_node
+@pytest.mark.parametrize(
+    ("limit", "promise_m"), [({"limit_m": 0.9445}, 0.9445), ({"limit_m": None}, 0.94), ({}, 0.94)]
+)
+def test_the_page_takes_the_promise_of_the_mission_unrounded(
+    tmp_path: Path, limit: dict[str, object], promise_m: float
+) -> None:
+    folder = write(tmp_path, rows(length_s=6.0))
+    # a record of an older version has the rounded limit in the sentence, and nothing else
+    check = {"name": "min_separation_m", "sentence": "At least 0.94 m between all: ...", **limit}
+    (folder / "verdict.json").write_text(json.dumps({"checks": [check]}), encoding="utf-8")
+    (tmp_path / "data").write_bytes(payload(read_flight(folder), made_by="test"))
+
+    found = json.loads(run_node(_own("payload.js") + READ, str(tmp_path / "data")))
+    assert found["promise"] == promise_m
+
+
 # draws a flight in the air and after the landing, in a scene that only keeps what is drawn
 SCENE = """
 Object.assign(Covey, {

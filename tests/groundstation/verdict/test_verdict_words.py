@@ -9,8 +9,8 @@ from msgspec.structs import replace
 
 from groundstation.fleet.state import LoggedEvent, Separation, initial
 from groundstation.recording.flight_report import FlightReport, LoopTiming
-from groundstation.verdict.expectations import Expect
-from groundstation.verdict.observations import FlightObservations, StepResult
+from groundstation.verdict.expectations import Expect, check
+from groundstation.verdict.observations import Arrival, FlightObservations, StepResult
 from groundstation.verdict.verdict import (
     LandingSpeed,
     NearestPerson,
@@ -44,6 +44,28 @@ def told(begin: str, **changes: Any) -> str:
     sentences = describe(Verdict(**{**values, **changes}))
     [sentence] = [line for line in sentences if line.startswith(begin)]
     return sentence.removeprefix(begin)
+
+
+@pytest.mark.parametrize(
+    ("limit_m", "has_come_true", "words"),
+    [
+        (0.9445, False, "At least 0.9445 m between all: mav0 and mav1 came to 0.944 m."),
+        (0.939, True, "At least 0.939 m between all: mav0 and mav1 came to 0.944 m."),
+        (0.9, True, "At least 0.90 m between all: mav0 and mav1 came to 0.944 m."),
+    ],
+)
+def test_an_expectation_says_the_distance_that_was_declared(
+    fleet: FleetConfig, limit_m: float, has_come_true: bool, words: str
+) -> None:
+    closest = Separation("mav0", "mav1", 0.9442, stamp_ns=1)
+    arrival = Arrival(step="go", vehicle="mav0", distance_m=0.9442, is_truth=True)
+    separation, arrived = check(
+        Expect(min_separation_m=limit_m, arrived_within_m=limit_m), fleet, closest, [arrival], {}
+    )
+    assert (separation.has_come_true, separation.sentence) == (has_come_true, words)
+    assert separation.limit_m == arrived.limit_m == limit_m
+    declared = words.removeprefix("At least ").partition(" between")[0]
+    assert arrived.sentence.startswith(f"Goals reached within {declared}: ")
 
 
 def loop_words(*periods_ms: float) -> str:
