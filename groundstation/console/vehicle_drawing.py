@@ -117,6 +117,9 @@ def _state(subject: VehicleSubject, width: int) -> Block:
         lines.append([(" failsafe   ", FAINT), (action, WARN)])
     if telemetry.reason:
         lines += _wrapped([(" because    ", FAINT)], telemetry.reason, width, TEXT)
+    if telemetry.stands_in_for:
+        words = f"stands in for {clean(telemetry.stands_in_for, 40)}"
+        lines += _wrapped([(" place      ", FAINT)], words, width, TEXT)
 
     is_old = not subject.view.is_fresh(subject.now_ns)
     tint = FAINT if is_old else TEXT

@@ -22,6 +22,7 @@ from onboard.safety.failsafe_table import Condition
 Cell = tuple[str, str]  # text and colour
 KILLED = "killed"  # state of a vehicle on the ground that was killed from here, until it is reset
 _STARTABLE = ("waiting", "ready", "landed")  # states in which a vehicle would take off when ordered
+_PAUSABLE = ("flying", "holding")  # states of which a pause is shown instead
 _FIX_CONDITIONS = {Condition.FIX_FELL_BACK.value, Condition.FIX_COARSE.value}
 _SLOW_LINK_S = 0.3  # age of PX4's last message to the agent from which the link counts as slow
 _LOST_LINK_S = 1.0  # the age from which it counts as lost
@@ -83,6 +84,8 @@ def shown_state(telemetry: Telemetry, *, is_latched: bool) -> str:
 
 
 def _state(row: VehicleRow) -> Cell:
+    if row.telemetry.is_path_paused and row.state in _PAUSABLE:
+        return "■ paused", WARN
     sign, colour = theme.STATE_SIGNS.get(row.state, ("?", WARN))
     return f"{sign} {clean(row.state, 20)}", colour
 
@@ -292,7 +295,7 @@ def _order(row: VehicleRow) -> Cell:
 
 
 def reason(row: VehicleRow) -> Cell:
-    """Return why a vehicle is not ready, or what it follows, or the reason for its state."""
+    """Return why a vehicle is not ready, or for whom it stands in, and what it does and why."""
     telemetry = row.telemetry
     if row.state == KILLED:
         return f"reset {clean(row.view.name, 40)} after a look at it", BAD
@@ -304,6 +307,15 @@ def reason(row: VehicleRow) -> Cell:
             text += f" (+{hidden})"
         return text, WARN
 
+    text, colour = _doing(telemetry)
+    if telemetry.stands_in_for and telemetry.state != "failed":
+        words = [f"stands in for {clean(telemetry.stands_in_for, 40)}", text]
+        text = ", ".join(filter(None, words))
+    return text, colour
+
+
+def _doing(telemetry: Telemetry) -> Cell:
+    """Return what a vehicle follows, or the reason for its state."""
     if telemetry.show_id:
         lag = number(telemetry.path_lag_m, 2)
         time = number(telemetry.path_time_s, 0)

@@ -235,6 +235,16 @@ async def test_the_page_says_why_a_vehicle_cannot_fly_and_what_to_do(fleet: Flee
             assert words in text
 
 
+async def test_the_page_says_for_whom_a_vehicle_stands_in(fleet: FleetConfig) -> None:
+    client = SteadyClient(fleet)
+    client.hear("mav0", stands_in_for="mav2")
+    app = ConsoleApp(fleet, client)
+    async with app.run_test(size=(80, 24)) as pilot:
+        await pilot.press("enter")
+        await pilot.pause(0.02)
+        assert "stands in for mav2" in lines(app.screen, VehicleBlocks)
+
+
 async def test_the_page_shows_the_whole_command_that_is_to_be_copied(fleet: FleetConfig) -> None:
     folder = "/home/somebody/fleets/" + "a_folder_with_a_long_name/" * 4
     command = f"covey px4 signing --set --fleet {folder}fleet.toml --vehicles mav0"

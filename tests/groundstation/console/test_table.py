@@ -10,10 +10,11 @@ import pytest
 from msgspec.structs import replace
 from rich.cells import cell_len
 
+from groundstation.console import theme
 from groundstation.console.app import ConsoleApp
 from groundstation.console.history import History
 from groundstation.console.screens.vehicle_screen import VehicleBlocks
-from groundstation.console.widgets.fleet_columns import COLUMNS, VehicleRow, fit_columns
+from groundstation.console.widgets.fleet_columns import COLUMNS, VehicleRow, fit_columns, reason
 from groundstation.console.widgets.fleet_table import FleetTable
 from groundstation.console.widgets.plan_view import PlanView
 from groundstation.fleet.satellite_words import satellite_words
@@ -21,6 +22,7 @@ from groundstation.fleet.state import DIRECT_DISARMED, VehicleView, fold
 from onboard.bus.schema import Event, Telemetry
 from onboard.config.fleet import CorrectionsConfig, FleetConfig
 from onboard.safety.failsafe_table import Condition
+from tests.groundstation.console.fake import telemetry
 from tests.groundstation.console.rig import Rig
 from tests.groundstation.console.scenes import SteadyClient, crowd, fly, ground_and_sky
 from tests.groundstation.console.seeing import SIZES, lines, plan_of, see, table_of
@@ -323,6 +325,49 @@ def test_all_columns_have_room_at_200_and_the_vital_ones_at_60() -> None:
     vital = {column.title for column in fit_columns(60 - 12)[0]}
     assert {"state", "bat", "z m", "near m"} <= vital
     assert fit_columns(0) == ((), 0)
+
+
+def _row(**changes: object) -> VehicleRow:
+    told = telemetry("mav0", **changes)
+    return VehicleRow(
+        view=VehicleView("mav0", told),
+        telemetry=told,
+        fleet=crowd(1),
+        drain=None,
+        age_s=0.1,
+        is_stale=False,
+    )
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"state": "holding", "reason": "ordered"}, "stands in for mav2, ordered"),
+        ({"state": "ready", "reason": ""}, "stands in for mav2"),
+        ({"follows": "mav1"}, "stands in for mav2, follows mav1"),
+        ({"state": "failed", "reason": "It fell."}, "It fell."),
+        ({"is_airborne": False, "not_ready": ("No pose.",)}, "No pose."),
+    ],
+)
+def test_a_row_says_for_whom_a_vehicle_stands_in(changes: dict[str, object], words: str) -> None:
+    text, _ = reason(_row(stands_in_for="mav2", **changes))
+    assert text == words
+
+
+@pytest.mark.parametrize(
+    ("state", "cell"),
+    [
+        ("flying", ("■ paused", theme.WARN)),
+        ("holding", ("■ paused", theme.WARN)),
+        ("landing", ("▼ landing", theme.WARN)),
+        ("failed", ("✖ failed", theme.BAD)),
+    ],
+)
+def test_a_pause_is_read_in_the_state_which_every_terminal_shows(
+    state: str, cell: tuple[str, str]
+) -> None:
+    (column,) = [column for column in COLUMNS if column.title == "state"]
+    assert column.cell(_row(state=state, follows="mav1", is_path_paused=True)) == cell
 
 
 def test_a_fleet_with_corrections_shows_fix_age_and_base_and_marks_what_is_wrong() -> None:
