@@ -11,7 +11,7 @@ from groundstation.figures.data import POSES, TOPICS, from_samples
 from groundstation.figures.style import refuse_other_picture, save, saved_paths, styled
 from groundstation.recording.reader import record_path
 from groundstation.recording.timeline import Timeline
-from onboard.config.fleet import ConfigError, load_fleet, read_toml
+from onboard.config.fleet import ConfigError, load_fleet
 from onboard.config.flight_space import outlines_of
 from onboard.plain_text import plain_line
 
@@ -89,22 +89,20 @@ def _limits(flight_folder: Path, notes: list[str]) -> dict[str, Any]:
 
     Without a fleet file that can be read, the paper's distance is returned, and a note says why.
     """
-    reason = "there is no fleet file beside the record"
-    for path in sorted(flight_folder.glob("*.toml")):
+    path = flight_folder / "fleet.toml"
+    reason = "there is no fleet.toml beside the record"
+    if path.exists():
         try:
-            values, *_ = read_toml(path, "fleet or mission file")
-            if "vehicles" not in values:
-                continue  # a mission file
             config = load_fleet(path, needs_folders=False)
         except ConfigError as error:
             reason = plain_line(str(error))[:300].rstrip(".")
-            continue
-        return {
-            "safety_distance_m": config.fleet.safety_distance_m,
-            "height_share": config.fleet.height_share,
-            "outlines": outlines_of(config),
-            "people": config.people,
-        }
+        else:
+            return {
+                "safety_distance_m": config.fleet.safety_distance_m,
+                "height_share": config.fleet.height_share,
+                "outlines": outlines_of(config),
+                "people": config.people,
+            }
 
     notes.append(
         f"the figures show the paper's safety distance of {_DEFAULT_SAFETY_DISTANCE_M:.2f} m, and"

@@ -418,7 +418,8 @@ def test_the_fleet_s_distance_is_drawn_though_law_and_keys_are_on_another_comput
 @pytest.mark.parametrize(
     ("text", "reason"),
     [
-        (None, "there is no fleet file beside the record."),
+        (None, "there is no fleet.toml beside the record."),
+        ("[fleet]\nsafety_distance_m = 0.9\n", "fleet.toml"),
         ("[fleet]\nsafety_distance_m = 'far'\n[vehicles.mav0]\n", "fleet.toml"),
     ],
 )
@@ -427,6 +428,7 @@ def test_figures_without_a_fleet_file_say_whose_distance_they_show(
 ) -> None:
     if text is not None:
         (tmp_path / "fleet.toml").write_text(text)
+    (tmp_path / "mission.toml").write_text("schema = 1\n")
     notes: list[str] = []
     assert record_figures._limits(tmp_path, notes)["safety_distance_m"] == 0.8
     (note,) = notes
