@@ -21,7 +21,7 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
-from groundstation.commands.parameters import Seconds
+from groundstation.commands.parameters import File, Seconds
 from groundstation.flights.recorded_flight import RecordedFlight, open_recorded
 from groundstation.incident.account import account_of
 from groundstation.incident.candidates import Candidate, candidates_of
@@ -42,6 +42,7 @@ def incident(
     flight: Annotated[Path, Parameter(name="DIR")],
     /,
     *,
+    fleet: File | None = None,
     before: Seconds = 5.0,
     quick: bool = False,
 ) -> int:
@@ -49,13 +50,14 @@ def incident(
 
     Args:
         flight: flight folder
+        fleet: fleet file, if there is none beside the record
         before: begin the account this many seconds before it went wrong
         quick: only what the record says; nothing is flown again
     """
     if not 0.0 < before <= _LONGEST_S:
         raise ConfigError(f"--before is {before:g}; it must lie above 0 and at most 600 s.")
 
-    config, timeline = open_flight(flight, None)
+    config, timeline = open_flight(flight, fleet)
     with contextlib.closing(timeline):
         moment = find_moment(flight, config, timeline)
         account = account_of(timeline, config, moment, before)

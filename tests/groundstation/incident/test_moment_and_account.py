@@ -17,7 +17,7 @@ from groundstation.recording.writer import RecordFiles
 from onboard.bus.schema import Truth
 from onboard.bus.topics import Topic
 from onboard.config.fleet import FleetConfig
-from tests.groundstation.recorded import LEVEL, SECOND, ZERO, tick
+from tests.groundstation.recorded import FLEET, LEVEL, SECOND, ZERO, record, tick
 
 _MISSION = """\
 schema = 1
@@ -38,6 +38,18 @@ do = "land"
 [expect]
 min_separation_m = 0.8
 """
+
+
+def test_the_fleet_file_of_a_record_without_one_is_given_as_the_refusal_says(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    folder = record(tmp_path / "flight", 4.0)
+    (folder / "fleet.toml").unlink()
+
+    assert main(["incident", str(folder), "--quick"]) == 2
+    assert "Give the fleet file with --fleet." in capsys.readouterr().err
+    assert main(["incident", str(folder), "--quick", "--fleet", str(FLEET)]) == 0
+    assert "The 5 s before it" in capsys.readouterr().out
 
 
 @pytest.fixture(scope="module")
