@@ -106,6 +106,26 @@ def test_a_rehearsal_lies_beside_the_record_that_is_named(tmp_path: Path) -> Non
     assert (folder / "report.html").is_file()
 
 
+def test_a_flight_of_other_vehicles_is_no_comparison(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    folder = write(tmp_path / "flight", rows(("mav0", "mav1"), length_s=1.0))
+    others = write(tmp_path / "others", rows(("cf1", "cf2"), length_s=1.0))
+    assert main(["report", str(folder), "--compare", str(others)]) == 2
+    said = f"{others} has none of the vehicles of {folder}, but cf1, cf2, so there is nothing"
+    assert said in capsys.readouterr().err
+    assert not (folder / "report.html").exists()
+
+    some = write(tmp_path / "some", rows(("mav1", "mav2"), length_s=1.0))
+    assert main(["report", str(folder), "--compare", str(some)]) == 0
+    said = f"{some} does not have these vehicles, which are shown without a ghost: mav0.\n"
+    assert said in capsys.readouterr().out
+
+    same = write(tmp_path / "same", rows(("mav0", "mav1"), length_s=1.0))
+    assert main(["report", str(folder), "--compare", str(same)]) == 0
+    assert "ghost" not in capsys.readouterr().out
+
+
 def test_a_page_replaces_a_page_and_an_empty_file_and_nothing_else(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
