@@ -15,6 +15,7 @@ from groundstation.recording.flown_paths import flown_paths, write_csvs
 from groundstation.recording.reader import Sample
 from groundstation.recording.timeline import Timeline
 from groundstation.recording.writer import RecordFiles
+from onboard.bus.schema import Message
 from onboard.bus.topics import Topic
 from onboard.control.path import point_at
 from tests.groundstation.recorded import SECOND, record, spot, tick
@@ -61,7 +62,7 @@ def test_csvs_of_a_record_that_was_cut_off_say_so(
 def test_gaps_of_a_record_are_said_beside_the_csvs(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    told = []
+    told: list[tuple[Topic, str, Message]] = []
     for step in range(100):
         told.append((Topic.TICK, "mav0", tick(SECOND + step * SECOND // 10)))
         is_heard = not 20 < step < 30 and not 60 < step < 90
