@@ -2,10 +2,12 @@
 
 A leg is the flight to one goal. Its first form is one quintic per axis, from the present setpoint
 to rest at the goal. It continues the setpoint's position, velocity and acceleration. A quintic that
-starts with an acceleration may exceed the bounds at any duration. So there is a second form: it
-brakes to rest on the shortest polynomial that keeps the bounds, and then flies a quintic from rest.
-The vehicle flies the shorter of the forms that keep the bounds. A quintic from rest over the
-distance D in the time T has the peak speed 15/8 D/T and the peak acceleration 10/sqrt(3) D/T^2.
+starts with an acceleration may exceed the bounds at any duration, and one that starts with a
+velocity and takes long leads far past its goal. So there is a second form: it brakes to rest on the
+shortest polynomial that keeps the bounds, and then flies a quintic from rest. The vehicle flies the
+first form if it is sooner, keeps the bounds, and leads nowhere that the brake does not need. A
+quintic from rest over the distance D in the time T has the peak speed 15/8 D/T and the peak
+acceleration 10/sqrt(3) D/T^2.
 
 A climb or descent ends at once if a smooth brake would pass the height of the new goal. The
 baseline brakes harder than the bounds of a leg, and a climbing vehicle that is ordered to land must
@@ -48,6 +50,10 @@ _FITS = 1.0 + 1e-9  # because of rounding, a value divided by its bound may be t
 # No leg is shorter than this share of the time to full speed, so that a vehicle does not tilt for a
 # goal that is only a few millimetres away.
 _MIN_SHARE = 0.8
+
+# A leg may lead astray by this share of the square of the top speed divided by the acceleration,
+# which is twice the shortest way from the top speed to rest.
+_ASTRAY_SHARE = 0.03
 
 _LEVEL_M = 0.3  # a leg is level if the heights of its ends differ by at most this
 _RISE_END_SHARE = 0.95  # share of a leg's time at which a rise has ended
@@ -438,7 +444,7 @@ def _planned(memory: TrajectoryMemory, goal: Goal, params: TrajectoryParams) -> 
         guess = _Quintic(
             begin_m=p, velocity_m_s=v, acceleration_m_s2=a, end_m=target, duration_s=guess_s
         )
-        direct_s = _direct_duration_s(guess, ordered_s, longest_s, params)
+        direct_s = _direct_duration_s(guess, via, ordered_s, longest_s, params)
         if direct_s > 0.0:
             via = target
             first_s = direct_s
@@ -524,11 +530,18 @@ def _brake_duration_s(p: Vec3, v: Vec3, a: Vec3, scale_s: float, params: Traject
 
 
 def _direct_duration_s(
-    guess: _Quintic, ordered_s: float, longest_s: float, params: TrajectoryParams
+    guess: _Quintic, stop_m: Vec3, ordered_s: float, longest_s: float, params: TrajectoryParams
 ) -> float:
     """Return the duration [s] of the shortest quintic straight to the goal within the bounds.
 
-    Return 0 if no such quintic is as short as ``longest_s``.
+    Return 0 if no such quintic is as short as ``longest_s``, or if it leads astray.
+
+    Args:
+        guess: the quintic with a first guess of its duration.
+        stop_m: position at which a brake would come to rest.
+        ordered_s: shortest duration.
+        longest_s: longest duration.
+        params: bounds.
     """
     for factor in _DIRECT_FACTORS:
         t = max(factor * guess.duration_s, ordered_s)
@@ -542,6 +555,40 @@ def _direct_duration_s(
             end_m=guess.end_m,
             duration_s=t,
         )
-        if _excess(leg, params, _FITS) <= _FITS:
-            return t
+        if _excess(leg, params, _FITS) > _FITS:
+            continue
+        if _leads_astray(leg, stop_m, params):  # and a longer one farther
+            return 0.0
+        return t
     return 0.0
+
+
+def _leads_astray(leg: _Quintic, stop_m: Vec3, params: TrajectoryParams) -> bool:
+    """Return whether a quintic leads where neither its ends nor a brake at its start lead.
+
+    Its heights are between those of its start, its goal and the stop of the brake. Horizontally, it
+    passes its goal by no more than the brake, and is nowhere farther from the goal than its start
+    or the stop.
+    """
+    room_m = _ASTRAY_SHARE * params.max_speed_m_s**2 / params.max_acceleration_m_s2
+    lowest_m = min(leg.begin_m.z, leg.end_m.z, stop_m.z) - room_m
+    highest_m = max(leg.begin_m.z, leg.end_m.z, stop_m.z) + room_m
+
+    to_goal = subtract(leg.end_m, leg.begin_m)
+    to_stop = subtract(stop_m, leg.begin_m)
+    way_m = math.hypot(to_goal.x, to_goal.y)
+    stop_from_goal_m = math.hypot(leg.end_m.x - stop_m.x, leg.end_m.y - stop_m.y)
+    farthest_m = max(way_m, stop_from_goal_m) + room_m
+    brake_past_m2 = to_goal.x * to_stop.x + to_goal.y * to_stop.y
+    past_m2 = max(way_m * way_m, brake_past_m2) + room_m * way_m
+
+    for k in range(_SAMPLES + 1):
+        at = _position(leg, k / _SAMPLES)
+        if not lowest_m <= at.z <= highest_m:
+            return True
+
+        along_m2 = to_goal.x * (at.x - leg.begin_m.x) + to_goal.y * (at.y - leg.begin_m.y)
+        from_goal_m = math.hypot(at.x - leg.end_m.x, at.y - leg.end_m.y)
+        if along_m2 > past_m2 or from_goal_m > farthest_m:
+            return True
+    return False

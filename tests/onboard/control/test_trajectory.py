@@ -119,6 +119,45 @@ def test_legs_keep_the_bound_of_the_vertical_acceleration(climb: float) -> None:
     assert np.allclose(second.position_enu_m[-1], [2.0, 0.0, 0.0], atol=1e-9)
 
 
+@pytest.mark.parametrize("duration", [0.0, 10.0, 20.0, 60.0])
+@pytest.mark.parametrize(
+    ("first", "second"),
+    [
+        (
+            [0.0, 0.0, -8.0],
+            [0.0, 0.0, -8.0],
+        ),  # "in 20", or slowly, in a descent: the ground is below
+        ([0.0, 0.0, 8.0], [0.0, 0.0, 8.0]),
+        ([8.0, 0.0, 0.0], [8.0, 0.0, 0.0]),
+        ([0.0, 0.0, -8.0], [9.0, 0.0, -8.0]),
+        ([9.0, 0.0, 0.0], [4.0, 3.0, 0.0]),
+        ([9.0, 0.0, 0.0], [0.0, 0.0, 0.0]),
+    ],
+    ids=str,
+)
+def test_an_order_in_flight_leads_nowhere_that_the_vehicle_need_not_go(
+    first: list[float], second: list[float], duration: float
+) -> None:
+    """A vehicle in motion flies neither past its new goal nor far beside its way."""
+    memory, _ = fly(trajectory.initial(ZERO_3), goal(first), 5.0)
+    now = trajectory.setpoint(memory)
+    begin = np.array(now.position_enu_m)
+    stop = begin + 1.2 * np.array(now.velocity_enu_m_s)  # farther than a brake leads
+    end = np.array(second)
+    _, s = fly(memory, goal(second, sequence=2, duration=duration), 80.0)
+    path = np.array(s.position_enu_m)
+    assert np.allclose(path[-1], end, atol=1e-6)
+
+    heights = np.array([begin[2], stop[2], end[2]])
+    assert heights.min() - 0.05 < path[:, 2].min()
+    assert path[:, 2].max() < heights.max() + 0.05
+    from_end = norm((path - end)[:, :2])
+    assert from_end.max() < max(norm((begin - end)[:2]), norm((stop - end)[:2])) + 0.05
+    along = (path - begin)[:, :2] @ (end - begin)[:2]
+    farthest = max((end - begin)[:2] @ (end - begin)[:2], (stop - begin)[:2] @ (end - begin)[:2])
+    assert along.max() < farthest + 0.05 * norm((end - begin)[:2]) + 1e-9
+
+
 @pytest.mark.parametrize(
     "seed", [0, *(pytest.param(seed, marks=pytest.mark.long) for seed in (1, 2))]
 )

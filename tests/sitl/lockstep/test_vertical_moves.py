@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import contextlib
+from collections.abc import Awaitable
 from typing import Any
 
 import pytest
 from msgspec.structs import replace
 
+from groundstation.orders.result import OrderFailed
 from onboard.config.fleet import FleetConfig
 
 
@@ -61,3 +64,26 @@ def test_a_slow_vehicle_takes_off(lockstep, paper: FleetConfig, floor_m: float) 
     fence = replace(fleet.fleet.geofence_m, z=(floor_m, 3.0))
     with lockstep(replace(fleet, fleet=replace(fleet.fleet, geofence_m=fence))) as flight:
         assert flight.takeoff(0.4)["mav0"].phase == "done"
+
+
+@pytest.mark.parametrize("after_s", [4.2, pytest.param(4.9, marks=pytest.mark.long)])
+def test_a_landing_in_a_quick_descent_is_as_soft_as_another(
+    lockstep, paper: FleetConfig, after_s: float
+) -> None:
+    """The landing brakes first; a single slow leg would have led far below the ground."""
+    fleet = _one(paper, hover_thrust_frac=0.49, max_speed_m_s=3.0, max_acceleration_m_s2=3.0)
+    high = replace(fleet.fleet, geofence_m=replace(fleet.fleet.geofence_m, z=(0.0, 16.0)))
+    with lockstep(replace(fleet, fleet=high)) as flight:
+        flight.takeoff(2.0)
+        flight.order("move mav0 0 0 14")
+        flight.start_soon(_ended(flight.fleet.go_to({"mav0": (0.0, 0.0, 1.0)})))
+        flight.run(after_s)
+        assert flight.state.vehicles["mav0"].truth.velocity_enu_m_s[2] < -2.0
+        assert flight.land()["mav0"].phase == "done"
+        assert max(one.speed_m_s for one in flight.touchdowns) < 0.6
+
+
+async def _ended(move: Awaitable[object]) -> None:
+    """Wait for a move that another order ends."""
+    with contextlib.suppress(OrderFailed):
+        await move
