@@ -47,12 +47,10 @@ from groundstation.orders.intents import (
     means_all,
 )
 from groundstation.orders.plan import PlannedOrder, plan_order
-from groundstation.orders.reachable_goals import way_m
+from groundstation.orders.reachable_goals import shortest_move_s, way_m
 from onboard.config.fleet import ConfigError, FleetConfig
 from onboard.control.climb_duration import climb_duration_s
 from onboard.control.path import Path, point_at
-from onboard.control.trajectory import TrajectoryParams, shortest_duration_s
-from onboard.control.vertical_limits import planned_m_s2
 from onboard.tuples import Xyz
 
 _START_S = 3.0  # time of arming and spinning up before a climb
@@ -434,14 +432,7 @@ def _move_or_stay_s(
 
 def _move_s(fleet: FleetConfig, name: str, position: Xyz, goal: Xyz, duration_s: float) -> float:
     """Return the time that a vehicle needs to a goal [s]."""
-    vehicle = fleet.vehicles[name]
-    bounds = TrajectoryParams(
-        max_speed_m_s=vehicle.max_speed_m_s,
-        max_acceleration_m_s2=vehicle.max_acceleration_m_s2,
-        max_vertical_m_s2=planned_m_s2(vehicle.hover_thrust_frac),
-    )
-    climb_m = goal[2] - position[2]
-    shortest_s = shortest_duration_s(way_m(fleet, name, position, goal), climb_m, bounds)
+    shortest_s = shortest_move_s(fleet, name, position, goal)
     return _SETTLE_S + max(shortest_s, duration_s)
 
 

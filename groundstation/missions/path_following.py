@@ -27,6 +27,7 @@ from groundstation.missions.ground import step_result
 from groundstation.missions.pause_watch import PauseWatch
 from groundstation.orders.intents import FollowPath, Goto, Hold, Intent
 from groundstation.orders.path_orders import OnLag, parts_of, starts_of
+from groundstation.orders.reachable_goals import longest_move_s
 from groundstation.orders.result import OrderFailed, OrderResult, Results
 from groundstation.paths.lights import Colour, TimedColour, colour_at
 from groundstation.verdict.observations import StepResult
@@ -38,7 +39,8 @@ from onboard.plain_text import listed
 from onboard.tuples import Xyz
 
 AHEAD_S = 3.0  # time from the order to the start, in which all replies arrive
-# Longest wait after the paths' own end: vehicles that fall behind slow the clock of the paths.
+# Longest wait after the expected end of the ways to the first points, and after the paths' own end:
+# vehicles that fall behind slow the clock of the paths.
 _LATE_S = 60.0
 _SLOWEST_RATE = 0.5  # rate of the paths while a failsafe slows all (onboard/flight/path_flight.py)
 _SAY_S = 10.0  # time between two lines of progress
@@ -137,7 +139,9 @@ async def follow_paths(
     for name, path in taking_part().items():
         begins[name] = point_at(path, 0.0).position_enu_m
     to_begins = Goto(vehicles=tuple(begins), goals=begins)
-    await ground.order(to_begins, _LATE_S, may_be_left_out=False)
+    client = ground.client
+    way_s = longest_move_s(client.fleet, client.state, begins)
+    await ground.order(to_begins, way_s + _LATE_S, may_be_left_out=False)
     await _wait_at_begins(ground, {name: begins[name] for name in taking_part()})
 
     if at is None:

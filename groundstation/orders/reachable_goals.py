@@ -1,16 +1,21 @@
-"""The ways of a fleet file's vehicles to their goals: whether there are any, and how long they are.
+"""The ways of a fleet file's vehicles to their goals: whether there are any, how long they are, and
+how long they take.
 
 The map of what stands in a vehicle's way is computed once, and kept for later questions.
 """
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from functools import lru_cache
 
+from groundstation.fleet.state import FleetState
 from onboard.avoidance.params import Capsule, LawParams, law_params, still
 from onboard.config.fleet import FleetConfig
 from onboard.control import router
 from onboard.control.reachability import no_way
+from onboard.control.trajectory import TrajectoryParams, shortest_duration_s
+from onboard.control.vertical_limits import planned_m_s2
 from onboard.tuples import Xyz
 
 
@@ -34,6 +39,42 @@ def way_m(fleet: FleetConfig, name: str, begin_enu_m: Xyz, goal_enu_m: Xyz) -> f
         begin_enu_m, goal_enu_m: position of the vehicle, and the goal [m], ENU.
     """
     return router.route_length_m(_around(fleet, name), begin_enu_m, goal_enu_m)
+
+
+def shortest_move_s(fleet: FleetConfig, name: str, begin_enu_m: Xyz, goal_enu_m: Xyz) -> float:
+    """Return the shortest time [s] that a vehicle needs to a goal if it flies alone.
+
+    Args:
+        fleet: the fleet file.
+        name: one of its vehicles.
+        begin_enu_m, goal_enu_m: position of the vehicle, and the goal [m], ENU.
+    """
+    vehicle = fleet.vehicles[name]
+    bounds = TrajectoryParams(
+        max_speed_m_s=vehicle.max_speed_m_s,
+        max_acceleration_m_s2=vehicle.max_acceleration_m_s2,
+        max_vertical_m_s2=planned_m_s2(vehicle.hover_thrust_frac),
+    )
+    climb_m = goal_enu_m[2] - begin_enu_m[2]
+    return shortest_duration_s(way_m(fleet, name, begin_enu_m, goal_enu_m), climb_m, bounds)
+
+
+def longest_move_s(fleet: FleetConfig, state: FleetState, goals: Mapping[str, Xyz]) -> float:
+    """Return the time [s] after which the last vehicle is at its goal if each flies alone.
+
+    Vehicles that do not report a position are left out; without any the time is 0.
+
+    Args:
+        fleet: the fleet file.
+        state: state of the fleet now.
+        goals: goal of each vehicle [m], ENU.
+    """
+    times_s = [0.0]
+    for name, goal in goals.items():
+        telemetry = state.vehicles[name].telemetry
+        if telemetry is not None and telemetry.is_position_valid:
+            times_s.append(shortest_move_s(fleet, name, telemetry.position_enu_m, goal))
+    return max(times_s)
 
 
 def _around(fleet: FleetConfig, name: str) -> router.Surroundings:

@@ -7,11 +7,12 @@ import functools
 from typing import Any
 
 import numpy as np
+import pytest
 
 from groundstation.missions.ground import MissionGround
 from groundstation.missions.path_following import follow_paths
-from groundstation.orders.intents import FollowPath
-from groundstation.orders.result import OrderFailed, VehicleResult
+from groundstation.orders.intents import FollowPath, Intent
+from groundstation.orders.result import OrderFailed, Results, VehicleResult
 from groundstation.paths.pieces import fitted
 from onboard.config.fleet import FleetConfig
 from tests.groundstation.conftest import FakeBus
@@ -60,6 +61,26 @@ async def test_who_went_aside_for_others_that_came_later_is_waited_for(
     bus.tell("mav1", position_enu_m=(x, y, 1.0))
     await asyncio.wait_for(flight, 10.0)
     assert sorted(starts()) == sorted(fleet.enabled_names)
+
+
+async def test_vehicles_far_from_the_begins_of_their_paths_get_the_time_of_their_way(
+    fleet: FleetConfig, bus: FakeBus, client: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    paths = begin_above_the_starts(fleet, bus)
+    x, y, _ = fleet.vehicles["mav1"].start_enu_m
+    bus.tell("mav1", position_enu_m=(x + 100.0, y, 1.0))
+    ground: Any = MissionGround(client)
+    timeouts_s = []
+
+    async def order(intent: Intent, timeout_s: float, *, may_be_left_out: bool) -> Results:
+        timeouts_s.append(timeout_s)
+        raise OrderFailed(intent, {})
+
+    monkeypatch.setattr(ground, "order", order)
+    with pytest.raises(OrderFailed):
+        await follow_paths(ground, paths, lights={}, on_lag="land", timeout_s=5.0)
+    mean_m_s = fleet.vehicles["mav1"].max_speed_m_s / 1.875
+    assert timeouts_s == [pytest.approx(60.0 + 100.0 / mean_m_s, abs=1.0)]
 
 
 def test_a_start_that_one_refuses_names_nobody_else() -> None:
