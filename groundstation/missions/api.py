@@ -28,6 +28,7 @@ from groundstation.missions.connection import (
     note_connection,
     script_name,
 )
+from groundstation.missions.going_home import fly_home
 from groundstation.missions.ground import MissionGround
 from groundstation.missions.group import Group
 from groundstation.missions.landing import land_all
@@ -36,7 +37,7 @@ from groundstation.missions.readiness import is_ready, not_ready
 from groundstation.missions.taken import Taken, flown_by_hand, stay
 from groundstation.missions.vehicle import MissionVehicle
 from groundstation.missions.vehicle_names import Vehicles, as_names
-from groundstation.orders.intents import Hold, Home
+from groundstation.orders.intents import Hold
 from groundstation.orders.result import OrderFailed as OrderFailed
 from groundstation.verdict.observations import Arrival, FlightObservations, StepResult
 from onboard.bus.schema import Event
@@ -46,7 +47,6 @@ AtEnd = Literal["land", "hold", "home"]
 
 _LAND_S = 40.0
 _HOLD_S = 15.0
-_HOME_S = 90.0
 
 
 def _check_at_end(at_end: object) -> None:
@@ -187,7 +187,7 @@ class Fleet(Group):
             return
 
         if at_end == "home" and flying:
-            await self.client.order(Home(vehicles=flying), _HOME_S, is_by_mission=True)
+            await fly_home(self.client, flying, say=self.say)
         await self._land_all()
 
     async def _leave_to(self, taken: Taken, begin_ns: int) -> None:

@@ -14,6 +14,7 @@ from typing import Protocol
 
 from groundstation.client.client import FleetClient
 from groundstation.mission_files.wall_time import time_words
+from groundstation.missions.going_home import way_home_s
 from groundstation.orders.battery_reserve import Discharge, Reserve, weakest
 from groundstation.orders.intents import BringHome, Intent
 from groundstation.orders.result import Results
@@ -72,14 +73,16 @@ class PauseWatch:
         Args:
             names: names of the vehicles.
             reserve: the weakest battery, which ends the pause.
-            timeout_s: longest wait for their landing [s].
+            timeout_s: longest wait for their landing [s], in addition to the time of their way.
 
         Returns:
             The order and its results.
         """
         self._ground.say(f"  The pause ends: {reserve}.")
         intent = BringHome(vehicles=tuple(names))
-        return intent, await self._ground.order(intent, timeout_s)
+        client = self._ground.client
+        way_s = way_home_s(client, client.plan(intent))
+        return intent, await self._ground.order(intent, way_s + timeout_s)
 
 
 def pause_line(reserve: Reserve | None) -> str:

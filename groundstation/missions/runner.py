@@ -24,20 +24,19 @@ from groundstation.missions.api import Fleet, NotReady, OrderFailed
 from groundstation.missions.beginning import begin_refusal, step_times, time_refusal
 from groundstation.missions.conditions import ConditionTimeout
 from groundstation.missions.countdown import CountdownEnded
+from groundstation.missions.going_home import fly_home
 from groundstation.missions.hover_check import WindTooStrong
 from groundstation.missions.landing import wait_for_landings
 from groundstation.missions.left_out_awaits import left_out_awaits
 from groundstation.missions.own_link import SILENT_S, silent_in_flight
 from groundstation.missions.step_runner import MissionFailed, StepRunner
 from groundstation.missions.taken import Taken, flown_by_hand, pilot_words, stay
-from groundstation.orders.intents import Home
 from groundstation.verdict.observations import FlightObservations, collided_vehicles
 from groundstation.verdict.verdict import Verdict, judge
 from onboard.config.fleet import ConfigError
 from onboard.plain_text import listed
 
 LAND_TIMEOUT_S = 40.0
-HOME_TIMEOUT_S = 90.0
 # Timeout of the first step when emulator and agents start with the mission.
 READY_TIMEOUT_SIM_S = 60.0
 LAST_TELEMETRY_S = 0.5  # longest wait for telemetry that shows the newest state
@@ -601,8 +600,7 @@ class MissionRun:
                 if vehicles[name].is_airborne and name not in by_hand
             )
             if flying:
-                order = await self.client.submit(Home(vehicles=flying), is_by_mission=True)
-                await order.wait(HOME_TIMEOUT_S)
+                await fly_home(self.client, flying, say=self.fleet.say)
         await self.fleet.land_all(LAND_TIMEOUT_S)
 
     def _is_heard(self, state: FleetState) -> bool:

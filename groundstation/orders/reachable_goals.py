@@ -6,6 +6,7 @@ The map of what stands in a vehicle's way is computed once, and kept for later q
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from functools import lru_cache
 
@@ -60,9 +61,10 @@ def shortest_move_s(fleet: FleetConfig, name: str, begin_enu_m: Xyz, goal_enu_m:
 
 
 def longest_move_s(fleet: FleetConfig, state: FleetState, goals: Mapping[str, Xyz]) -> float:
-    """Return the time [s] after which the last vehicle is at its goal if each flies alone.
+    """Return the time after which the last vehicle is at its goal if each flies alone.
 
-    Vehicles that do not report a position are left out; without any the time is 0.
+    It is in whole seconds [s]. Vehicles that do not report a position are left out; without any the
+    time is 0.
 
     Args:
         fleet: the fleet file.
@@ -74,7 +76,7 @@ def longest_move_s(fleet: FleetConfig, state: FleetState, goals: Mapping[str, Xy
         telemetry = state.vehicles[name].telemetry
         if telemetry is not None and telemetry.is_position_valid:
             times_s.append(shortest_move_s(fleet, name, telemetry.position_enu_m, goal))
-    return max(times_s)
+    return float(math.ceil(max(times_s)))
 
 
 def _around(fleet: FleetConfig, name: str) -> router.Surroundings:
