@@ -64,7 +64,12 @@ def read_folder(folder: FilePath) -> Show:
     Raises:
         ConfigError: there are no CSVs or too many, or one of them is not a path.
     """
-    csvs = [file for file in folder.iterdir() if file.suffix.lower() == ".csv"]
+    # hidden files are left out: macOS adds one to each file, with the same ending
+    csvs = [
+        file
+        for file in folder.iterdir()
+        if file.suffix.lower() == ".csv" and not file.name.startswith(".")
+    ]
     files = sorted(csvs, key=lambda file: natural_sort_key(file.stem))
     if not 1 <= len(files) <= MAX_DRONES:
         raise ConfigError(

@@ -66,6 +66,8 @@ def unpack(
 ) -> None:
     """Write the members with an ending into a folder, under their names without folders.
 
+    Hidden files are left out.
+
     Args:
         file: the zip.
         folder: an empty folder for the members.
@@ -110,7 +112,9 @@ def _unpack(
     members = [
         member
         for member in archive.infolist()
-        if member.filename.lower().endswith(ending) and "__MACOSX" not in member.filename
+        if member.filename.lower().endswith(ending)
+        and "__MACOSX" not in member.filename
+        and not _last_name(member).startswith(".")  # hidden files, as macOS adds to each file
     ]
     if not 1 <= len(members) <= most_members:
         raise ConfigError(
@@ -120,7 +124,7 @@ def _unpack(
 
     bytes_left = most_bytes
     for member in members:
-        last_name = PurePosixPath(member.filename.replace("\\", "/")).name
+        last_name = _last_name(member)
         target = folder / last_name
         if target.exists():
             raise ConfigError(f"{name}: two of its members are named {last_name}. Rename one.")
@@ -136,3 +140,8 @@ def _unpack(
                 "show with fewer lines a second."
             )
         target.write_bytes(data)
+
+
+def _last_name(member: zipfile.ZipInfo) -> str:
+    """Return a member's name without folders."""
+    return PurePosixPath(member.filename.replace("\\", "/")).name

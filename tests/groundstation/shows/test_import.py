@@ -634,6 +634,19 @@ def test_the_ending_of_a_csv_may_be_in_capital_letters(tmp_path: Path) -> None:
     assert len(read_show(show).drones) == 2
 
 
+def test_hidden_files_beside_csvs_are_left_out(tmp_path: Path) -> None:
+    folder = csvs(tmp_path / "plain", list(line_of(2).values()), 12.0)
+    show = tmp_path / "show.zip"
+    with zipfile.ZipFile(show, "w") as archive:
+        for file in folder.glob("*.csv"):
+            archive.write(file, f"some/folder/{file.name}")
+            archive.writestr(f"some/folder/._{file.name}", b"\x00\x05\x16\x07")
+    (folder / "._Drone 1.csv").write_bytes(b"\x00\x05\x16\x07")
+    (folder / ".hidden.csv").write_text("no path")
+    for source in (folder, show):
+        assert [drone.name for drone in read_show(source).drones] == ["Drone 1", "Drone 2"]
+
+
 def test_a_zip_of_csvs_is_a_show_and_a_bomb_or_an_empty_one_is_none(tmp_path: Path) -> None:
     folder = csvs(tmp_path / "plain", list(line_of(2).values()), 12.0)
     show = tmp_path / "show.zip"
