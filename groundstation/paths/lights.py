@@ -10,7 +10,10 @@ import os
 from bisect import bisect_right
 from collections.abc import Sequence
 
+import numpy as np
+
 from groundstation.paths.path_files import read_columns
+from onboard.arrays import Array, IntArray
 from onboard.config.fleet import ConfigError
 
 # time [s], and red, green and blue up to 255
@@ -39,13 +42,33 @@ def load_lights(file: str | os.PathLike[str]) -> tuple[TimedColour, ...]:
         )
 
     times_s = numbers[:, 0]
-    colours = numbers[:, 1:]
-    is_rising = (times_s[1:] >= times_s[:-1]).all()
-    is_colour = colours.min() >= 0 and colours.max() <= 255
-    if not (is_rising and is_colour):
-        raise ConfigError(f"{name}: times must rise, and colours lie between 0 and 255.")
+    if (times_s[1:] < times_s[:-1]).any():
+        raise ConfigError(f"{name}: the times of colours must rise. Sort the lines.")
 
-    return tuple((float(t), int(red), int(green), int(blue)) for t, red, green, blue in numbers)
+    colours = whole_colours(name, numbers[:, 1:])
+    return tuple(
+        (time_s, red, green, blue)
+        for time_s, (red, green, blue) in zip(times_s.tolist(), colours.tolist(), strict=True)
+    )
+
+
+def whole_colours(name: str, colours: Array) -> IntArray:
+    """Return the colours of a file as whole numbers (lines, 3).
+
+    Args:
+        name: name of the file.
+        colours: red, green and blue as they were read (lines, 3).
+
+    Raises:
+        ConfigError: one of them is no whole number from 0 to 255.
+    """
+    wrong = colours[(colours < 0) | (colours > 255) | (colours % 1 != 0)]
+    if len(wrong):
+        raise ConfigError(
+            f"{name}: colours are whole numbers from 0 to 255, and {wrong[0]:g} is none. Multiply "
+            "shares of 1 by 255, and round them."
+        )
+    return colours.astype(np.int64)
 
 
 def colour_at(lights: Sequence[TimedColour], time_s: float) -> Colour:

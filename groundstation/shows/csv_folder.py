@@ -10,7 +10,7 @@ from pathlib import Path as FilePath
 
 import numpy as np
 
-from groundstation.paths.lights import TimedColour
+from groundstation.paths.lights import TimedColour, whole_colours
 from groundstation.paths.path_files import load_path, read_columns
 from groundstation.shows.geographic import Places, origin_of, path_of_places, read_places
 from groundstation.shows.show import (
@@ -238,13 +238,11 @@ def _lights(file: FilePath, columns: Sequence[str], numbers: Array) -> tuple[Tim
     """Return the colours of a CSV, without repetitions, at the times of the file.
 
     Raises:
-        ConfigError: a colour is not between 0 and 255.
+        ConfigError: a colour is no whole number from 0 to 255.
     """
     times_s = numbers[:, 0]
-    colours = numbers[:, [columns.index(colour) for colour in _COLOURS]]
-    if colours.min() < 0 or colours.max() > 255:
-        raise ConfigError(f"{file}: colours lie between 0 and 255.")
-    colours = colours.astype(int)
+    colour_columns = [columns.index(colour) for colour in _COLOURS]
+    colours = whole_colours(str(file), numbers[:, colour_columns])
 
     # A line is left out if the lines before and after it have its colour. The last line of a colour
     # is kept, because colours change evenly from one time to the next.

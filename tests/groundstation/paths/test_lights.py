@@ -24,7 +24,12 @@ def test_colours_change_evenly_between_their_times(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(
     "text",
-    ["t,x,y,z\n0,0,0,0\n", "t,red,green,blue\n0,0,0,256\n", "t,red,green,blue\n1,0,0,0\n0,0,0,0\n"],
+    [
+        "t,x,y,z\n0,0,0,0\n",
+        "t,red,green,blue\n0,0,0,256\n",
+        "t,red,green,blue\n0,0.9,0.5,0.1\n",
+        "t,red,green,blue\n1,0,0,0\n0,0,0,0\n",
+    ],
 )
 def test_what_is_no_colour_is_refused(tmp_path: Path, text: str) -> None:
     (tmp_path / "lights.csv").write_text(text, encoding="utf-8")

@@ -298,11 +298,14 @@ def test_a_colour_that_is_held_does_not_fade_before_it_switches(tmp_path: Path) 
     assert colour_at(drone.lights, 5.1) == (0, 0, 255)
 
 
-def test_a_colour_that_is_none_is_refused_with_the_file_that_has_it(tmp_path: Path) -> None:
+@pytest.mark.parametrize("wrong", ["256,0,0", "0.9,0.5,0.1", "-1,0,0"])
+def test_a_colour_that_is_none_is_refused_with_the_file_that_has_it(
+    tmp_path: Path, wrong: str
+) -> None:
     folder = csvs(tmp_path / "csvs", list(line_of(2).values()), 12.0)
     file = folder / "Drone 2.csv"
-    file.write_text(file.read_text(encoding="utf-8").replace("255,0,0", "256,0,0"))
-    with pytest.raises(ConfigError, match=r"Drone 2\.csv: colours lie between 0 and 255"):
+    file.write_text(file.read_text(encoding="utf-8").replace("255,0,0", wrong))
+    with pytest.raises(ConfigError, match=r"Drone 2\.csv: colours are whole numbers from 0 to 255"):
         read_folder(folder)
 
 
