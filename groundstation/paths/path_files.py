@@ -38,19 +38,24 @@ _NAMES = {
     "timestamp": "t",
     "yaw_deg": "yaw",
     "yaw_rad": "yaw",
-    "heading": "yaw",
     "v": "speed",
     "velocity": "speed",
 }
-# unit in a column's name -> factor to s, m, m/s or deg
+# units in a column's name -> factor to s, m, m/s or deg
+_TIMES = {"": 1.0, "s": 1.0, "sec": 1.0, "ms": 1e-3, "msec": 1e-3}
+_LENGTHS = {"": 1.0, "m": 1.0, "cm": 0.01, "mm": 1e-3}
+_SPEEDS = {"": 1.0, "m/s": 1.0}
+_ANGLES = {"": 1.0, "deg": 1.0, "rad": math.degrees(1.0)}
+_COEFFICIENTS_OF_YAW = {"": 1.0, "rad": 1.0}  # Crazyswarm's are radians
 _UNITS = {
-    **dict.fromkeys(("", "s", "sec", "m", "m/s", "deg"), 1.0),
-    "ms": 1e-3,
-    "msec": 1e-3,
-    "cm": 0.01,
-    "mm": 1e-3,
-    "rad": math.degrees(1.0),
+    **dict.fromkeys(("t", "duration"), _TIMES),
+    **dict.fromkeys(("x", "y", "z"), _LENGTHS),
+    **{f"{axis}^{power}": _LENGTHS for axis in "xyz" for power in range(8)},
+    "speed": _SPEEDS,
+    "yaw": _ANGLES,
+    **{f"yaw^{power}": _COEFFICIENTS_OF_YAW for power in range(8)},
 }
+_ANY_UNITS = {**_TIMES, **_LENGTHS, **_SPEEDS, **_ANGLES}  # of columns with other names
 
 
 def load_path(file: str | os.PathLike[str]) -> Path:
@@ -108,7 +113,8 @@ def read_columns(name: str) -> tuple[tuple[str, ...], Array]:
         Names of the columns, and numbers (lines, columns).
 
     Raises:
-        ConfigError: there is no such file, a unit is not known, or a line is not a list of numbers.
+        ConfigError: there is no such file, a unit is not that of its column, two columns have one
+            name, or a line is not a list of numbers.
     """
     lines = _lines_of(name)
     if not 2 <= len(lines) <= MAX_LINES:
@@ -125,6 +131,7 @@ def read_columns(name: str) -> tuple[tuple[str, ...], Array]:
     if has_last_delimiter:
         names = names[:-1]
     columns, factors = zip(*(_column(name, text) for text in names), strict=True)
+    _refuse_repeated(name, columns)
 
     numbers = []
     for line_number, line in further_lines:
@@ -185,17 +192,35 @@ def _column(name: str, text: str) -> tuple[str, float]:
             f"{name}: the first line must name the columns, as t,x,y,z; '{text[:40]}' is no name."
         )
 
-    column = match[1].lower()
+    written = match[1].lower()
     unit = (match[2] or "").lower()
-    if column == "yaw_rad" and not unit:
+    if written == "yaw_rad" and not unit:
         unit = "rad"
-    if unit not in _UNITS:
-        raise ConfigError(
-            f"{name}: '{text.strip()[:40]}' is in a unit that is not known. Give metres and "
-            "seconds."
-        )
 
-    return _NAMES.get(column, column), _UNITS[unit]
+    column = _NAMES.get(written, written)
+    units = _UNITS.get(column, _ANY_UNITS)
+    if unit not in units:
+        raise ConfigError(
+            f"{name}: '{text.strip()[:40]}' is in a unit that is not known for this column. Use "
+            f"{' or '.join(filter(None, units))}."
+        )
+    return column, units[unit]
+
+
+def _refuse_repeated(name: str, columns: Sequence[str]) -> None:
+    """Refuse two columns of one name.
+
+    Raises:
+        ConfigError: there are two.
+    """
+    seen: set[str] = set()
+    for column in columns:
+        if column in seen:
+            raise ConfigError(
+                f"{name}: more than one column is '{column[:40]}', perhaps by another name for it. "
+                "Keep one."
+            )
+        seen.add(column)
 
 
 def _timed(columns: Sequence[str], numbers: Array) -> Path:
@@ -224,7 +249,17 @@ def _waypoints(columns: Sequence[str], numbers: Array) -> Path:
 
 
 def _values(columns: Sequence[str], points: Array, numbers: Array) -> Array:
-    """Return x, y, z [m] and yaw [rad] (T, 4); yaw is 0 if the file has none."""
+    """Return x, y, z [m] and yaw [rad] (T, 4); yaw is 0 if the file has none.
+
+    Raises:
+        ValueError: it has a heading instead, which may be counted in another way.
+    """
+    if "heading" in columns and "yaw" not in columns:
+        raise ValueError(
+            "a column 'heading' is not read, because headings often count clockwise from north. "
+            "Give degrees counterclockwise from east, and name the column yaw, or leave it out."
+        )
+
     yaw_rad = np.zeros(len(numbers))
     if "yaw" in columns:
         yaw_rad = np.radians(numbers[:, columns.index("yaw")])

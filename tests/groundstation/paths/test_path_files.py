@@ -43,6 +43,14 @@ def test_yaw_is_read_in_the_unit_of_its_column(tmp_path: FilePath, name: str) ->
     assert sampled(path, np.array([2.0]))[0][0, 3] == pytest.approx(0.5, abs=1e-3)
 
 
+def test_columns_of_pieces_may_name_their_units(tmp_path: FilePath) -> None:
+    plain = [f"{axis}^{power}" for axis in ("x", "y", "z", "yaw") for power in range(8)]
+    units = [f"{column} [{'rad' if 'yaw' in column else 'm'}]" for column in plain]
+    numbers = ",".join(["4.0", "0,1,0,0,0,0,0,0", "0,0,0,0,0,0,0,0"] + ["1,0,0,0,0,0,0,0"] * 2)
+    path = load_path(csv(tmp_path, f"duration,{','.join(plain)}\n{numbers}"))
+    assert load_path(csv(tmp_path, f"duration [s],{','.join(units)}\n{numbers}")) == path
+
+
 def test_pieces_are_written_and_read_again(tmp_path: FilePath) -> None:
     path = load_path(csv(tmp_path, "t,x,y,z\n0,0,0,1\n2,1,0,1\n4,1,2,1"))
     write_path(tmp_path / "pieces.csv", path, ["slowed by 1.0"])
@@ -73,6 +81,13 @@ def test_waypoints_are_flown_through_at_their_speeds(tmp_path: FilePath) -> None
         ("t,x,y,z\n0,0,0,1\n1,nan,0,1", "line 3"),
         ("t,x,y,z\n0,0,0,1\n1,0", "line 3"),
         ("t,x [ft],y,z\n0,0,0,1\n1,0,0,1", "unit that is not known"),
+        ("t,x [rad],y,z\n0,0,0,1\n1,0,0,1", "'x .rad.' is in a unit .* Use m or cm or mm"),
+        ("t [cm],x,y,z\n0,0,0,1\n1,0,0,1", "'t .cm.' is in a unit .* Use s or sec or ms or msec"),
+        ("x,y,z,speed [m]\n0,0,1,1\n1,0,1,0", "'speed .m.' is in a unit .* Use m/s"),
+        ("t,x,y,z,yaw [m]\n0,0,0,1,0\n1,0,0,1,0", "'yaw .m.' is in a unit .* Use deg or rad"),
+        ("t,x,y,z,x\n0,0,0,1,5\n1,0,0,1,5", "more than one column is 'x'"),
+        ("t,x,y,z,yaw,yaw_deg\n0,0,0,1,5,5\n1,0,0,1,5,5", "more than one column is 'yaw'"),
+        ("t,x,y,z,heading\n0,0,0,1,90\n1,0,0,1,90", "headings often count clockwise from north"),
         ("north,east,down\n0,0,0\n1,0,0", "are no path"),
         ("0,0,0,1\n1,0,0,1\n2,0,0,1", "name the columns"),
         ("x,y,z,speed\n0,0,1,1\n1,0,1,0\n2,0,1,1", "speed above 0"),
