@@ -8,8 +8,9 @@ end in flight with an error of Python.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from numbers import Real
+from typing import Any
 
 from onboard.config.fleet import ConfigError
 from onboard.tuples import Xyz
@@ -98,3 +99,23 @@ def as_positions(positions: object, verb: str) -> list[Xyz]:
     if not isinstance(positions, Iterable):
         raise ConfigError(f"{verb}: {positions!r:.80} is no list of positions. Give one.")
     return [as_position(position, verb) for position in positions]
+
+
+def as_mapping(values: object, verb: str, what: str, example: str) -> Mapping[Any, Any]:
+    """Return values that a mission gives to single vehicles, if it says which.
+
+    Args:
+        values: name or index -> value.
+        verb: name of the method or condition, for the refusal.
+        what: the kind of value in words, for the refusal.
+        example: name of a vehicle, for the refusal.
+
+    Raises:
+        ConfigError: it is no dictionary.
+    """
+    if not isinstance(values, Mapping):
+        raise ConfigError(
+            f"{verb}: {values!r:.80} does not say which vehicle it is for. Give each vehicle its "
+            f'{what}, for instance {{"{example}": {what}}}.'
+        )
+    return values

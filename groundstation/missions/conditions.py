@@ -14,7 +14,7 @@ from typing import NamedTuple
 
 from groundstation.fleet.places import by_vehicle, out_of_service, vehicles_at
 from groundstation.fleet.state import FleetState, LoggedEvent, VehicleView
-from groundstation.missions.argument_checks import as_position, check_number
+from groundstation.missions.argument_checks import as_mapping, as_position, check_number
 from onboard.config.fleet import ConfigError
 from onboard.config.pair_separation import separation_m
 from onboard.tuples import Xyz
@@ -54,9 +54,13 @@ def reached(goals: Mapping[str, Xyz], within_m: float = ARRIVED_M) -> WaitCondit
     Args:
         goals: goal of each vehicle [m], ENU.
         within_m: distance from the goal that counts as arrived [m].
+
+    Raises:
+        ConfigError: the goals are no dictionary of positions, or the distance is no number.
     """
     check_number(within_m, "reached", "metres")
-    goals = {name: as_position(goal, "reached") for name, goal in goals.items()}
+    given = as_mapping(goals, "reached", "goal", example="mav0")
+    goals = {str(name): as_position(goal, "reached") for name, goal in given.items()}
 
     def distances_m(moment: FleetMoment) -> dict[str, float]:
         """Return the distance of each vehicle; infinite where its position is not known."""

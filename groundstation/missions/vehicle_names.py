@@ -11,6 +11,7 @@ from numbers import Integral
 from typing import Any, TypeVar
 
 from groundstation.fleet.places import by_place
+from groundstation.missions.argument_checks import as_mapping
 from groundstation.orders.intents import Names
 from onboard.config.fleet import ConfigError, FleetConfig
 
@@ -50,11 +51,7 @@ def by_name(values: object, fleet: FleetConfig, verb: str, what: str) -> dict[st
         ConfigError: it is no dictionary, a key names no vehicle or several, or a vehicle has two
             values.
     """
-    if not isinstance(values, Mapping):
-        raise ConfigError(
-            f"{verb}: {values!r:.80} does not say which vehicle it is for. Give each vehicle its "
-            f'{what}, for instance {{"{next(iter(fleet.vehicles))}": {what}}}.'
-        )
+    values = as_mapping(values, verb, what, example=next(iter(fleet.vehicles)))
     named = [(as_names(vehicle), value) for vehicle, value in values.items()]
     return by_place(named, fleet, what)
 

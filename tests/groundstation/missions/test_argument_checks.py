@@ -17,6 +17,8 @@ from onboard.config.fleet import ConfigError
 
 UP = (0.0, 0.0, 1.5)
 
+reached: Any = conditions.reached  # for goals that the type checker would refuse
+
 WRONG: list[tuple[Callable[[Any], Any], str]] = [
     (lambda flown: flown.wait(-5.0), "wait: -5.0 is no duration"),
     (lambda flown: flown.follow("mav0", -3), "follow: -3 is no duration"),
@@ -63,6 +65,8 @@ WRONG: list[tuple[Callable[[Any], Any], str]] = [
     (lambda flown: conditions.separation_above(math.inf), "separation_above: inf is no"),
     (lambda flown: conditions.separation_below(math.nan), "separation_below: nan is no"),
     (lambda flown: conditions.reached({"mav0": UP}, math.nan), "reached: nan is no"),
+    (lambda flown: reached(UP), r"reached: .* Give each vehicle its goal, .*\"mav0\""),
+    (lambda flown: flown.until(reached({7: UP}), 0.1), "'7', which is not a vehicle"),
     (lambda flown: flown["mav0"].reached((0, 0, math.nan)), "reached: .*nan"),
 ]
 
