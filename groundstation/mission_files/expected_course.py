@@ -47,7 +47,7 @@ from groundstation.orders.intents import (
     means_all,
 )
 from groundstation.orders.plan import PlannedOrder, plan_order
-from groundstation.orders.reachable_goals import shortest_move_s, way_m
+from groundstation.orders.reachable_goals import shortest_leg_s, shortest_move_s, way_m
 from onboard.config.fleet import ConfigError, FleetConfig
 from onboard.control.climb_duration import climb_duration_s
 from onboard.control.path import Path, point_at
@@ -418,7 +418,12 @@ def _vertical_order_s(
     _, _, goal_z = goal
     across_s = _move_or_stay_s(fleet, name, (x, y, goal_z), goal, duration_s)
     height_m = max(z, goal_z, _MIN_HEIGHT_M)
-    return across_s + (_START_S + climb_duration_s(height_m, fleet.vehicles[name].max_speed_m_s))
+    vehicle = fleet.vehicles[name]
+    vertical_s = max(
+        climb_duration_s(height_m, vehicle.max_speed_m_s),
+        shortest_leg_s(vehicle, height_m, height_m),
+    )
+    return across_s + (_START_S + vertical_s)
 
 
 def _move_or_stay_s(

@@ -38,11 +38,11 @@ from groundstation.orders.intents import (
     Rotate,
     Yaw,
 )
-from onboard.config.fleet import FleetConfig
+from groundstation.orders.reachable_goals import shortest_leg_s
+from onboard.config.fleet import FleetConfig, Vehicle
 from onboard.config.ground import ground_under_m, least_height_m
 from onboard.tuples import Xyz
 
-_PEAK_OF_MEAN = 1.9  # peak speed divided by mean speed of a quintic from rest to rest, rounded up
 _MIN_FLIGHT_S = 3.0  # shortest duration of a flight home
 
 
@@ -185,16 +185,17 @@ def _bring_home(intent: BringHome, facts: GoalFacts) -> Goals:
     if not intent.duration_s:
         # The assignment avoids conflicts only if all vehicles need the same time.
         longest_s = max(
-            _flight_s(positions[name], goal, facts.fleet.vehicles[name].max_speed_m_s)
+            _flight_s(positions[name], goal, facts.fleet.vehicles[name])
             for name, goal in goals.items()
         )
-        intent = replace(intent, duration_s=round(max(_MIN_FLIGHT_S, longest_s), 1))
+        intent = replace(intent, duration_s=math.ceil(10.0 * max(_MIN_FLIGHT_S, longest_s)) / 10.0)
     return Goals(intent, goals)
 
 
-def _flight_s(begin_enu_m: Xyz, end_enu_m: Xyz, max_speed_m_s: float) -> float:
+def _flight_s(begin_enu_m: Xyz, end_enu_m: Xyz, vehicle: Vehicle) -> float:
     """Return the shortest duration of a straight flight from rest to rest [s]."""
-    return _PEAK_OF_MEAN * math.dist(begin_enu_m, end_enu_m) / max_speed_m_s
+    climb_m = end_enu_m[2] - begin_enu_m[2]
+    return shortest_leg_s(vehicle, math.dist(begin_enu_m, end_enu_m), climb_m)
 
 
 # -- the formation's position, and a slot for each vehicle -----------------------------------------

@@ -12,7 +12,7 @@ from functools import lru_cache
 
 from groundstation.fleet.state import FleetState
 from onboard.avoidance.params import Capsule, LawParams, law_params, still
-from onboard.config.fleet import FleetConfig
+from onboard.config.fleet import FleetConfig, Vehicle
 from onboard.control import router
 from onboard.control.reachability import no_way
 from onboard.control.trajectory import TrajectoryParams, shortest_duration_s
@@ -50,14 +50,25 @@ def shortest_move_s(fleet: FleetConfig, name: str, begin_enu_m: Xyz, goal_enu_m:
         name: one of its vehicles.
         begin_enu_m, goal_enu_m: position of the vehicle, and the goal [m], ENU.
     """
-    vehicle = fleet.vehicles[name]
+    distance_m = way_m(fleet, name, begin_enu_m, goal_enu_m)
+    climb_m = goal_enu_m[2] - begin_enu_m[2]
+    return shortest_leg_s(fleet.vehicles[name], distance_m, climb_m)
+
+
+def shortest_leg_s(vehicle: Vehicle, distance_m: float, climb_m: float) -> float:
+    """Return the shortest time [s] of a way from rest to rest within a vehicle's limits.
+
+    Args:
+        vehicle: its entry in the fleet file.
+        distance_m: length of the way.
+        climb_m: height of the end above the begin; negative for a descent.
+    """
     bounds = TrajectoryParams(
         max_speed_m_s=vehicle.max_speed_m_s,
         max_acceleration_m_s2=vehicle.max_acceleration_m_s2,
         max_vertical_m_s2=planned_m_s2(vehicle.hover_thrust_frac),
     )
-    climb_m = goal_enu_m[2] - begin_enu_m[2]
-    return shortest_duration_s(way_m(fleet, name, begin_enu_m, goal_enu_m), climb_m, bounds)
+    return shortest_duration_s(distance_m, climb_m, bounds)
 
 
 def longest_move_s(fleet: FleetConfig, state: FleetState, goals: Mapping[str, Xyz]) -> float:

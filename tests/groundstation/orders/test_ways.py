@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import tomllib
 from pathlib import Path
 
@@ -9,18 +10,26 @@ import pytest
 
 from groundstation.mission_files.loading import mission_from_mapping
 from groundstation.mission_files.mission_findings import mission_findings
+from groundstation.orders.grammar import parse
+from groundstation.orders.held_formation import HeldFormation
+from groundstation.orders.plan import plan_order
 from groundstation.orders.reachable_goals import way_m
 from onboard.config.fleet import FleetConfig, fleet_from_mapping
+from onboard.control.vertical_limits import planned_m_s2
 
 WALL = [[-0.05, -2.5], [0.05, -2.5], [0.05, 3.2], [-0.05, 3.2]]
+ACCELERATION_FACTOR = 10.0 / math.sqrt(3.0)  # of a quintic from rest to rest
 BEGIN = (-1.5, -1.5, 1.0)
 BEHIND = (1.5, 2.0, 1.0)
 
 
-def fleet(*, has_wall: bool) -> FleetConfig:
+def fleet(*, has_wall: bool, hover_thrust_frac: float | None = None) -> FleetConfig:
     data = tomllib.loads(Path("configs/fleets/paper.toml").read_text())
     data["vehicles"] = {"mav0": data["vehicles"]["mav0"]}
     data["formations"] = {}
+    if hover_thrust_frac is not None:
+        for vehicle_type in data["types"].values():
+            vehicle_type["hover_thrust_frac"] = hover_thrust_frac
     if has_wall:
         data["obstacles"] = [{"name": "wall", "polygon_enu_m": WALL}]
     return fleet_from_mapping(data)
@@ -71,3 +80,20 @@ def test_a_speed_is_that_along_the_way() -> None:
     straight_s, _ = alone_s(fleet(has_wall=False), speed_m_s=0.5)
     around_s, _ = alone_s(fleet(has_wall=True), speed_m_s=0.5)
     assert around_s > 1.3 * straight_s
+
+
+def test_times_of_climbs_count_the_little_lift_of_a_heavy_vehicle() -> None:
+    heavy = fleet(has_wall=False, hover_thrust_frac=0.9)
+    climb_m = 2.0
+    climb_s = math.sqrt(ACCELERATION_FACTOR * climb_m / planned_m_s2(0.9))
+    assert climb_s > 5.0  # longer than the speeds of a climb take
+
+    content = {"schema": 1, "step": [{"do": "takeoff", "height_m": climb_m}, {"do": "land"}]}
+    mission = mission_from_mapping(content, path="heavy.toml", fleet=heavy)
+    takeoff, land = mission.course()
+    assert takeoff.alone_s["mav0"] == pytest.approx(3.0 + climb_s, abs=0.1)
+    assert land.alone_s["mav0"] == pytest.approx(3.0 + climb_s, abs=0.1)
+
+    home = parse(f"bring home all {climb_m}", heavy)
+    planned = plan_order(home, heavy, None, held=HeldFormation(None), author="test", now_ns=0)
+    assert planned.orders["mav0"].duration_s == pytest.approx(climb_s, abs=0.1)
