@@ -143,11 +143,12 @@ def take_link(endpoint: str, key: bytes | None = None) -> Any:
         ValueError: the endpoint is not well-formed.
     """
     link = _idle_links.pop(endpoint, None)
+    if link is not None and _has_moved(link):
+        link.close()
+        link = None
     if link is None:
         link = _new_link(endpoint)
         _newest_links[endpoint] = link
-    if endpoint.startswith("udpout://"):
-        _exchange_with_px4_only(link)
 
     if link.mav.signing.secret_key != key:
         sign(link, Signing(key, ground_link_id(socket.gethostname())))
@@ -168,7 +169,25 @@ def _new_link(endpoint: str) -> Any:
     link.port.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
     with contextlib.suppress(OSError):  # another program has the port, so the system chooses one
         link.port.bind(("", _FIRST_PORT + px4_port % _PORTS))
+    _exchange_with_px4_only(link)
     return link
+
+
+def _has_moved(link: Any) -> bool:
+    """Whether this computer would send to PX4 from another address than the link's, as by DHCP.
+
+    A connected socket keeps the address that it was connected with.
+    """
+    if not hasattr(link, "destination_addr"):
+        return False
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        try:
+            probe.connect(link.destination_addr)
+        except OSError:  # there is no network at the moment
+            return True
+        present_address, _ = probe.getsockname()
+        own_address, _ = link.port.getsockname()
+        return bool(present_address != own_address)
 
 
 def keep_link(endpoint: str, link: Any) -> None:
@@ -311,8 +330,7 @@ def _exchange_with_px4_only(link: Any) -> None:
     """Let a UDP link receive datagrams of its own PX4, and of no other sender.
 
     PX4s of several vehicles often have the same port, and then so do the links to them. The socket
-    is connected to its PX4, so that the system gives it that PX4's datagrams. It is connected anew
-    for each command, because this computer may have another address since.
+    is connected to its PX4, so that the system gives it that PX4's datagrams.
 
     Our port is predictable, so any sender could pretend to be the autopilot. Datagrams from any
     address other than PX4's are dropped, also while the socket could not be connected.
@@ -324,16 +342,32 @@ def _exchange_with_px4_only(link: Any) -> None:
     def receive(_: int | None = None) -> bytes:
         try:
             data, sender = link.port.recvfrom(_MAX_DATAGRAM)
-        except (BlockingIOError, ConnectionRefusedError):
+        except OSError:  # nothing has come, or somebody on the way refused the last datagram
             return b""
         return data if sender == px4 else b""
 
     def write(data: bytes) -> None:
         try:
             link.port.send(data)
-        except OSError:  # the socket is not connected, or PX4 refused the last datagram
-            with contextlib.suppress(OSError):
-                link.port.sendto(data, px4)
+        except OSError:
+            _send_anyhow(link.port, data, px4)
 
     link.recv = receive
     link.write = write
+
+
+def _send_anyhow(port: socket.socket, data: bytes, px4: tuple[str, int]) -> None:
+    """Send what the connected socket of a link did not send.
+
+    An error of the datagram before is gone at the second attempt. If that fails, too, the socket is
+    not connected, or this computer has another address now: another socket sends, which at least
+    PX4 hears.
+    """
+    try:
+        port.send(data)
+    except OSError:
+        with (
+            contextlib.suppress(OSError),
+            socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as other,
+        ):
+            other.sendto(data, px4)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import errno
 import os
 import socket
 import threading
@@ -15,6 +16,7 @@ from typing import Any
 import pytest
 from pymavlink.dialects.v20 import common
 
+from groundstation.client import mavlink_port
 from groundstation.client.direct_mavlink import (
     DirectCommand,
     DirectKind,
@@ -162,6 +164,57 @@ async def test_a_link_that_no_longer_gets_the_answers_is_not_used_again() -> Non
         killed = await send_in_thread(command(px4, "kill", watch_s=1.0))
         assert killed.is_disarmed, killed
         await second
+
+
+class Refusing:
+    """A connected socket on whose way a router refuses each datagram for a while."""
+
+    def __init__(self, port: socket.socket) -> None:
+        self._port = port
+        self.left = 3  # of the errors
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._port, name)
+
+    def _fail(self) -> None:
+        self.left -= 1
+        if self.left >= 0:
+            raise OSError(errno.EHOSTUNREACH, "No route to host")
+
+    def send(self, data: bytes) -> int:
+        self._fail()
+        return self._port.send(data)
+
+    def recvfrom(self, size: int) -> tuple[bytes, Any]:
+        self._fail()
+        return self._port.recvfrom(size)
+
+
+def test_a_kill_is_repeated_while_somebody_on_the_way_refuses_it() -> None:
+    with flying(lambda px4, command: [ack(command), heartbeat(is_armed=False)]) as px4:
+        endpoint = f"udpout://127.0.0.1:{px4.port}"
+        link = mavlink_port.take_link(endpoint)
+        link.port = Refusing(link.port)
+        mavlink_port.keep_link(endpoint, link)
+        result = send_direct(endpoint, 1, "kill", timeout_s=2.0, watch_s=1.0)
+    assert result.is_disarmed, result
+    assert link.port.left < 0
+
+
+def test_a_link_from_an_address_that_this_computer_no_longer_has_is_opened_anew() -> None:
+    with flying(lambda px4, command: []) as px4:
+        endpoint = f"udpout://127.0.0.1:{px4.port}"
+        link = mavlink_port.take_link(endpoint)
+        other = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        other.bind(("127.0.0.2", 0))
+        link.port.close()
+        link.port = other
+        mavlink_port.keep_link(endpoint, link)
+        again = mavlink_port.take_link(endpoint)
+        assert again is not link
+        assert again.port.getsockname()[0] == "127.0.0.1"
+        mavlink_port.keep_link(endpoint, again)
+        assert mavlink_port.take_link(endpoint) is again
 
 
 def test_a_kill_that_only_the_heartbeat_confirms_is_done() -> None:
