@@ -257,12 +257,12 @@ class TickObserver:
         )
 
     def _has_risen(self, height_m: float) -> bool:
-        """Return whether a low vehicle has reached a greater height than before.
+        """Return whether a low vehicle has reached a greater height than before in this flight.
 
         Args:
             height_m: height above the lowest ground.
         """
-        if height_m >= DOWN_HEIGHT_M:
+        if height_m >= DOWN_HEIGHT_M or not self._flight.step.is_under_law:
             self._highest_low_m = -math.inf
             return False
         if height_m < self._highest_low_m + _RISES_M:
