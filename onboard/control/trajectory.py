@@ -9,9 +9,9 @@ first form if it is sooner, keeps the bounds, and leads nowhere that the brake d
 quintic from rest over the distance D in the time T has the peak speed 15/8 D/T and the peak
 acceleration 10/sqrt(3) D/T^2.
 
-A climb or descent ends at once if a smooth brake would pass the height of the new goal. The
-baseline brakes harder than the bounds of a leg, and a climbing vehicle that is ordered to land must
-not climb further.
+A climb or descent ends at once if it would pass the height of the new goal, both on one quintic
+and with a smooth brake. The baseline brakes harder than the bounds of a leg, and a climbing vehicle
+that is ordered to land must not climb further.
 
 A vehicle that passes above others rises within a level leg and comes down again before its end. The
 rise is added to the leg's heights. It keeps the bounds on its own: its vertical speed and
@@ -44,6 +44,9 @@ _ACCELERATION_FACTOR = 10.0 / math.sqrt(3.0)
 # brake and from 0.5 to 4 for a quintic straight to the goal.
 _BRAKE_FACTORS: tuple[float, ...] = tuple(0.35 * (8.0 / 0.35) ** (k / 31.0) for k in range(32))
 _DIRECT_FACTORS: tuple[float, ...] = tuple(0.5 * 8.0 ** (k / 31.0) for k in range(32))
+# A quintic straight to the goal may take this much longer than a stop and a quintic from rest. The
+# durations that are tried are 7 % apart, and a vehicle whose goal moves must not stop each time.
+_DIRECT_PATIENCE = 1.1
 _SAMPLES = 40  # the bounds are tested at the ends of this many intervals of a quintic
 _FITS = 1.0 + 1e-9  # because of rounding, a value divided by its bound may be this large
 
@@ -403,10 +406,15 @@ def _planned(memory: TrajectoryMemory, goal: Goal, params: TrajectoryParams) -> 
     a = now.acceleration_enu_m_s2
     target = goal.position_enu_m
 
+    ordered_s = 0.0  # 0: the order names no duration
+    if goal.duration_s > 0.0:
+        ordered_s = max(goal.duration_s - params.lead_s, 0.0)
+
     # A climb or a descent that leads past the goal ends at once. The setpoint is lead_s ahead of
     # the vehicle. Its height becomes that of the goal, clipped to the range from the present height
     # to the setpoint's height.
-    if _leads_past(p.z, v.z, target.z, params):
+    leads_past = _leads_past(p.z, v.z, target.z, params)
+    if leads_past and not _reaches(p, v, a, target, ordered_s, params):
         now_m = p.z - params.lead_s * v.z
         low_m = min(now_m, p.z)
         high_m = max(now_m, p.z)
@@ -414,15 +422,11 @@ def _planned(memory: TrajectoryMemory, goal: Goal, params: TrajectoryParams) -> 
         v = Vec3(v.x, v.y, 0.0)
         a = Vec3(a.x, a.y, 0.0)
 
-    ordered_s = 0.0  # 0: the order names no duration
-    if goal.duration_s > 0.0:
-        ordered_s = max(goal.duration_s - params.lead_s, 0.0)
-
     # second form, first part: brake to rest, unless the vehicle is at rest
     max_m_s = params.max_speed_m_s
     max_m_s2 = params.max_acceleration_m_s2
     is_at_rest = length(v) <= 1e-9 * max_m_s and length(a) <= 1e-9 * max_m_s2
-    scale_s = max(length(v), _MIN_SHARE * max_m_s) / max_m_s2
+    scale_s = _time_to_rest_s(v, params)
     via = p
     first_s = 0.0
     if not is_at_rest:
@@ -440,7 +444,7 @@ def _planned(memory: TrajectoryMemory, goal: Goal, params: TrajectoryParams) -> 
     if not is_at_rest:
         way = subtract(target, p)
         guess_s = max(shortest_duration_s(length(way), way.z, params), scale_s)
-        longest_s = max(first_s + second_s, ordered_s)
+        longest_s = max(_DIRECT_PATIENCE * (first_s + second_s), ordered_s)
         guess = _Quintic(
             begin_m=p, velocity_m_s=v, acceleration_m_s2=a, end_m=target, duration_s=guess_s
         )
@@ -467,6 +471,30 @@ def _planned(memory: TrajectoryMemory, goal: Goal, params: TrajectoryParams) -> 
         rise_m=rise_m,
         rise_s=_rise_duration_s(params),
     )
+
+
+def _time_to_rest_s(v: Vec3, params: TrajectoryParams) -> float:
+    """Return about the shortest time [s] from a velocity to rest, and never a very short one."""
+    speed_m_s = max(length(v), _MIN_SHARE * params.max_speed_m_s)
+    return max(speed_m_s / params.max_acceleration_m_s2, abs(v.z) / params.max_vertical_m_s2)
+
+
+def _reaches(
+    p: Vec3, v: Vec3, a: Vec3, target: Vec3, ordered_s: float, params: TrajectoryParams
+) -> bool:
+    """Return whether one quintic leads from a motion to a goal ahead, and not past its height.
+
+    It may need a shorter way than a brake, which comes to rest as if there were no goal.
+    """
+    if (target.z - p.z) * v.z <= 0.0:
+        return False
+
+    way = subtract(target, p)
+    guess_s = max(shortest_duration_s(length(way), way.z, params), _time_to_rest_s(v, params))
+    guess = _Quintic(
+        begin_m=p, velocity_m_s=v, acceleration_m_s2=a, end_m=target, duration_s=guess_s
+    )
+    return _direct_duration_s(guess, target, ordered_s, math.inf, params) > 0.0
 
 
 def _rises(begin_m: float, end_m: float, whole_s: float, params: TrajectoryParams) -> bool:

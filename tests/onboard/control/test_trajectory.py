@@ -108,10 +108,13 @@ def test_from_rest_speed_and_acceleration_reach_a_bound_and_never_pass_it(distan
     assert max(speed / 1.0, force / 1.5) > 0.8 or distance < 0.1
 
 
+@pytest.mark.parametrize("acceleration", [1.5, 4.0])
 @pytest.mark.parametrize("climb", [0.5, -7.0, 30.0])
-def test_legs_keep_the_bound_of_the_vertical_acceleration(climb: float) -> None:
+def test_legs_keep_the_bound_of_the_vertical_acceleration(
+    climb: float, acceleration: float
+) -> None:
     """A heavy vehicle climbs and sinks with less acceleration than it flies sideways."""
-    params = TrajectoryParams(3.0, 1.5, max_vertical_m_s2=0.6)
+    params = TrajectoryParams(3.0, acceleration, max_vertical_m_s2=0.6)
     memory, first = fly(trajectory.initial(ZERO_3), goal([2.0, 0.0, climb]), 1.0, params)
     _, second = fly(memory, goal([2.0, 0.0, 0.0], sequence=2), 40.0, params)
     for s in (first, second):
@@ -119,14 +122,29 @@ def test_legs_keep_the_bound_of_the_vertical_acceleration(climb: float) -> None:
     assert np.allclose(second.position_enu_m[-1], [2.0, 0.0, 0.0], atol=1e-9)
 
 
+@pytest.mark.parametrize("max_vertical", [math.inf, 0.6])
+@pytest.mark.parametrize("period", [0.1, 0.2, 0.5])
+@pytest.mark.parametrize("end", [[0.0, 0.0, -2.0], [0.0, 0.0, 8.0], [8.0, 0.0, 0.0]], ids=str)
+def test_a_goal_that_is_sent_again_and_again_is_reached_smoothly(
+    end: list[float], period: float, max_vertical: float
+) -> None:
+    """As to a vehicle that follows another one, or flies around an obstacle."""
+    params = TrajectoryParams(1.0, 1.5, max_vertical_m_s2=max_vertical, lead_s=0.15)
+    memory = trajectory.initial(ZERO_3)
+    velocities = [np.zeros(3)]
+    for sequence in range(round(30.0 / period)):
+        memory, s = fly(memory, goal(end, sequence=sequence), period, params)
+        velocities += list(s.velocity_enu_m_s)
+    assert norm(np.diff(velocities, axis=0)).max() < 0.05
+    assert np.allclose(s.position_enu_m[-1], end, atol=1e-3)
+
+
 @pytest.mark.parametrize("duration", [0.0, 10.0, 20.0, 60.0])
 @pytest.mark.parametrize(
     ("first", "second"),
     [
-        (
-            [0.0, 0.0, -8.0],
-            [0.0, 0.0, -8.0],
-        ),  # "in 20", or slowly, in a descent: the ground is below
+        # "in 20", or slowly, in a descent: the ground is below
+        ([0.0, 0.0, -8.0], [0.0, 0.0, -8.0]),
         ([0.0, 0.0, 8.0], [0.0, 0.0, 8.0]),
         ([8.0, 0.0, 0.0], [8.0, 0.0, 0.0]),
         ([0.0, 0.0, -8.0], [9.0, 0.0, -8.0]),
