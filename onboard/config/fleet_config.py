@@ -161,7 +161,7 @@ class Vehicle(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     hover_time_s: float | None = None
     max_tilt_deg: float = 25.0  # of all manoeuvres
     max_speed_m_s: float = 1.0  # of all moves
-    # of all moves; vertically the lift reserve may allow less: onboard/control/vertical_limits.py
+    # of all moves; vertically also at most 2.25 m/s², and 0.36 of the lift reserve
     max_acceleration_m_s2: float = 1.5
     # largest mean wind in which it flies; by default from tilt, thrust and drag: docs/wind.md
     max_wind_m_s: float | None = None

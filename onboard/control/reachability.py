@@ -26,6 +26,11 @@ def no_way(around: Surroundings, vehicle_name: str, begin_enu_m: Xyz, goal_enu_m
     # The vehicle sinks on its whole way, and so into what ends below it.
     tops = [edge for edge in around.still if goal_z <= edge.high_m < begin_z]
     if tops and is_beyond(Vec2(float(begin_x), float(begin_y)), tops):
+        goal_x, goal_y, _ = goal_enu_m
+        beside = (goal_x, goal_y, begin_z)
+        words = _no_way_at_once(around, vehicle_name, beside, goal_enu_m)
+        if words:
+            return words
         return (
             f"cannot be reached from ({begin_x:.2f}, {begin_y:.2f}, {begin_z:.2f}): a fence is "
             f"below; from beside it, after a flight at {begin_z:.2f} m, it can"

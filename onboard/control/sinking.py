@@ -15,8 +15,8 @@ import math
 from typing import NamedTuple
 
 from onboard.avoidance.prediction import Motion
-from onboard.constants import GRAVITY_M_S2
 from onboard.control.trajectory import TrajectoryMemory, leg_begun_with
+from onboard.control.vertical_limits import lift_reserve_m_s2
 from onboard.types import Goal, TrajectorySetpoint
 from onboard.vectors import Vec3
 
@@ -63,8 +63,7 @@ def sinking_params(
         hover_frac: throttle that carries its weight.
         has_mocap: whether poses of a motion capture have shown the error of PX4's height.
     """
-    lift_reserve_m_s2 = (1.0 / hover_frac - 1.0) * GRAVITY_M_S2  # at full throttle
-    vertical_m_s2 = min(_VERTICAL_M_S2, _LIFT_SHARE * lift_reserve_m_s2)
+    vertical_m_s2 = min(_VERTICAL_M_S2, _LIFT_SHARE * lift_reserve_m_s2(hover_frac))
     slow_below_m = SLOW_BELOW_WITHOUT_MOCAP_M
     if has_mocap:
         slow_below_m = SLOW_BELOW_M

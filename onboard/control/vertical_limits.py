@@ -13,14 +13,22 @@ _BASELINE_SHARE = 0.4  # share of the lift reserve; the rest stays for separatio
 _PLANNED_SHARE = 0.9  # share of the baseline's limit for legs and paths
 
 
+def lift_reserve_m_s2(hover_thrust_frac: float) -> float:
+    """Return the largest upward acceleration of a level vehicle [m/s²].
+
+    Args:
+        hover_thrust_frac: throttle at which the vehicle hovers.
+    """
+    return (1.0 / hover_thrust_frac - 1.0) * GRAVITY_M_S2
+
+
 def baseline_m_s2(hover_thrust_frac: float) -> float:
     """Return the limit of the baseline's vertical acceleration, up and down [m/s²].
 
     Args:
         hover_thrust_frac: throttle at which the vehicle hovers.
     """
-    lift_reserve_m_s2 = (1.0 / hover_thrust_frac - 1.0) * GRAVITY_M_S2
-    return min(_MAX_M_S2, _BASELINE_SHARE * lift_reserve_m_s2)
+    return min(_MAX_M_S2, _BASELINE_SHARE * lift_reserve_m_s2(hover_thrust_frac))
 
 
 def planned_m_s2(hover_thrust_frac: float) -> float:

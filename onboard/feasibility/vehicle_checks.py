@@ -94,7 +94,7 @@ def response_of(vehicle: Vehicle) -> Response:
 
 
 def largest_growth_1_s(
-    vehicle: Vehicle, rate_1_1_s: float, rate_2_1_s: float, *, is_predicted: bool = True
+    vehicle: Vehicle, rate_1_1_s: float, rate_2_1_s: float, *, is_predicted: bool
 ) -> float:
     """Return the growth rate [1/s] of an oscillation with the worst error of the configured lag.
 
@@ -119,8 +119,6 @@ def largest_growth_1_s(
 def attitude_response(fleet: FleetConfig, vehicle: Vehicle) -> Finding:
     """Check that an oscillation of the vehicle about its setpoint decays, by the baseline alone.
 
-    The baseline gets the state predicted over the lag, as by ``law.prediction = "lag"``.
-
     Args:
         fleet: the fleet file.
         vehicle: one of its vehicles.
@@ -137,7 +135,12 @@ def attitude_response(fleet: FleetConfig, vehicle: Vehicle) -> Finding:
 
     return at_most(
         name="attitude response",
-        value=largest_growth_1_s(vehicle, mean_1_s - apart_1_s, mean_1_s + apart_1_s),
+        value=largest_growth_1_s(
+            vehicle,
+            mean_1_s - apart_1_s,
+            mean_1_s + apart_1_s,
+            is_predicted=fleet.law.prediction == "lag",
+        ),
         bound=_SLOW_GROWTH_1_S,
         unit="1/s",
         sentence=(

@@ -2,7 +2,9 @@
 
 The commanded tilt passes a lag with the vehicle's own time constant. The difference between the
 measured tilt and this lagged tilt is low-passed. This difference stays small if the vehicle
-responds late or with a static error. It grows if the vehicle does not respond.
+responds late or with a static error. It grows if the vehicle does not respond. At the first look
+the measured tilt is taken for the commanded one, so that a loss before it is found up to 0.3 s
+later.
 
 The lag consists of three first-order lags, each with a third of the time constant. An attitude
 responds after a dead time, and then as a second-order system. With a command that changes between

@@ -11,6 +11,7 @@ import pytest
 from onboard.avoidance.params import law_params, still
 from onboard.config.fences import Fence
 from onboard.config.fleet import load_fleet
+from onboard.config.obstacles import Circle, Obstacle
 from onboard.control.reachability import no_way
 from onboard.control.router import Surroundings, surroundings
 
@@ -21,11 +22,13 @@ SQUARE = {"polygon_enu_m": [[-1.5, -1.5], [1.5, -1.5], [1.5, 1.5], [-1.5, 1.5]]}
 CIRCLE = {"circle": {"center_enu_m": [0.0, 0.0], "radius_m": 1.5}}
 
 
-def around_a_low_fence(outline: dict[str, Any] = SQUARE) -> Surroundings:
+def around_a_low_fence(
+    outline: dict[str, Any] = SQUARE, *, obstacles: tuple[Obstacle, ...] = ()
+) -> Surroundings:
     """A place to stay out of, up to a height of 2 m."""
     low = {"name": "low", "keep": "out", "height_m": [0.0, 2.0], "buffer_m": 0.3, **outline}
     fences = msgspec.convert([low], tuple[Fence, ...])
-    fleet = msgspec.structs.replace(load_fleet(PAPER), fences=fences)
+    fleet = msgspec.structs.replace(load_fleet(PAPER), fences=fences, obstacles=obstacles)
     return surroundings(still(fleet), law_params(fleet, "mav0"))
 
 
@@ -53,3 +56,11 @@ def test_nobody_sinks_from_above_a_fence_to_a_goal_beside_it(outline: dict[str, 
     )
     assert no_way(around, "mav0", (0.0, 0.0, 3.0), (2.6, 0.0, 3.0)) == ""
     assert no_way(around, "mav0", (2.6, 0.0, 3.0), (2.6, 0.0, 0.5)) == ""
+
+
+def test_where_no_flight_beside_the_fence_helps_the_true_reason_is_named() -> None:
+    """An obstacle stands beside the goal."""
+    pillar = Obstacle(name="pillar", circle=Circle(center_enu_m=(3.0, 0.0), radius_m=0.3))
+    around = around_a_low_fence(obstacles=(pillar,))
+    words = no_way(around, "mav0", (0.0, 0.0, 3.0), (2.7, 0.0, 0.5))
+    assert "too near to an obstacle" in words

@@ -119,7 +119,9 @@ def test_the_margin_that_the_law_sets_itself_makes_vehicles_park_farther_apart()
 
 
 def test_a_row_without_prediction_is_refused() -> None:
-    assert named(fleet_with({"law.prediction": "none"}, base="paper"), "kappas").status == "refused"
+    without = fleet_with({"law.prediction": "none"}, base="paper")
+    assert named(without, "kappas").status == "refused"
+    assert named(without, "attitude response").status == "refused"
 
 
 def test_a_goal_inside_an_obstacles_clearance_is_refused() -> None:
