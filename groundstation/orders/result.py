@@ -185,13 +185,13 @@ class OrderResult:
         }
 
     def cancelled(self) -> Results:
-        """Return the results after a cancelled wait: what is not done is ``cancelled``."""
+        """Return the results after a cancelled wait: an order still open is ``cancelled``."""
         return {name: _cancelled(result) for name, result in self.results.items()}
 
 
 def _cancelled(result: VehicleResult) -> VehicleResult:
     """Return the result of an order after the wait for its end was cancelled."""
-    if result.is_done:
+    if result.is_final:
         return result
     sentence = f"no longer waited for (the order was {result.phase}). {result.sentence}"
     return replace(result, phase="cancelled", sentence=sentence.strip())

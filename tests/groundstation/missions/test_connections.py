@@ -195,6 +195,24 @@ async def test_a_cancelled_verb_stays_in_force_is_a_step_and_fails_no_flight(
     assert verdict.passed, verdict.sentences
 
 
+@pytest.mark.parametrize("phase", ["refused", "failed"])
+async def test_a_vehicle_that_refused_a_verb_or_failed_fails_the_flight_although_it_is_cancelled(
+    host: ClientHost, bus: Any, phase: str
+) -> None:
+    async with Fleet.connect() as flown:
+        await flown.takeoff(1.0)
+        bus.misbehave = {"mav0": "late", "mav1": {"refused": "refuse", "failed": "fail"}[phase]}
+        goals = {"mav0": (-1.5, -0.5, 1.0), "mav1": (1.5, 0.5, 1.0)}
+        with pytest.raises(TimeoutError):
+            await asyncio.wait_for(flown.go_to(goals), 0.1)
+        bus.misbehave.clear()
+
+    assert flown.steps[1].vehicles == {"mav0": "cancelled", "mav1": phase}
+    assert host.flown is not None
+    verdict = judge(host.flown, Expect(all_landed=True))
+    assert not verdict.passed
+
+
 @pytest.mark.parametrize(
     ("last_line", "has_ended_by_itself"),
     [
