@@ -101,7 +101,7 @@ class ScriptOrders:
         self._open: list[_Open] = []
         self._sent: dict[str, _Takeoff | _Move] = {}  # the newest one of each vehicle
         self._is_stopped = False  # whether emergency() has stopped the motors
-        self._is_interrupted = False  # whether Ctrl-C has ended a sleep
+        self._is_interrupted = False  # whether Ctrl-C or a signal has ended a sleep
         self._failure: BaseException | None = None
         self._has_failed = asyncio.Event()
         self._begin_ns = self.fleet.client.now_ns()
@@ -238,7 +238,7 @@ class ScriptOrders:
         self._batch = _Batch()
         try:
             self._blocking.run(lambda _: self._pass(batch, duration_s, waits_for_moves))
-        except KeyboardInterrupt:
+        except (KeyboardInterrupt, SystemExit):
             self._is_interrupted = True
             raise
 
@@ -251,7 +251,7 @@ class ScriptOrders:
     def finish(self) -> None:
         """Send the orders after the last sleep, and wait until all orders should have ended.
 
-        After Ctrl-C it does nothing, also if the script has caught the exception.
+        After Ctrl-C or a signal it does nothing, also if the script has caught the exception.
 
         Raises:
             OrderFailed: a vehicle did not do what was ordered.

@@ -142,16 +142,20 @@ def test_the_end_of_a_script_sends_what_no_sleep_has_sent_and_waits_for_its_end(
     assert blocking.fleet.said == ["land mav0", "landed"]
 
 
+@pytest.mark.parametrize("end", [KeyboardInterrupt(), SystemExit(143)], ids=["Ctrl-C", "SIGTERM"])
 def test_the_end_of_a_script_that_was_interrupted_in_a_sleep_sends_nothing(
-    orders: ScriptOrders, blocking: BlockingStanding, monkeypatch: pytest.MonkeyPatch
+    orders: ScriptOrders,
+    blocking: BlockingStanding,
+    monkeypatch: pytest.MonkeyPatch,
+    end: BaseException,
 ) -> None:
     def interrupted(function: Callable[[Any], Coroutine[Any, Any, Any]]) -> None:
         function(blocking.fleet).close()
-        raise KeyboardInterrupt
+        raise end
 
     with monkeypatch.context() as patch:
         patch.setattr(blocking, "run", interrupted)
-        with pytest.raises(KeyboardInterrupt):
+        with pytest.raises(type(end)):
             orders.pass_time(1.0, waits_for_moves=True)
     orders.land("mav0", 0.01)
     orders.finish()
