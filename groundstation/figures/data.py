@@ -89,7 +89,7 @@ class Walk:
     name: str
     radius_m: float  # of the circle that the vehicles keep clear of
     time_s: Array  # (n,)
-    position_enu_m: Array  # (n, 3), while the person was tracked
+    position_enu_m: Array  # (n, 3), NaN in gaps and while the person is not tracked
 
     def place_at(self, time_s: float) -> Array:
         """Return where the person was last seen before this time, or else first seen (3,)."""
@@ -396,10 +396,11 @@ def _walks(
         own = poses.get(body_of(name, person))
         if own is None:
             continue
-        is_tracked = own.marks > 0.0
-        positions_enu_m = own.vectors["position_enu_m"][is_tracked]
+        is_tracked = own.marks > 0.0  # not so in gaps
+        positions_enu_m = own.vectors["position_enu_m"].copy()
+        positions_enu_m[~is_tracked] = np.nan
         if np.isfinite(positions_enu_m).all(-1).any():
-            times_s = _times(own.stamps_ns[is_tracked], start_ns)
+            times_s = _times(own.stamps_ns, start_ns)
             walks.append(Walk(name, person.radius_m, times_s, positions_enu_m))
     return tuple(walks)
 

@@ -33,15 +33,34 @@ def test_a_person_is_a_walk_with_a_circle_where_he_was_when_two_vehicles_were_cl
 
     assert flight is not None
     [anna] = flight.walks  # ben was never seen
-    assert anna.position_enu_m[-1] == pytest.approx(walk(8.0), abs=0.02)
+    assert anna.place_at(10.0) == pytest.approx(walk(8.0), abs=0.02)
     assert flight.closest() is not None
 
     [axes] = plan_figure.draw(flight).axes
     [circle] = [one for one in axes.patches if isinstance(one, Circle) and one.radius == 0.5]
     assert circle.center == pytest.approx(walk(5.0)[:2], abs=0.05)  # mav0 passes mav1 at 5 s
     lines = [line.get_xydata() for line in axes.lines]
-    assert any(np.array_equal(line, anna.position_enu_m[:, :2]) for line in lines)
+    walked_m = anna.position_enu_m[:, :2]
+    assert any(np.array_equal(line, walked_m, equal_nan=True) for line in lines)
     assert "anna" in {text.get_text() for text in axes.texts}
+
+
+@pytest.mark.parametrize("is_recorded", [True, False], ids=["not tracked", "gap of the record"])
+def test_the_line_of_a_person_crosses_no_time_in_which_nobody_saw_the_person(
+    tmp_path: Path, is_recorded: bool
+) -> None:
+    told = [*rows(), *poses("cap3", walk, 0.0, 3.0), *poses("cap3", walk, 6.0, 8.0)]
+    if is_recorded:
+        told += poses("cap3", walk, 3.0, 6.0, is_tracked=False)
+    samples = read(write(tmp_path / "flight", told), (*TOPICS, POSES))
+    flight = from_samples(samples, title="test", safety_distance_m=0.8, people=PEOPLE)
+
+    assert flight is not None
+    [anna] = flight.walks
+    steps_m = np.linalg.norm(np.diff(anna.position_enu_m, axis=0), axis=-1)
+    assert np.nanmax(steps_m) < 0.1
+    assert np.isfinite(steps_m).sum() > 50
+    assert anna.place_at(4.5) == pytest.approx(walk(3.0), abs=0.1), "last seen there"
 
 
 def test_the_command_takes_the_persons_from_the_fleet_file(tmp_path: Path) -> None:
