@@ -201,10 +201,10 @@ def list_(fleet: FleetArgument, /, *, running: bool = False) -> int:
         others = [node for node in authorities if node not in config.vehicles]
         for name in (*config.enabled_names, *others):
             print(f"{name:12s} {_RUNNING_WORDS[authorities.get(name, '')]}")
-        if not authorities:
-            return EXIT_NO_ANSWER
         if "former" in authorities.values():
             is_right = False
+        if not authorities and is_right:
+            return EXIT_NO_ANSWER
     return EXIT_OK if is_right else EXIT_FAILED
 
 

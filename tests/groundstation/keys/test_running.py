@@ -12,12 +12,13 @@ from pathlib import Path
 import pytest
 
 from groundstation.cli import main
+from groundstation.keys.authority import folder_of
 from groundstation.keys.running import keep_former, running_authorities
 from groundstation.keys.secured_fleet import renew_authority, secure_fleet
 from groundstation.processes.free_ports import toml_text, with_free_ports
 from onboard.bus.session import BusSession
 from onboard.config.fleet import FleetConfig, load_fleet
-from onboard.exit_status import EXIT_NO_ANSWER
+from onboard.exit_status import EXIT_FAILED, EXIT_NO_ANSWER
 from onboard.security.credentials import credentials_of
 from onboard.security.node_roles import NodeRole
 
@@ -107,6 +108,9 @@ def test_a_fleet_of_which_nobody_answers_is_told_by_the_exit_status(
     fleet = _secured(tmp_path)
     monkeypatch.setattr("groundstation.commands.keys.running_authorities", lambda _: {})
     assert main(["keys", "list", fleet.path, "--running"]) == EXIT_NO_ANSWER
+
+    (folder_of(fleet) / "mav0.pem").write_text("damaged", encoding="utf-8")
+    assert main(["keys", "list", fleet.path, "--running"]) == EXIT_FAILED
 
 
 def test_a_folder_of_another_name_beside_former_authorities_is_left_alone(tmp_path: Path) -> None:
