@@ -104,7 +104,7 @@ def vehicles_at(places: Iterable[str], state: FleetState | None) -> tuple[str, .
 
 
 def by_place(
-    values: Iterable[tuple[str | Iterable[str], Value]], fleet: FleetConfig, what: str
+    values: Iterable[tuple[str | tuple[str, ...], Value]], fleet: FleetConfig, what: str
 ) -> dict[str, Value]:
     """Return values of places that are named by name or by index, as place -> value.
 
@@ -114,18 +114,20 @@ def by_place(
         what: the kind of value in words, for the refusal.
 
     Raises:
-        ConfigError: a name or an index is of no vehicle or of several, or a vehicle has two values.
+        ConfigError: a name or an index is of no vehicle or of several, or a vehicle has more than
+            one value.
     """
     value_by_place: dict[str, Value] = {}
     for key, value in values:
         names = fleet.select(key)
         if len(names) != 1:
+            words = key if isinstance(key, str) else ", ".join(key)
             raise ConfigError(
-                f"'{key}' names {len(names)} vehicles for one {what}. Give each vehicle its own."
+                f"'{words}' names {len(names)} vehicles for one {what}. Give each vehicle its own."
             )
         (name,) = names
         if name in value_by_place:
-            raise ConfigError(f"{name} has two {what}s. Give each vehicle one.")
+            raise ConfigError(f"{name} has more than one {what}. Give each vehicle one.")
         value_by_place[name] = value
     return value_by_place
 

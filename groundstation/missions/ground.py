@@ -598,7 +598,7 @@ class MissionGround:
             order.add_listener(note_end)
             duration_s = (self.client.now_ns() - begin_ns) * 1e-9
             self.steps.append(step_result(words, duration_s, results))
-            self.say("  no longer waited for; the order stays in force")
+            self.say("  no longer waited for; the order stays in force until a new one")
             self.has_begun = True
             raise
 

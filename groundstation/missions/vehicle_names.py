@@ -48,8 +48,8 @@ def by_name(values: object, fleet: FleetConfig, verb: str, what: str) -> dict[st
         what: the kind of value in words, for the refusal.
 
     Raises:
-        ConfigError: it is no dictionary, a key names no vehicle or several, or a vehicle has two
-            values.
+        ConfigError: it is no dictionary, a key names no vehicle or several, or a vehicle has more
+            than one value.
     """
     values = as_mapping(values, verb, what, example=next(iter(fleet.vehicles)))
     named = [(as_names(vehicle), value) for vehicle, value in values.items()]

@@ -47,7 +47,12 @@ WRONG: list[tuple[Callable[[Any], Any], str]] = [
     (lambda flown: flown["mav0"].go_to(None), "go_to: None is not three finite numbers"),
     (lambda flown: flown.go_to({"mav0": (1.0, 2.0)}), r"go_to: \(1.0, 2.0\) is not three finite"),
     (lambda flown: flown.go_to({"0-1": UP}), "'0-1' names 2 vehicles for one position"),
-    (lambda flown: flown.go_to({0: UP, "mav0": UP}), "mav0 has two positions"),
+    (lambda flown: flown.go_to({0: UP, "mav0": UP}), "mav0 has more than one position"),
+    (
+        lambda flown: flown.fly_through({0: [UP], "mav0": [UP]}, speed_m_s=1.0),
+        "mav0 has more than one list of positions",
+    ),
+    (lambda flown: flown.go_to({("mav0", 1): UP}), "'mav0, 1' names 2 vehicles for one position"),
     (lambda flown: flown.go_to({0.0: UP}), "type float names no vehicle"),
     (lambda flown: flown.go_to({7: UP}), "'7' selects no vehicle: vehicles"),
     (lambda flown: flown.countdown(5), "'5' is no time of day. Write 21:30"),

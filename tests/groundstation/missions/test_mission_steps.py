@@ -87,7 +87,7 @@ def reacting(when: dict[str, Any]) -> dict[str, Any]:
         ({"do": "wait", "until": {"reached": {"0-1": [0, 0, 1]}}}, "'0-1' names 2 vehicles"),
         (
             {"do": "wait", "until": {"reached": {"mav0": [0, 0, 1], "0": [1, 0, 1]}}},
-            "mav0 has two positions",
+            "mav0 has more than one position",
         ),
         (
             {"do": "react", "when": {"vehicles": "mav0"}, "steps": [TO_RING], "then": [UP]},
@@ -105,7 +105,10 @@ def reacting(when: dict[str, Any]) -> dict[str, Any]:
         ),
         ({"do": "goto", "goals": {"mav9": [0, 0, 1]}}, "mav9"),
         ({"do": "goto", "goals": {"all": [0, 0, 1]}}, "'all' names 3 vehicles"),
-        ({"do": "goto", "goals": {"mav0": [0, 0, 1], "0": [1, 0, 1]}}, "mav0 has two positions"),
+        (
+            {"do": "goto", "goals": {"mav0": [0, 0, 1], "0": [1, 0, 1]}},
+            "mav0 has more than one position",
+        ),
         ({"do": "goto", "goals": {"0-1": [0, 0, 1]}}, "'0-1' names 2 vehicles"),
         ({"do": "wait", "until": {"separation_above_m": math.nan}}, "separation_above_m"),
         ({"do": "wait", "until": {"reached": {"mav0": [math.nan, 0, 1]}}}, "reached"),
