@@ -33,7 +33,9 @@ from onboard.config.file_reading import json_values
 from onboard.config.fleet import ConfigError
 
 MAX_PAGES = 50
-MAX_MESSAGE_BYTES = 65536  # longest message of a page; the longest line fits in, in any letters
+# Longest message of a page [bytes]. The longest line fits in, in any letters: JSON may write one as
+# up to 12 bytes.
+MAX_MESSAGE_BYTES = 12 * MAX_LINE + 1024
 _HEARTBEAT_S = 15.0
 _CLOSE_S = 3.0
 _SHARED_SCRIPTS = ("elements.js", "colours.js", "camera.js", "scene.js", "ground.js")

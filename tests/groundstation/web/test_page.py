@@ -561,11 +561,14 @@ async def test_an_order_that_names_many_vehicles_is_sent_and_a_line_that_is_too_
     assert [name for name, _ in operated.bus.orders] == ["mav0", "mav1"]
 
 
-async def test_the_longest_line_fits_into_a_message_in_any_letters(operated: Served) -> None:
-    line = "\N{AIRPLANE}" * order_cards.MAX_LINE
+@pytest.mark.parametrize("is_ascii", [True, False])
+async def test_the_longest_line_fits_into_a_message_in_any_letters(
+    operated: Served, is_ascii: bool
+) -> None:
+    line = "\N{HELICOPTER}" * order_cards.MAX_LINE
     async with opened(operated) as socket:
         await heard(socket, is_operator)
-        await socket.send_str(json.dumps({"do": "order", "text": line}, ensure_ascii=False))
+        await socket.send_str(json.dumps({"do": "order", "text": line}, ensure_ascii=is_ascii))
         await heard(socket, lambda m: m.get("phase") == "refused")
     async with (
         aiohttp.ClientSession() as session,
