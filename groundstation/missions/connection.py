@@ -14,6 +14,7 @@ import runpy
 import sys
 import threading
 from collections.abc import AsyncIterator, Callable, Collection, Coroutine, Iterator, Sequence
+from concurrent import futures
 from contextlib import AbstractAsyncContextManager
 from pathlib import Path
 from typing import Any, NoReturn, Protocol, TypeVar
@@ -280,7 +281,8 @@ class RealTime:
         script: what it orders would otherwise go on while the end of the script lands vehicles.
 
         Raises:
-            ConfigError: it is called in that thread, which would wait for itself.
+            ConfigError: it is called in that thread, which would wait for itself; or the calls
+                have been ended meanwhile.
         """
         if threading.current_thread() is self._thread:
             refuse_call(coroutine, INSIDE_COROUTINE)
@@ -302,8 +304,19 @@ class RealTime:
         loop = self._loop
         try:
             return asyncio.run_coroutine_threadsafe(run(), loop).result()
+        except futures.CancelledError as error:
+            if self._loop is loop:
+                raise
+            raise ConfigError(
+                "The script's flight has ended during this call, because its connection was "
+                "closed. Let threads end before it."
+            ) from error
         except BaseException:
-            asyncio.run_coroutine_threadsafe(_end(tasks), loop).result()
+            # A task that has failed needs no end, for which it would wait after `end_calls`. One
+            # that a signal interrupts here may not have begun yet, and is in the list by then.
+            has_ended = bool(tasks) and tasks[0].done()
+            if not has_ended:
+                asyncio.run_coroutine_threadsafe(_end(tasks), loop).result()
             raise
 
     def end_record(self) -> RecordEnd | None:
@@ -311,12 +324,17 @@ class RealTime:
         return None if self._record is None else self._record.end
 
     def end_calls(self) -> None:
-        """End the thread; a second call does nothing."""
+        """End the calls of other threads, which would wait for ever, and the event loop's thread.
+
+        A second call does nothing.
+        """
         loop = self._loop
+        thread = self._thread
         self._loop = None
-        if loop is not None and self._thread is not None:
+        if loop is not None and thread is not None:
+            asyncio.run_coroutine_threadsafe(_end_others(), loop).result()
             loop.call_soon_threadsafe(loop.stop)
-            self._thread.join(_THREAD_END_S)
+            thread.join(_THREAD_END_S)
 
 
 def _run(loop: asyncio.AbstractEventLoop) -> None:
@@ -335,6 +353,11 @@ async def _end(tasks: Collection[asyncio.Task[Any]]) -> None:
         task.cancel()
     if tasks:
         await asyncio.wait(tasks, timeout=_CANCELLED_S)
+
+
+async def _end_others() -> None:
+    """Cancel all other tasks of the event loop, and wait for their ends, but not for long."""
+    await _end([task for task in asyncio.all_tasks() if task is not asyncio.current_task()])
 
 
 class _ThreadLoop(asyncio.SelectorEventLoop):

@@ -138,3 +138,26 @@ def test_a_coroutine_that_calls_sys_exit_ends_the_script_and_its_end_can_land(
     script.join(5.0)
     host.end_calls()
     assert done == ["end"]
+
+
+def test_a_call_of_another_thread_is_refused_when_the_calls_are_ended(fleet: FleetConfig) -> None:
+    host = RealTime(fleet)
+    waits = threading.Event()
+    refusals: list[str] = []
+
+    async def wait() -> None:
+        waits.set()
+        await asyncio.sleep(60.0)
+
+    def run() -> None:
+        with pytest.raises(ConfigError) as refusal:
+            host.call(wait())
+        refusals.append(str(refusal.value))
+
+    script = threading.Thread(target=run, daemon=True)  # which would wait for ever
+    script.start()
+    assert waits.wait(5.0)
+    host.end_calls()
+    script.join(1.0)
+    [sentence] = refusals
+    assert sentence.startswith("The script's flight has ended during this call")
