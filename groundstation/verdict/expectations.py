@@ -131,7 +131,7 @@ def _limit_words(limit_m: float) -> str:
     """
     words = f"{limit_m:.2f}"
     if float(words) != limit_m:
-        words = f"{limit_m:g}"
+        words = f"{limit_m}"
     return f"{words} m"
 
 

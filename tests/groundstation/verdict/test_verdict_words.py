@@ -51,6 +51,7 @@ def told(begin: str, **changes: Any) -> str:
     [
         (0.9445, False, "At least 0.9445 m between all: mav0 and mav1 came to 0.944 m."),
         (0.939, True, "At least 0.939 m between all: mav0 and mav1 came to 0.944 m."),
+        (12.345678, False, "At least 12.345678 m between all: mav0 and mav1 came to 0.944 m."),
         (0.9, True, "At least 0.90 m between all: mav0 and mav1 came to 0.944 m."),
     ],
 )
