@@ -25,7 +25,12 @@ from groundstation.crazyswarm.script_check import (
     refuse_what_is_not_flown,
 )
 from groundstation.crazyswarm.uav_trajectory import path_of_trajectory, refuse_unflyable_trajectory
-from groundstation.missions.argument_checks import as_position, check_duration, check_number
+from groundstation.missions.argument_checks import (
+    as_position,
+    as_scalar,
+    check_duration,
+    check_number,
+)
 from groundstation.missions.blocking import BlockingFleet
 from groundstation.missions.connection import call_after_last_line
 from groundstation.orders.grammar import OrderError
@@ -100,6 +105,7 @@ class TimeHelper:
             ConfigError: it is no finite number.
             OrderFailed: a vehicle did not do what was ordered.
         """
+        duration = as_scalar(duration)
         check_number(duration, "sleep", "seconds")
         self._orders.pass_time(max(0.0, float(duration)), waits_for_moves=True)
 
@@ -112,6 +118,7 @@ class TimeHelper:
         Raises:
             ConfigError: it is no finite number above 0.
         """
+        rateHz = as_scalar(rateHz)
         check_number(rateHz, "sleepForRate", "hertz")
         if rateHz <= 0.0:
             raise OrderError(f"sleepForRate: {rateHz:g} Hz is no rate. Give one above 0.")
@@ -214,7 +221,9 @@ class Crazyflie:
         Raises:
             ConfigError: a value is no finite number.
         """
+        targetHeight = as_scalar(targetHeight)
         check_number(targetHeight, "takeoff", "metres")
+        duration = as_scalar(duration)
         check_duration(duration, "takeoff")
         if self._is_meant(groupMask):
             self._orders.takeoff(self._name, float(targetHeight), float(duration))
@@ -225,6 +234,7 @@ class Crazyflie:
         Raises:
             ConfigError: the duration is no finite number.
         """
+        duration = as_scalar(duration)
         check_duration(duration, "land")
         if self._is_meant(groupMask):
             self._orders.land(self._name, float(duration))
@@ -252,7 +262,9 @@ class Crazyflie:
             ConfigError: a value is no finite number, or the goal is not three of them.
         """
         x, y, z = as_position(goal, "goTo")
+        yaw = as_scalar(yaw)
         check_number(yaw, "goTo", "radians")
+        duration = as_scalar(duration)
         check_duration(duration, "goTo")
         if not self._is_meant(groupMask):
             return
@@ -366,6 +378,7 @@ class Crazyflie:
 
 def _colour_byte(share: float) -> int:
     """Return a colour's share from 0 to 1 as a byte."""
+    share = as_scalar(share)
     check_number(share, "setLEDColor", "parts of full brightness")
     return round(255 * min(max(float(share), 0.0), 1.0))
 

@@ -12,6 +12,8 @@ from collections.abc import Iterable, Mapping
 from numbers import Real
 from typing import Any
 
+import numpy as np
+
 from onboard.config.fleet import ConfigError
 from onboard.tuples import Xyz
 
@@ -65,6 +67,19 @@ def check_number(value: object, verb: str, unit: str) -> None:
         raise ConfigError(f"{verb}: {value!r:.80} is no finite number of {unit}. Give one.")
 
 
+def as_scalar(value: Any) -> Any:
+    """Return the number in an array of dimension 0, and everything else as it is.
+
+    Interpolations of SciPy return such arrays.
+
+    Args:
+        value: value that a script gives.
+    """
+    if isinstance(value, np.ndarray) and value.ndim == 0:
+        return value.item()
+    return value
+
+
 def as_position(position: object, verb: str) -> Xyz:
     """Return a position, or an offset, as three numbers [m].
 
@@ -75,7 +90,8 @@ def as_position(position: object, verb: str) -> Xyz:
     Raises:
         ConfigError: it is not three finite numbers.
     """
-    coordinates = tuple(position) if isinstance(position, Iterable) else ()
+    position = as_scalar(position)  # which cannot be iterated as an array
+    coordinates = tuple(map(as_scalar, position)) if isinstance(position, Iterable) else ()
     are_finite = all(isinstance(value, Real) and math.isfinite(value) for value in coordinates)
     if len(coordinates) != 3 or not are_finite:
         raise ConfigError(

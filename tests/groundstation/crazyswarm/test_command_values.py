@@ -71,3 +71,15 @@ def test_numbers_of_numpy_are_numbers(orders: Any, sent: list[tuple[Any, ...]]) 
     one.takeoff(np.float32(1.0), np.float64(2.0))
     TimeHelper(orders).sleep(np.float64(2.5))
     assert sent == [("mav0", (1.0, 2.0, 1.0), 0.0, 3.0), ("mav0", 1.0, 2.0), (2.5,)]
+
+
+def test_an_array_of_dimension_0_is_a_number(orders: Any, sent: list[tuple[Any, ...]]) -> None:
+    one: Any = Crazyflie(orders, load_fleet(PAPER).vehicles["mav0"])
+    one.goTo([np.array(1.0), np.array(2), 1.0], np.array(0.0), np.array(3.0))
+    one.takeoff(np.array(1.0), np.array(2.0))
+    clock: Any = TimeHelper(orders)
+    clock.sleep(np.array(2.5))
+    assert sent == [("mav0", (1.0, 2.0, 1.0), 0.0, 3.0), ("mav0", 1.0, 2.0), (2.5,)]
+
+    with pytest.raises(ConfigError, match="sleep: nan is no finite number"):
+        clock.sleep(np.array(np.nan))

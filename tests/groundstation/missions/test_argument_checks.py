@@ -44,6 +44,7 @@ WRONG: list[tuple[Callable[[Any], Any], str]] = [
     ),
     (lambda flown: flown.follow("mav0", 3, offsets={"1-2": UP}), "names 2 vehicles for one offset"),
     (lambda flown: flown["mav0"].go_to("abc"), "go_to: 'abc' is not three finite numbers"),
+    (lambda flown: flown["mav0"].go_to(np.array(1.0)), "go_to: 1.0 is not three finite numbers"),
     (lambda flown: flown["mav0"].go_to(None), "go_to: None is not three finite numbers"),
     (lambda flown: flown.go_to({"mav0": (1.0, 2.0)}), r"go_to: \(1.0, 2.0\) is not three finite"),
     (lambda flown: flown.go_to({"0-1": UP}), "'0-1' names 2 vehicles for one position"),
