@@ -135,7 +135,10 @@ def test_different_autopilots_do_not_hinder_each_other() -> None:
 
 def test_a_port_of_an_ipv6_address_is_claimed_and_refused_while_another_program_has_it() -> None:
     with socket.socket(socket.AF_INET6, socket.SOCK_DGRAM) as other:
-        other.bind(("::1", 0))
+        try:
+            other.bind(("::1", 0))
+        except OSError:
+            pytest.skip("this computer has no IPv6")
         claim = PortClaim(f"udpin://[::1]:{other.getsockname()[1]}")
         with pytest.raises(LinkError, match="is in use"):
             claim.take()
