@@ -413,8 +413,11 @@ def _planned(memory: TrajectoryMemory, goal: Goal, params: TrajectoryParams) -> 
     # A climb or a descent that leads past the goal ends at once. The setpoint is lead_s ahead of
     # the vehicle. Its height becomes that of the goal, clipped to the range from the present height
     # to the setpoint's height.
+    direct_s = 0.0  # duration of the first form; 0: it is not known, or there is none
     leads_past = _leads_past(p.z, v.z, target.z, params)
-    if leads_past and not _reaches(p, v, a, target, ordered_s, params):
+    if leads_past:
+        direct_s = _climb_to_rest_s(p, v, a, target, ordered_s, params)
+    if leads_past and direct_s == 0.0:
         now_m = p.z - params.lead_s * v.z
         low_m = min(now_m, p.z)
         high_m = max(now_m, p.z)
@@ -426,11 +429,10 @@ def _planned(memory: TrajectoryMemory, goal: Goal, params: TrajectoryParams) -> 
     max_m_s = params.max_speed_m_s
     max_m_s2 = params.max_acceleration_m_s2
     is_at_rest = length(v) <= 1e-9 * max_m_s and length(a) <= 1e-9 * max_m_s2
-    scale_s = _time_to_rest_s(v, params)
     via = p
     first_s = 0.0
     if not is_at_rest:
-        first_s = _brake_duration_s(p, v, a, scale_s, params)
+        first_s = _brake_duration_s(p, v, a, _time_to_rest_s(v, params), params)
         via = _stop(p, v, a, first_s)
 
     # second form, second part: from rest to the goal
@@ -441,18 +443,14 @@ def _planned(memory: TrajectoryMemory, goal: Goal, params: TrajectoryParams) -> 
         second_s = max(from_rest_s, ordered_s - first_s, 0.0)
 
     # first form: straight to the goal, if that is sooner
-    if not is_at_rest:
-        way = subtract(target, p)
-        guess_s = max(shortest_duration_s(length(way), way.z, params), scale_s)
+    if not is_at_rest and direct_s == 0.0:
+        guess = _direct_guess(p, v, a, target, params)
         longest_s = max(_DIRECT_PATIENCE * (first_s + second_s), ordered_s)
-        guess = _Quintic(
-            begin_m=p, velocity_m_s=v, acceleration_m_s2=a, end_m=target, duration_s=guess_s
-        )
         direct_s = _direct_duration_s(guess, via, ordered_s, longest_s, params)
-        if direct_s > 0.0:
-            via = target
-            first_s = direct_s
-            second_s = 0.0
+    if direct_s > 0.0:
+        via = target
+        first_s = direct_s
+        second_s = 0.0
 
     rise_m = 0.0
     if _rises(p.z, target.z, first_s + second_s, params):
@@ -479,22 +477,28 @@ def _time_to_rest_s(v: Vec3, params: TrajectoryParams) -> float:
     return max(speed_m_s / params.max_acceleration_m_s2, abs(v.z) / params.max_vertical_m_s2)
 
 
-def _reaches(
-    p: Vec3, v: Vec3, a: Vec3, target: Vec3, ordered_s: float, params: TrajectoryParams
-) -> bool:
-    """Return whether one quintic leads from a motion to a goal ahead, and not past its height.
-
-    It may need a shorter way than a brake, which comes to rest as if there were no goal.
-    """
-    if (target.z - p.z) * v.z <= 0.0:
-        return False
-
+def _direct_guess(p: Vec3, v: Vec3, a: Vec3, target: Vec3, params: TrajectoryParams) -> _Quintic:
+    """Return the quintic from a motion straight to a goal, with a first guess of its duration."""
     way = subtract(target, p)
     guess_s = max(shortest_duration_s(length(way), way.z, params), _time_to_rest_s(v, params))
-    guess = _Quintic(
+    return _Quintic(
         begin_m=p, velocity_m_s=v, acceleration_m_s2=a, end_m=target, duration_s=guess_s
     )
-    return _direct_duration_s(guess, target, ordered_s, math.inf, params) > 0.0
+
+
+def _climb_to_rest_s(
+    p: Vec3, v: Vec3, a: Vec3, target: Vec3, ordered_s: float, params: TrajectoryParams
+) -> float:
+    """Return the duration [s] of one quintic to a goal that a climb or descent leads to.
+
+    The quintic does not pass the height of the goal. It may need a shorter way than a brake, which
+    comes to rest as if there were no goal. Return 0 if there is none, or if the goal's height is
+    behind.
+    """
+    if (target.z - p.z) * v.z <= 0.0:
+        return 0.0
+    guess = _direct_guess(p, v, a, target, params)
+    return _direct_duration_s(guess, target, ordered_s, math.inf, params)
 
 
 def _rises(begin_m: float, end_m: float, whole_s: float, params: TrajectoryParams) -> bool:
