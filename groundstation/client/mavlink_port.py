@@ -143,7 +143,8 @@ def take_link(endpoint: str, key: bytes | None = None) -> Any:
         ValueError: the endpoint is not well-formed.
     """
     link = _idle_links.pop(endpoint, None)
-    if link is not None and _has_moved(link):
+    is_udp = endpoint.startswith("udpout://")
+    if link is not None and is_udp and _has_moved(link):
         link.close()
         link = None
     if link is None:
@@ -178,8 +179,6 @@ def _has_moved(link: Any) -> bool:
 
     A connected socket keeps the address that it was connected with.
     """
-    if not hasattr(link, "destination_addr"):
-        return False
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
         try:
             probe.connect(link.destination_addr)
