@@ -178,7 +178,7 @@ def _is_down(facts: TickFacts) -> bool:
         does_not_move = facts.is_standing or facts.is_stuck
         return facts.is_flying and does_not_move and facts.height_m < MAY_BE_DOWN_M
     # a slow climb takes longer than DOWN_LONG_S to this height
-    stays_low = facts.height_above_floor_m < DOWN_HEIGHT_M and not facts.has_risen
+    stays_low = facts.height_above_lowest_ground_m < DOWN_HEIGHT_M and not facts.has_risen
     return facts.is_flying and facts.has_position and stays_low
 
 

@@ -87,7 +87,7 @@ class TickFacts(Struct, frozen=True, kw_only=True):
     position_stale_s: float = 0.0  # how long the position has been stale
     # time for which it was stale recently, summed over all gaps (onboard/safety/condition_timer.py)
     position_flicker_s: float = 0.0
-    height_above_floor_m: float = 0.0  # above the lowest ground in the fleet file
+    height_above_lowest_ground_m: float = 0.0  # the lowest in the fleet file
     has_risen: bool = False  # it is low, and has just reached a greater height
     height_m: float = 0.0  # above the ground where it took off
     is_standing: bool = False  # by thrust and vertical motion, without using its height

@@ -116,41 +116,16 @@ class TickObserver:
         flight = self._flight
         step = flight.step
         _, _, z_m = view.position_enu_m
-        _, _, climb_m_s = view.velocity_enu_m_s
         height_m = z_m - flight.ground_z_m
-        height_above_floor_m = z_m - self._lowest_ground_m
+        height_above_lowest_ground_m = z_m - self._lowest_ground_m
 
         # own motion
-        position_age_s = view.position_age_s
-        position_stale_s = 0.0
-        if position_age_s > POSITION_STALE_S:
-            self._stale.see(now_ns)
-            position_stale_s = self._stale.seconds(now_ns)
-        else:
-            self._stale.end()
-        self._flicker.update(now_ns, position_age_s > POSITION_STALE_S)
+        self._update_position_age(view)
+        self._update_tracking(view, context, height_m)
+        self._update_wind(context)
         jumped_onto = ""  # name of the vehicle whose position it has jumped to
         if own.jumps >= _SWAP_JUMPS:
             jumped_onto = self._jumped_onto(now_ns)
-
-        # attitude and wind
-        is_tracked = step.is_under_law and step is not FlightStep.LIFTOFF
-        if is_tracked and height_m >= self._tracked_above_m(view):
-            self._tracking.update(
-                context.commanded_wxyz,
-                view.attitude_wxyz,
-                context.thrust_frac,
-                below_m=context.below_m,
-                climb_m_s=climb_m_s,
-                dt_s=min(context.period_s, _LONGEST_TICK_S),
-            )
-        else:
-            self._tracking.reset()
-
-        if step is FlightStep.ARRIVED or step is FlightStep.HOLDING:
-            self._wind.update(context, min(context.period_s, _LONGEST_TICK_S))
-        else:
-            self._wind.reset()
 
         # PX4
         self._autopilot.update(
@@ -176,11 +151,6 @@ class TickObserver:
         if step is FlightStep.LEG:
             neighbours.count_avoided(context.active_neighbour)
         silence = neighbours.update(now_ns)
-        touched = ""  # name of the neighbour that it touches
-        if context.is_airborne and context.nearest_m < self._touching_m:
-            touched = neighbours.nearest_to(
-                view.position_enu_m, self._limits.body_diameter_m, now_ns
-            )
 
         law_refusal = ""
         if context.law_refusal:
@@ -204,11 +174,11 @@ class TickObserver:
             overdue=overdue,
             # own motion
             has_position=view.has_position,
-            position_age_s=position_age_s,
-            position_stale_s=position_stale_s,
+            position_age_s=view.position_age_s,
+            position_stale_s=self._stale.seconds(now_ns),
             position_flicker_s=self._flicker.seconds,
-            height_above_floor_m=height_above_floor_m,
-            has_risen=self._has_risen(height_above_floor_m),
+            height_above_lowest_ground_m=height_above_lowest_ground_m,
+            has_risen=self._has_risen(height_above_lowest_ground_m),
             height_m=height_m,
             is_standing=contact.is_agreed_by_thrust(flight.contact, view),
             is_stuck=contact.is_stuck(flight.contact, view, flight.goal_position_enu_m[2]),
@@ -249,11 +219,60 @@ class TickObserver:
             is_above_ceiling=fence.is_above,
             # other vehicles
             nearest_m=context.nearest_m,
-            touched=touched,
+            touched=self._touched(view, context),
             is_law_infeasible=context.law_status == LawStatus.INFEASIBLE,
             silent=silence.silent,
             unseen=(*silence.unseen, *context.unseen_people),
             heard_again=silence.heard_again,
+        )
+
+    def _update_position_age(self, view: FlightView) -> None:
+        """Update for how long the position is stale, and how often it has been."""
+        is_stale = view.position_age_s > POSITION_STALE_S
+        self._flicker.update(view.now_ns, is_stale)
+        if is_stale:
+            self._stale.see(view.now_ns)
+        else:
+            self._stale.end()
+
+    def _update_tracking(self, view: FlightView, context: TickContext, height_m: float) -> None:
+        """Update how the attitude follows its setpoints, while nothing but the motors carries it.
+
+        Args:
+            view: what the flight sees in this tick.
+            context: what other parts of the agent know.
+            height_m: height above the ground at the vehicle's place.
+        """
+        step = self._flight.step
+        is_tracked = step.is_under_law and step is not FlightStep.LIFTOFF
+        if not is_tracked or height_m < self._tracked_above_m(view):
+            self._tracking.reset()
+            return
+
+        _, _, climb_m_s = view.velocity_enu_m_s
+        self._tracking.update(
+            context.commanded_wxyz,
+            view.attitude_wxyz,
+            context.thrust_frac,
+            below_m=context.below_m,
+            climb_m_s=climb_m_s,
+            dt_s=min(context.period_s, _LONGEST_TICK_S),
+        )
+
+    def _update_wind(self, context: TickContext) -> None:
+        """Update the wind that pushes the vehicle, which is measured while it holds a position."""
+        step = self._flight.step
+        if step is FlightStep.ARRIVED or step is FlightStep.HOLDING:
+            self._wind.update(context, min(context.period_s, _LONGEST_TICK_S))
+        else:
+            self._wind.reset()
+
+    def _touched(self, view: FlightView, context: TickContext) -> str:
+        """Return the name of the neighbour that the vehicle touches in the air; empty: none."""
+        if not context.is_airborne or context.nearest_m >= self._touching_m:
+            return ""
+        return self._neighbours.nearest_to(
+            view.position_enu_m, self._limits.body_diameter_m, view.now_ns
         )
 
     def _has_risen(self, height_m: float) -> bool:

@@ -11,10 +11,11 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
+from typing import NamedTuple
 
 import numpy as np
 
-from onboard.arrays import Array, BoolArray
+from onboard.arrays import Array, IntArray
 from onboard.avoidance.params import Capsule
 from onboard.config.fleet import FleetConfig
 from onboard.control import pipeline, trajectory
@@ -47,6 +48,15 @@ _OF_LAW = ("predicted_position_enu_m", "predicted_velocity_enu_m_s")
 # (setup, physics, scenario, seed, bytes of its places) -> makespan of the straight-line flight
 _StraightKey = tuple[str, str, str, int, bytes]
 _STRAIGHT_S: dict[_StraightKey, float] = {}
+
+
+class _Sensed(NamedTuple):
+    """States of all vehicles in a tick; the two offsets are None if nobody lies."""
+
+    believed: Rows  # by which the vehicles fly
+    published: Rows
+    offset_m: Array | None = None  # of the positions that liars publish
+    velocity_m_s: Array | None = None  # rate of change of the offset
 
 
 @dataclass(frozen=True, slots=True)
@@ -86,14 +96,14 @@ def fly(
         else:
             longest_s.append(_TIMES_STRAIGHT * min(one_straight_s, limit_s))
 
-    outcomes, refusals = _fly(
+    outcomes, refusals = _FlightBatch(
         plans,
         setup,
         longest_s,
         controller=controller,
         physics=physics,
         has_trace=has_trace,
-    )
+    ).fly()
 
     flown = []
     for number, plan in enumerate(plans):
@@ -124,7 +134,7 @@ def straight_line_s(
     missing = [plan for plan, key in zip(plans, keys, strict=True) if key not in _STRAIGHT_S]
     if missing:
         limits_s = _straight_limits_s(missing, setup)
-        outcomes, _ = _fly(missing, alone, limits_s, physics=physics, is_alone=True)
+        outcomes, _ = _FlightBatch(missing, alone, limits_s, physics=physics, is_alone=True).fly()
         for plan, outcome in zip(missing, outcomes, strict=True):
             _STRAIGHT_S[_straight_key(alone, plan, physics)] = outcome.makespan_s
 
@@ -154,17 +164,8 @@ def _straight_limits_s(plans: Sequence[FlightPlan], setup: Setup) -> list[float]
     return limits_s
 
 
-def _fly(
-    plans: Sequence[FlightPlan],
-    setup: Setup,
-    longest_s: Sequence[float],
-    *,
-    controller: MakeController | None = None,
-    physics: str = worlds.DEFAULT,
-    is_alone: bool = False,
-    has_trace: bool = False,
-) -> tuple[list[FlightOutcome], dict[int, str]]:
-    """Fly plans together.
+class _FlightBatch:
+    """Flights under way together, with all that senses, controls, moves and judges them.
 
     Args:
         plans: the plans, all of the same number of vehicles.
@@ -174,150 +175,210 @@ def _fly(
         physics: name of the physics.
         is_alone: whether vehicles get no messages, know no obstacles and do not lie.
         has_trace: whether the outcomes hold samples of the flight.
-
-    Returns:
-        The outcomes, and by index of the flight the reason why a user's own law was refused.
     """
-    count = plans[0].count
-    fleet = setup.fleet(count)
-    vehicles = list(fleet.vehicles.values())
-    start = np.stack([plan.start_enu_m for plan in plans])  # (F, N, 3)
-    noise = FlightNoise([plan.seed for plan in plans], count, has_links=not is_alone)
 
-    # velocities (F, N, 3) of intruders, NaN for multirotors
-    scripted = np.full(start.shape, np.nan)
-    for f, plan in enumerate(plans):
-        if plan.intruder_m_s is not None:
-            scripted[f, -1] = plan.intruder_m_s
+    def __init__(
+        self,
+        plans: Sequence[FlightPlan],
+        setup: Setup,
+        longest_s: Sequence[float],
+        *,
+        controller: MakeController | None = None,
+        physics: str = worlds.DEFAULT,
+        is_alone: bool = False,
+        has_trace: bool = False,
+    ) -> None:
+        count = plans[0].count
+        fleet = setup.fleet(count)
+        vehicles = list(fleet.vehicles.values())
+        start_enu_m = np.stack([plan.start_enu_m for plan in plans])  # (F, N, 3)
+        scripted_m_s = _scripted_m_s(plans)
 
-    # only fleets whose file lets vehicles fly above each other feel the rotors' wash
-    wash_m = 0.0
-    if fleet.fleet.vertical_separation_m is not None:
-        wash_m = fleet.fleet.body_diameter_m
+        self._noise = FlightNoise([plan.seed for plan in plans], count, has_links=not is_alone)
+        self._world = worlds.world_of(physics)(
+            vehicles=vehicles,
+            start_enu_m=start_enu_m,
+            scripted=scripted_m_s,
+            noise=self._noise,
+            perturbation=setup.perturbation,
+            seeds=[plan.seed for plan in plans],
+            wash_diameter_m=_wash_diameter_m(fleet),
+        )
+        self._truth = self._world.truth()
+        self._sensors = sensing(setup.errors, vehicles, self._truth, self._noise)
 
-    make_world = worlds.world_of(physics)
-    world = make_world(
-        vehicles=vehicles,
-        start_enu_m=start,
-        scripted=scripted,
-        noise=noise,
-        perturbation=setup.perturbation,
-        seeds=[plan.seed for plan in plans],
-        wash_diameter_m=wash_m,
-    )
-    truth = world.truth()
-    sensors = sensing(setup.errors, vehicles, truth, noise)
+        obstacles = () if is_alone else plans[0].obstacles
+        make_controller = _controller(fleet) if controller is None else controller
+        self._pipelines = make_controller(params_of(fleet), start_enu_m, obstacles)
+        other_law = plans[0].other_law
+        if other_law is not None and not is_alone:
+            self._pipelines = _with_other_law(
+                self._pipelines, other_law, setup, start_enu_m, obstacles
+            )
 
-    obstacles = () if is_alone else plans[0].obstacles
-    make_controller = _controller(fleet) if controller is None else controller
-    pipelines = make_controller(params_of(fleet), start, obstacles)
-    if plans[0].other_law is not None and not is_alone:
-        pipelines = _with_other_law(pipelines, plans[0].other_law, setup, start, obstacles)
+        self._metrics = FlightMetrics(
+            plans=plans,
+            longest_s=longest_s,
+            fleet=fleet,
+            errors=setup.errors,
+            gusts_m_s2=[setup.perturbation.gusts_m_s2(vehicle.drag_1_s) for vehicle in vehicles],
+            start_enu_m=start_enu_m,
+            has_trace=has_trace,
+        )
+        self._orders = FlightOrders(plans)
+        self._lies = MemberLies(plans)
+        self._has_lies = self._lies.has_any and not is_alone
 
-    metrics = FlightMetrics(
-        plans=plans,
-        longest_s=longest_s,
-        fleet=fleet,
-        errors=setup.errors,
-        gusts_m_s2=[setup.perturbation.gusts_m_s2(vehicle.drag_1_s) for vehicle in vehicles],
-        start_enu_m=start,
-        has_trace=has_trace,
-    )
-    orders = FlightOrders(plans)
-    lies = MemberLies(plans)
-    has_lies = lies.has_any and not is_alone
-    radio: Radio | None = None
-
-    # both (F, N): the thrust sent last, and the hover thrust that the pipelines estimate
-    nominal_hover = [vehicle.hover_thrust_frac for vehicle in vehicles]
-    throttle = np.broadcast_to(nominal_hover, start.shape[:2])
-    hover = throttle
-
-    # each pass is one tick of all flights under way; F falls when a flight ends
-    while True:
-        # the vehicles sense; liars change what they publish, or also what they believe
-        normals, link_draws = noise.next()
-        states = sensors.update(truth, normals, throttle, hover)
-        published_states = states
-        # offset of the positions that liars publish, and its rate of change
-        offset_m = np.zeros_like(start)
-        velocity_m_s = offset_m
-        if has_lies:
-            offset_m, velocity_m_s = lies.offsets(metrics.time_s)
-            published_states = shifted(states, offset_m, velocity_m_s, _OF_STATE)
-            # a liar that believes its false position also flies by it
-            states = np.where(lies.is_believed()[:, None], published_states, states)
-
-        # they receive the messages of earlier ticks
-        if radio is None and not is_alone:
-            radio = Radio(
-                states,
-                np.isfinite(scripted).all(-1),
-                setup.perturbation,
-                fleet.expected_radio.lateness_s,
+        # the radio begins with the states that the vehicles sense in the first tick
+        self._radio: Radio | None = None
+        self._make_radio: Callable[[Rows], Radio] | None = None
+        if not is_alone:
+            self._make_radio = partial(
+                Radio,
+                is_intruder=np.isfinite(scripted_m_s[..., 0]),
+                perturbation=setup.perturbation,
+                lateness_s=fleet.expected_radio.lateness_s,
                 radius_m=person_radii_m(plans),
             )
 
-        is_frozen, is_mute = orders.lost(metrics.time_s)
-        neighbours = layouts.NEIGHBOUR.rows((*start.shape[:2], 0))
-        if radio is not None:
-            neighbours = radio.receive(link_draws, is_mute, is_frozen, sensors.tracked())
+        # both (F, N): the thrust sent last, and the hover thrust that the pipelines estimate
+        nominal_hover = [vehicle.hover_thrust_frac for vehicle in vehicles]
+        self._throttle = np.broadcast_to(nominal_hover, start_enu_m.shape[:2])
+        self._hover = self._throttle
 
-        # they control and publish; the autopilot of a frozen vehicle holds position without
-        # avoiding
-        has_neighbours = ~(is_frozen | orders.is_blind)
-        is_present = np.broadcast_to(has_neighbours[..., None], neighbours.shape)
-        goals = orders.goals(is_frozen, truth)
-        ticks = pipelines.step(states, goals, neighbours, is_present, TICK_S)
-        if radio is not None:
-            published_ticks = _published_ticks(ticks, offset_m, velocity_m_s, lies.is_believed())
-            radio.publish(published_states, published_ticks)
+    def fly(self) -> tuple[list[FlightOutcome], dict[int, str]]:
+        """Fly all to their ends.
 
-        # the physics moves them
-        throttle = ticks["attitude"]["thrust_frac"]
-        hover = ticks["hover_thrust_frac"]
-        world.advance(ticks["attitude"]["quaternion_wxyz"], throttle, normals)
-        truth = world.truth()
+        Returns:
+            The outcomes, and by index of the flight the reason why a user's own law was refused.
+        """
+        while True:
+            going_on = self._tick()
+            if len(going_on) == 0:
+                # only the control by a user's own law has refusals
+                return self._metrics.outcomes, getattr(self._pipelines, "refusals", {})
+            if len(going_on) < len(self._throttle):
+                self._keep(going_on)
 
-        # the metrics judge them; the law gives the most avoided neighbour's index among the
-        # received neighbours, but the metrics need its index in the fleet
+    def _tick(self) -> IntArray:
+        """Fly one tick of all flights, and return the rows of those that go on."""
+        normals, link_draws = self._noise.next()
+        sensed = self._sense(normals)
+
+        if self._radio is None and self._make_radio is not None:
+            self._radio = self._make_radio(sensed.believed)
+
+        ticks = self._control(sensed, link_draws)
+        if self._radio is not None:
+            self._radio.publish(sensed.published, self._published_ticks(sensed, ticks))
+
+        self._throttle = ticks["attitude"]["thrust_frac"]
+        self._hover = ticks["hover_thrust_frac"]
+        self._world.advance(ticks["attitude"]["quaternion_wxyz"], self._throttle, normals)
+        self._truth = self._world.truth()
+
+        going_on = self._metrics.update(self._truth, ticks, self._most_avoided(ticks))
+        self._orders.advance(self._metrics)
+        return going_on
+
+    def _sense(self, normals: Array) -> _Sensed:
+        """Return the states that the vehicles measure; liars change what they publish.
+
+        A liar that believes its false position also flies by it.
+        """
+        states = self._sensors.update(self._truth, normals, self._throttle, self._hover)
+        if not self._has_lies:
+            return _Sensed(believed=states, published=states)
+
+        offset_m, velocity_m_s = self._lies.offsets(self._metrics.time_s)
+        published = shifted(states, offset_m, velocity_m_s, _OF_STATE)
+        is_believed = self._lies.is_believed()[:, None]
+        return _Sensed(
+            believed=np.where(is_believed, published, states),
+            published=published,
+            offset_m=offset_m,
+            velocity_m_s=velocity_m_s,
+        )
+
+    def _control(self, sensed: _Sensed, link_draws: Array) -> Rows:
+        """Return the ticks of all pipelines, which know the messages of earlier ticks.
+
+        The autopilot of a frozen vehicle holds its position without avoiding.
+        """
+        is_frozen, is_mute = self._orders.lost(self._metrics.time_s)
+        neighbours = layouts.NEIGHBOUR.rows((*is_frozen.shape, 0))
+        if self._radio is not None:
+            tracked = self._sensors.tracked()
+            neighbours = self._radio.receive(link_draws, is_mute, is_frozen, tracked)
+
+        has_neighbours = ~(is_frozen | self._orders.is_blind)
+        return self._pipelines.step(
+            sensed.believed,
+            self._orders.goals(is_frozen, self._truth),
+            neighbours,
+            np.broadcast_to(has_neighbours[..., None], neighbours.shape),
+            TICK_S,
+        )
+
+    def _published_ticks(self, sensed: _Sensed, ticks: Rows) -> Rows:
+        """Return the ticks as published; a liar's prediction is as false as its position.
+
+        A vehicle that believes its false position already predicts from it, so its prediction
+        needs no change.
+        """
+        if sensed.offset_m is None or sensed.velocity_m_s is None:
+            return ticks
+        is_false = sensed.offset_m.any(-1) & ~self._lies.is_believed()[:, None]
+        if not is_false.any():
+            return ticks
+
+        false_ticks = ticks.copy()
+        false_ticks["law"] = shifted(ticks["law"], sensed.offset_m, sensed.velocity_m_s, _OF_LAW)
+        return np.where(is_false, false_ticks, ticks)
+
+    def _most_avoided(self, ticks: Rows) -> IntArray:
+        """Return the index (F, N) in the fleet of the neighbour that each vehicle avoids most.
+
+        The law gives its index among the received neighbours.
+        """
         most_avoided = ticks["law"]["active_neighbour"].astype(np.int64)
-        most_avoided_vehicle = most_avoided
-        if radio is not None:
-            most_avoided_vehicle = radio.vehicle(most_avoided)
-        going_on = metrics.update(truth, ticks, most_avoided_vehicle)
-        orders.advance(metrics)
-        if len(going_on) == len(start):
-            continue
-        if not len(going_on):
-            # only the control by a user's own law has refusals
-            return metrics.outcomes, getattr(pipelines, "refusals", {})
+        if self._radio is None:
+            return most_avoided
+        return self._radio.vehicle(most_avoided)
 
-        # the rows of the flights that have ended are removed from all arrays
-        start = start[going_on]
-        throttle = throttle[going_on]
-        hover = hover[going_on]
-        for part in (noise, sensors, pipelines, world, metrics, orders, lies):
+    def _keep(self, going_on: IntArray) -> None:
+        """Remove the rows of the flights that have ended from all arrays."""
+        self._throttle = self._throttle[going_on]
+        self._hover = self._hover[going_on]
+        for part in (
+            self._noise,
+            self._sensors,
+            self._pipelines,
+            self._world,
+            self._metrics,
+            self._orders,
+            self._lies,
+        ):
             part.keep(going_on)
-        if radio is not None:
-            radio.keep(going_on)
-        truth = world.truth()
+        if self._radio is not None:
+            self._radio.keep(going_on)
+        self._truth = self._world.truth()
 
 
-def _published_ticks(
-    ticks: Rows, offset_m: Array, velocity_m_s: Array, is_believed: BoolArray
-) -> Rows:
-    """Return the ticks as published; a liar's prediction is as false as its position.
+def _scripted_m_s(plans: Sequence[FlightPlan]) -> Array:
+    """Return the velocities (F, N, 3) of intruders [m/s]; NaN for multirotors."""
+    velocities_m_s = np.full((len(plans), plans[0].count, 3), np.nan)
+    for flight, plan in enumerate(plans):
+        if plan.intruder_m_s is not None:
+            velocities_m_s[flight, -1] = plan.intruder_m_s
+    return velocities_m_s
 
-    A vehicle that believes its false position already predicts from it, so its prediction needs no
-    change.
-    """
-    is_false = offset_m.any(-1) & ~is_believed[:, None]
-    if not is_false.any():
-        return ticks
-    false_ticks = ticks.copy()
-    false_ticks["law"] = shifted(ticks["law"], offset_m, velocity_m_s, _OF_LAW)
-    return np.where(is_false, false_ticks, ticks)
+
+def _wash_diameter_m(fleet: FleetConfig) -> float:
+    """Return the diameter of the rotors' wash [m]; 0 where vehicles may not fly above others."""
+    if fleet.fleet.vertical_separation_m is None:
+        return 0.0
+    return fleet.fleet.body_diameter_m
 
 
 def _with_other_law(

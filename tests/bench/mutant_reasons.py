@@ -360,8 +360,11 @@ ACCEPTED = (
         _MEASURED,
         "supervision/tick_observer.py",
         (
-            ("if is_tracked and height_m >= self._tracked_above_m(view):", "GtE becomes Gt"),
-            ("if context.is_airborne and context.nearest_m < self._touching_m:", _SMALLER),
+            ("if not is_tracked or height_m < self._tracked_above_m(view):", _SMALLER),
+            (
+                "if not context.is_airborne or context.nearest_m >= self._touching_m:",
+                "GtE becomes Gt",
+            ),
         ),
     ),
     Accepted(
@@ -387,7 +390,7 @@ ACCEPTED = (
         "the observer gives it at each tick",
         "supervision/tick_facts.py",
         (
-            ("height_above_floor_m: float = 0.0", "0.0 becomes larger"),
+            ("height_above_lowest_ground_m: float = 0.0", "0.0 becomes larger"),
             ("height_m: float = 0.0", "0.0 becomes larger"),
         ),
     ),

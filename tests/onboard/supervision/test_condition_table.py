@@ -101,12 +101,12 @@ WRONG: dict[Condition, TickFacts] = {
     Condition.REPORTS_CONTRADICT_LONG: replace(FINE, contradicted_s=2.1, contradicted="battery"),
     Condition.LANDED_UNKNOWN: replace(FINE, has_landed_report=False),
     Condition.LANDED_WRONG: replace(
-        FINE, is_flying=True, height_m=1.0, height_above_floor_m=1.0, is_on_ground=True
+        FINE, is_flying=True, height_m=1.0, height_above_lowest_ground_m=1.0, is_on_ground=True
     ),
     Condition.ATTITUDE_NOT_FOLLOWED: replace(FINE, is_attitude_lost=True),
     Condition.THRUST_SATURATED: replace(FINE, is_thrust_saturated=True),
     Condition.NOT_CLIMBING: replace(FINE, is_sinking=True),
-    Condition.FALLEN: replace(FINE, is_flying=True, height_above_floor_m=0.1),
+    Condition.FALLEN: replace(FINE, is_flying=True, height_above_lowest_ground_m=0.1),
     Condition.LOOP_LATE: replace(FINE, period_s=0.03),
     Condition.LOOP_STALLED: replace(FINE, period_s=0.25),
     Condition.LOOP_STALLED_LONG: replace(FINE, period_s=0.35),
@@ -296,13 +296,13 @@ JUST_NOT = [
     ),
     (
         Condition.FALLEN,
-        {"is_flying": True, "height_above_floor_m": 0.12},
-        {"is_flying": True, "height_above_floor_m": 0.119},
+        {"is_flying": True, "height_above_lowest_ground_m": 0.12},
+        {"is_flying": True, "height_above_lowest_ground_m": 0.119},
     ),
     (
         Condition.FALLEN,
-        {"is_flying": True, "height_above_floor_m": 0.05, "has_risen": True},
-        {"is_flying": True, "height_above_floor_m": 0.05},
+        {"is_flying": True, "height_above_lowest_ground_m": 0.05, "has_risen": True},
+        {"is_flying": True, "height_above_lowest_ground_m": 0.05},
     ),
     (
         Condition.FALLEN,

@@ -156,7 +156,7 @@ def test_a_vehicle_that_hovers_well_has_no_complaint() -> None:
     # what it is, and no fault: where it is, what it does, and that nothing is known of the ground
     assert differing == {
         *("slow", "is_slow_tick", "is_flying", "is_under_law", "is_airborne"),
-        *("height_above_floor_m", "height_m", "px4_mode", "has_ground"),
+        *("height_above_lowest_ground_m", "height_m", "px4_mode", "has_ground"),
     }
     assert facts.slow == SlowFacts(battery_frac=0.9, wind=facts.slow.wind)
     assert facts.slow.wind.scatter_m == 0.0
@@ -209,14 +209,14 @@ def test_heights_are_those_above_the_fleets_ground_and_above_the_own() -> None:
     observed = Observed()
     observed.flies(ground_z_m=0.3)
     facts = observed.tick()
-    assert facts.height_above_floor_m == 1.0
+    assert facts.height_above_lowest_ground_m == 1.0
     assert facts.height_m == pytest.approx(0.7)
 
     low = replace(FLEET.vehicles["mav2"], start_enu_m=(3.0, 0.0, -0.8))
     fence = replace(FLEET.fleet.geofence_m, z=(-1.0, 3.0))
     vehicles = {**FLEET.vehicles, "mav2": low}
     config = replace(FLEET, vehicles=vehicles, fleet=replace(FLEET.fleet, geofence_m=fence))
-    assert Observed(config=config).tick().height_above_floor_m == pytest.approx(1.8)
+    assert Observed(config=config).tick().height_above_lowest_ground_m == pytest.approx(1.8)
 
 
 def test_a_low_vehicle_rises_only_while_it_reaches_greater_heights() -> None:
