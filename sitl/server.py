@@ -11,7 +11,6 @@ import contextlib
 import gc
 import os
 import selectors
-import signal
 import socket
 import time
 from collections.abc import Callable, Mapping, Sequence
@@ -533,7 +532,7 @@ async def _serve(server: Server) -> None:
     stopped = asyncio.Event()
     loop = asyncio.get_running_loop()
     clock: asyncio.Task[None] | None = None
-    for number in (signal.SIGINT, *end_signals()):
+    for number in end_signals():
         loop.add_signal_handler(number, stopped.set)
     take_precedence()
 

@@ -12,7 +12,6 @@ from __future__ import annotations
 
 import asyncio
 import math
-import signal
 import time
 from collections import deque
 from collections.abc import Callable, Sequence
@@ -314,7 +313,7 @@ async def serve(
     """Relay the truth of vehicles to a bus until a signal asks to end; see :func:`run`."""
     loop = asyncio.get_running_loop()
     stopped = asyncio.Event()
-    for number in (signal.SIGINT, *end_signals()):
+    for number in end_signals():
         loop.add_signal_handler(number, stopped.set)
 
     boot_id = time.time_ns() & 0x7FFFFFFF

@@ -14,7 +14,6 @@ from __future__ import annotations
 
 import asyncio
 import os
-import signal
 from typing import Literal
 
 from groundstation.commands.parameters import FleetFile, Seconds, refuse_wrong_times
@@ -57,7 +56,7 @@ def corrections(
 async def _run(relay: CorrectionsRelay, *, seconds: float | None, every_s: float) -> int:
     stopped = asyncio.Event()
     loop = asyncio.get_running_loop()
-    for number in (signal.SIGINT, *end_signals()):  # all end the relay cleanly
+    for number in end_signals():  # all end the relay cleanly
         loop.add_signal_handler(number, stopped.set)
     return await relay.run(seconds=seconds, every_s=every_s, stopped=stopped)
 

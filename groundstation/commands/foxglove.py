@@ -15,7 +15,6 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
-import signal
 import time
 
 from groundstation.client.client import FleetClient
@@ -72,7 +71,7 @@ async def _serve(fleet: FleetConfig, host: str, port: int) -> int:
 
     ended = asyncio.Event()
     loop = asyncio.get_running_loop()
-    for number in (signal.SIGINT, *end_signals()):
+    for number in end_signals():
         loop.add_signal_handler(number, ended.set)
 
     served_port = server.start(host, port)

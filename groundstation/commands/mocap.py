@@ -54,7 +54,7 @@ def mocap(
         runner = _relay(config, source, hostname)
 
     stopped = threading.Event()
-    for number in (signal.SIGINT, *end_signals()):  # all end the relay cleanly
+    for number in end_signals():  # all end the relay cleanly
         signal.signal(number, lambda *_: stopped.set())
     return runner.run(seconds=seconds, every_s=every_s, stopped=stopped)
 

@@ -31,7 +31,7 @@ from groundstation.commands.tui import require_terminal
 from groundstation.flights.changes import parse_change
 from groundstation.flights.flight_settings import flight_folder, refuse_flown_folder
 from groundstation.flights.recorded_flight import open_recorded
-from groundstation.missions.lasting_output import end_signals_as_ctrl_c, lasting_output
+from groundstation.missions.lasting_output import lasting_output, termination_signals_as_ctrl_c
 from groundstation.recording.audit import trail, trail_lines
 from groundstation.recording.flown_paths import write_csvs
 from groundstation.recording.replay import SPEEDS, Replay, open_flight, story
@@ -115,7 +115,7 @@ def replay(
 
 
 @lasting_output()
-@end_signals_as_ctrl_c()
+@termination_signals_as_ctrl_c()
 def _fly_again(
     flight: Path, resume_at_s: float | None, what_if: tuple[str, ...], folder: Path
 ) -> int:

@@ -52,7 +52,7 @@ def router(
         return EXIT_OK
 
     stopped = threading.Event()
-    for number in (signal.SIGINT, *end_signals()):  # all end the router cleanly
+    for number in end_signals():  # all end the router cleanly
         signal.signal(number, lambda *_: stopped.set())
 
     node = Router(settings)

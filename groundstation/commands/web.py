@@ -13,7 +13,6 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import secrets
-import signal
 from pathlib import Path
 
 from groundstation.client.client import FleetClient
@@ -112,7 +111,7 @@ async def _serve(title: str, address: str) -> int:
     """Print the address of the page, and wait for an interrupt."""
     ended = asyncio.Event()
     loop = asyncio.get_running_loop()
-    for number in (signal.SIGINT, *end_signals()):
+    for number in end_signals():
         loop.add_signal_handler(number, ended.set)
 
     with contextlib.suppress(BrokenPipeError):

@@ -77,7 +77,7 @@ def listen(
                 return
             frame = frame.f_back
 
-    for number in (signal.SIGINT, *end_signals()):
+    for number in end_signals():
         loop.add_signal_handler(number, handle_on_loop)
         signal.signal(number, end_blocking_code)  # asyncio's own handler stays
 
@@ -85,5 +85,5 @@ def listen(
 def listen_no_more() -> None:
     """Remove the signal handlers."""
     loop = asyncio.get_running_loop()
-    for number in (signal.SIGINT, *end_signals()):
+    for number in end_signals():
         loop.remove_signal_handler(number)

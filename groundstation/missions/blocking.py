@@ -27,7 +27,7 @@ from groundstation.missions.connection import (
 )
 from groundstation.missions.group import Group
 from onboard.config.fleet import FleetConfig
-from onboard.end_signals import end_signals
+from onboard.end_signals import termination_signals
 
 FleetFile = FleetConfig | str | Path | None
 T = TypeVar("T")
@@ -174,7 +174,7 @@ def _turn_signals_into_exceptions() -> None:
     Then the fleet is left in the declared state.
     """
     try:
-        for signal_number in end_signals():
+        for signal_number in termination_signals():
             if signal.getsignal(signal_number) is signal.SIG_DFL:
                 # 128 + number is the exit code of a program that a signal has ended
                 signal.signal(signal_number, lambda number, _: sys.exit(128 + number))

@@ -20,7 +20,7 @@ from pathlib import Path
 from typing import Any, NoReturn, Protocol, TypeVar
 
 from groundstation.client.client import FleetClient
-from groundstation.missions.lasting_output import cancelled_by_end_signals, lasting_output
+from groundstation.missions.lasting_output import cancelled_by_termination_signals, lasting_output
 from groundstation.recording.channels import RECORDED
 from groundstation.recording.writer import RecordEnd, RecordWriter
 from groundstation.verdict.observations import FlightObservations
@@ -252,7 +252,7 @@ class RealTime:
         try:
             await client.start()
             client.announce_recording(record is not None and record.failure is None)
-            with cancelled_by_end_signals(), lasting_output():
+            with cancelled_by_termination_signals(), lasting_output():
                 yield client
         finally:
             await client.stop()

@@ -16,7 +16,7 @@ import threading
 from collections.abc import Iterator
 from typing import Any, TextIO, cast
 
-from onboard.end_signals import end_signals
+from onboard.end_signals import termination_signals
 
 # Tasks that the signals cancel, in the main thread's event loop; a task with two blocks is in it
 # twice.
@@ -42,10 +42,10 @@ def lasting_output(dropped: type[OSError] = OSError) -> Iterator[None]:
 
 
 @contextlib.contextmanager
-def end_signals_as_ctrl_c() -> Iterator[None]:
+def termination_signals_as_ctrl_c() -> Iterator[None]:
     """Let the other signals that ask a flight to end do what Ctrl-C does, while the block runs."""
     previous_handlers = {}
-    for number in end_signals():
+    for number in termination_signals():
         previous_handlers[number] = signal.signal(
             number, lambda *_: signal.raise_signal(signal.SIGINT)
         )
@@ -57,7 +57,7 @@ def end_signals_as_ctrl_c() -> Iterator[None]:
 
 
 @contextlib.contextmanager
-def cancelled_by_end_signals() -> Iterator[None]:
+def cancelled_by_termination_signals() -> Iterator[None]:
     """Let these signals cancel the present task of the event loop while the block runs.
 
     Several tasks may have such a block, and a block may have one inside: a signal cancels all these
@@ -71,7 +71,7 @@ def cancelled_by_end_signals() -> Iterator[None]:
 
     loop = asyncio.get_running_loop()
     if not _cancelled:
-        for number in end_signals():
+        for number in termination_signals():
             _handlers_before[number] = signal.getsignal(number)
             loop.add_signal_handler(number, _cancel_all)
     _cancelled.append(task)

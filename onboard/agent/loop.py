@@ -162,7 +162,7 @@ class AgentProcess:
         self._ended = loop.create_future()
 
         # first of all, because a request to stop may come early
-        for number in (signal.SIGINT, *end_signals()):
+        for number in end_signals():
             loop.add_signal_handler(number, self._signalled, number)
 
         warm_up(self._fleet, self._name)
@@ -389,7 +389,7 @@ def run_agent(
     async def run() -> int:
         # AgentProcess has handlers of its own
         stop_requested = asyncio.Event()
-        for number in (signal.SIGINT, *end_signals()):
+        for number in end_signals():
             asyncio.get_running_loop().add_signal_handler(number, stop_requested.set)
 
         if not await started(name, lambda: credentials_of(fleet, name), stop_requested):

@@ -8,7 +8,7 @@ from pathlib import Path
 from groundstation.flights.left_tasks import leave_process
 from groundstation.flights.simulation_settings import SimulationSettings
 from groundstation.mission_files.mission import Mission
-from groundstation.missions.lasting_output import end_signals_as_ctrl_c, lasting_output
+from groundstation.missions.lasting_output import lasting_output, termination_signals_as_ctrl_c
 from onboard.bus.schema import Event
 from onboard.plain_text import listed
 from sitl.lockstep.reflight import record_digests
@@ -33,7 +33,7 @@ def fly_mission(mission: Mission, folder: Path, simulation: SimulationSettings) 
         flush=True,
     )
 
-    with end_signals_as_ctrl_c(), open_flight(mission.fleet, simulation, folder) as flight:
+    with termination_signals_as_ctrl_c(), open_flight(mission.fleet, simulation, folder) as flight:
         begin_s = time.perf_counter()
         record_digests(flight, folder)
 

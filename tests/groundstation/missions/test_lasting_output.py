@@ -9,7 +9,7 @@ import sys
 
 import pytest
 
-from groundstation.missions.lasting_output import cancelled_by_end_signals, lasting_output
+from groundstation.missions.lasting_output import cancelled_by_termination_signals, lasting_output
 
 
 @pytest.mark.parametrize("name", ["stdout", "stderr"])
@@ -35,16 +35,16 @@ async def test_a_signal_cancels_every_task_that_is_connected_also_after_the_end_
         """Stand for what the program does at the signal by itself."""
 
     async def connect(is_inside: bool) -> None:
-        with cancelled_by_end_signals():
+        with cancelled_by_termination_signals():
             if is_inside:
-                with cancelled_by_end_signals():
+                with cancelled_by_termination_signals():
                     await asyncio.sleep(0.0)
             await asyncio.sleep(60.0)
 
     before = signal.signal(signal.SIGTERM, handler)
     try:
         tasks = [asyncio.create_task(connect(is_inside)) for is_inside in (True, False)]
-        with cancelled_by_end_signals():
+        with cancelled_by_termination_signals():
             await asyncio.sleep(0.02)
             signal.raise_signal(signal.SIGTERM)
             with pytest.raises(asyncio.CancelledError):
