@@ -247,7 +247,7 @@ class _Following:
     def _fail(self, result: VehicleResult) -> None:
         """Note and say that a vehicle follows no longer, though nobody has ordered so."""
         self._failed[result.vehicle] = result
-        self._ground.say(f"  {result.vehicle} follows {self._leader} no longer: {result.sentence}")
+        self._ground.say(f"  {result.vehicle} follows {self._leader} no longer: {result.reason}")
 
     def _forget(self, names: Collection[str]) -> None:
         """Give these vehicles no more orders, not even to hold."""

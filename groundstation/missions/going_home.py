@@ -33,7 +33,7 @@ async def fly_home(
     results = explained(ended, planned, client.fleet, client.state, client.now_ns())
     for name, result in results.items():
         if not result.is_done:
-            say(f"  {name} did not get home; {result.phase}: {result.sentence}")
+            say(f"  {name} did not get home; {result.phase}: {result.reason}")
 
 
 def way_home_s(client: FleetClient, planned: PlannedOrder) -> float:

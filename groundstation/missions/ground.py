@@ -668,9 +668,9 @@ class MissionGround:
         if step.is_done:
             self.say(f"  done in {step.duration_s:.1f} s{self._closest_words()}")
 
-        for name, result in results.items():
+        for result in results.values():
             if not result.is_done:
-                self.say(f"  {name} {result.phase}: {result.sentence}")
+                self.say(f"  {result.words}")
 
     async def go_on_or_fail(self, intent: Intent, results: Results) -> None:
         """Leave out the vehicles that failed, or fail the order when no vehicle would be left.

@@ -161,7 +161,7 @@ def _say_failures(client: FleetClient, results: Results, say: Callable[[str], No
         if result.phase == "accepted" and name in silent:
             say(f"  {name} accepted it, and fell silent. Landing it again.")
         elif result.sentence and not result.is_done:
-            say(f"  {name} {result.phase}: {result.sentence}")
+            say(f"  {result.words}")
 
 
 def _has_ended(client: FleetClient, order: OrderResult) -> Callable[[FleetState], bool]:

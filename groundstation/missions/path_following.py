@@ -181,7 +181,7 @@ async def follow_paths(
             ground.add_arrival("follow_path", name, end)
             ground.note_done("follow_path", name, order.planned.orders[name], results)
         else:
-            ground.say(f"  {name} {result.phase}: {result.sentence}")
+            ground.say(f"  {result.words}")
     if duration_s > AHEAD_S:
         ground.say(f"  followed in {duration_s - AHEAD_S:.1f} s")
 

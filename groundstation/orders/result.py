@@ -52,6 +52,16 @@ class VehicleResult:
         """Whether the vehicle did what was ordered."""
         return self.phase == "done"
 
+    @property
+    def reason(self) -> str:
+        """The sentence without the vehicle's name, with which a sentence of the ground begins."""
+        return self.sentence.removeprefix(f"{self.vehicle}: ")
+
+    @property
+    def words(self) -> str:
+        """The vehicle, the phase and the reason."""
+        return f"{self.vehicle} {self.phase}: {self.reason}"
+
     def with_more(self, words: str) -> VehicleResult:
         """Return the same result with more words in its sentence."""
         return replace(self, sentence=f"{self.sentence} {words}".strip())
@@ -69,11 +79,15 @@ class OrderFailed(RuntimeError):
         not_done = [result for result in results.values() if not result.is_done]
         # The failure that came first is named first, because it may be the cause of the others.
         not_done.sort(key=lambda result: result.ended_before)
-        # Who has only accepted it, and says nothing, is no reason.
+        names_by_reason: dict[tuple[Phase, str], list[str]] = {}
+        for result in not_done:
+            # Who has only accepted it, and says nothing, is no reason.
+            if result.sentence or result.phase != "accepted":
+                names_by_reason.setdefault((result.phase, result.reason), []).append(result.vehicle)
+
         reasons = [
-            f"{result.vehicle} {result.phase}: {result.sentence}"
-            for result in not_done
-            if result.sentence or result.phase != "accepted"
+            f"{', '.join(names)} {phase}: {reason}"
+            for (phase, reason), names in names_by_reason.items()
         ]
         super().__init__(f"'{intent}' failed. {' '.join(reasons)}")
 

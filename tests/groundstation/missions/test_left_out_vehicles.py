@@ -237,7 +237,7 @@ async def test_a_vehicle_that_is_left_out_follows_nobody_any_more(
         (("mav1",), False, "A pilot has mav1."),
         (("mav0", "mav1"), False, "A pilot has mav1."),
         (("mav0",), False, "mav0 failed: The motor is weak."),
-        (("mav0", "mav1"), True, "mav0 failed: The motor is weak."),
+        (("mav0", "mav1"), True, "mav0, mav1 failed: The motor is weak."),
     ],
 )
 async def test_a_pilot_is_named_only_where_his_vehicle_has_ended_the_mission(
