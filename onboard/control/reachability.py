@@ -21,20 +21,26 @@ def no_way(around: Surroundings, vehicle_name: str, begin_enu_m: Xyz, goal_enu_m
         begin_enu_m, goal_enu_m: its position, and the goal [m], ENU.
     """
     begin_x, begin_y, begin_z = begin_enu_m
-    _, _, goal_z = goal_enu_m
+    goal_x, goal_y, goal_z = goal_enu_m
+    where_from = f"cannot be reached from ({begin_x:.2f}, {begin_y:.2f}, {begin_z:.2f})"
 
-    # The vehicle sinks on its whole way, and so into what ends below it.
-    tops = [edge for edge in around.still if goal_z <= edge.high_m < begin_z]
-    if tops and is_beyond(Vec2(float(begin_x), float(begin_y)), tops):
-        goal_x, goal_y, _ = goal_enu_m
+    # The vehicle changes its height on its whole way, so it sinks into a fence below it.
+    if is_above_fence(around, begin_enu_m, goal_z):
         beside = (goal_x, goal_y, begin_z)
         words = _no_way_at_once(around, vehicle_name, beside, goal_enu_m)
         if words:
             return words
         return (
-            f"cannot be reached from ({begin_x:.2f}, {begin_y:.2f}, {begin_z:.2f}): a fence is "
-            f"below; from beside it, after a flight at {begin_z:.2f} m, it can"
+            f"{where_from}: a fence is below; from beside it, after a flight at {begin_z:.2f} m, "
+            "it can"
         )
+
+    # It climbs into a fence above it, too.
+    if is_below_fence(around, begin_enu_m, goal_z):
+        words = _no_way_at_once(around, vehicle_name, goal_enu_m, goal_enu_m)
+        if words:
+            return words
+        return f"{where_from}: a fence is above that place; from beside the fence it can"
 
     words = _no_way_at_once(around, vehicle_name, begin_enu_m, goal_enu_m)
     if not words:
@@ -45,10 +51,36 @@ def no_way(around: Surroundings, vehicle_name: str, begin_enu_m: Xyz, goal_enu_m
     may_climb = goal_z > begin_z and not _no_way_at_once(around, vehicle_name, begin_enu_m, above)
     if may_climb and not _no_way_at_once(around, vehicle_name, above, goal_enu_m):
         return (
-            f"cannot be reached from ({begin_x:.2f}, {begin_y:.2f}, {begin_z:.2f}): a fence is in "
-            f"the way up to a lower height; after a climb to {goal_z:.2f} m it can"
+            f"{where_from}: a fence is in the way up to a lower height; after a climb to "
+            f"{goal_z:.2f} m it can"
         )
     return words
+
+
+def is_above_fence(around: Surroundings, position_enu_m: Xyz, low_m: float) -> bool:
+    """Return whether a fence to stay out of ends below a position, and not below a height.
+
+    Args:
+        around: static things around the vehicle.
+        position_enu_m: the position [m], ENU.
+        low_m: the height, which is lower.
+    """
+    x, y, z = position_enu_m
+    below = [edge for edge in around.still if low_m <= edge.high_m < z]
+    return is_beyond(Vec2(float(x), float(y)), below)
+
+
+def is_below_fence(around: Surroundings, position_enu_m: Xyz, high_m: float) -> bool:
+    """Return whether a fence to stay out of begins above a position, and not above a height.
+
+    Args:
+        around: static things around the vehicle.
+        position_enu_m: the position [m], ENU.
+        high_m: the height, which is greater.
+    """
+    x, y, z = position_enu_m
+    above = [edge for edge in around.still if z < edge.low_m <= high_m]
+    return is_beyond(Vec2(float(x), float(y)), above)
 
 
 def _no_way_at_once(

@@ -19,7 +19,7 @@ from onboard.config.ground import ground_under_m, least_height_m
 from onboard.config.pair_separation import separation_m
 from onboard.config.stand_in import stand_in_refusal
 from onboard.control.control_mode import ControlMode
-from onboard.control.reachability import no_way
+from onboard.control.reachability import is_below_fence, no_way
 from onboard.control.router import Surroundings
 from onboard.flight import follow_flight, path_flight, sentences, takeover
 from onboard.flight.context import FlightContext
@@ -313,6 +313,11 @@ def _refusal_to_start(order: Order, flight: FlightContext, facts: OrderFacts) ->
     wrong_place = flight_space_of(facts.fleet).refusal((x, y, height_m))
     if wrong_place:
         return f"Height {height_m:g} m at ({x:.2f}, {y:.2f}) m lies {wrong_place}."
+    if is_below_fence(facts.surroundings, (x, y, z), height_m):
+        return (
+            f"A fence is above ({x:.2f}, {y:.2f}) m, on the way up to {height_m:g} m: carry "
+            "the vehicle out from below it, or order a lower take-off."
+        )
 
     for name, other in facts.others.items():
         # the point of the climb that is nearest to the other vehicle

@@ -23,10 +23,13 @@ CIRCLE = {"circle": {"center_enu_m": [0.0, 0.0], "radius_m": 1.5}}
 
 
 def around_a_low_fence(
-    outline: dict[str, Any] = SQUARE, *, obstacles: tuple[Obstacle, ...] = ()
+    outline: dict[str, Any] = SQUARE,
+    *,
+    height_m: tuple[float, float] = (0.0, 2.0),
+    obstacles: tuple[Obstacle, ...] = (),
 ) -> Surroundings:
     """A place to stay out of, up to a height of 2 m."""
-    low = {"name": "low", "keep": "out", "height_m": [0.0, 2.0], "buffer_m": 0.3, **outline}
+    low = {"name": "low", "keep": "out", "height_m": height_m, "buffer_m": 0.3, **outline}
     fences = msgspec.convert([low], tuple[Fence, ...])
     fleet = msgspec.structs.replace(load_fleet(PAPER), fences=fences, obstacles=obstacles)
     return surroundings(still(fleet), law_params(fleet, "mav0"))
@@ -56,6 +59,22 @@ def test_nobody_sinks_from_above_a_fence_to_a_goal_beside_it(outline: dict[str, 
     )
     assert no_way(around, "mav0", (0.0, 0.0, 3.0), (2.6, 0.0, 3.0)) == ""
     assert no_way(around, "mav0", (2.6, 0.0, 3.0), (2.6, 0.0, 0.5)) == ""
+
+
+@pytest.mark.parametrize("outline", [SQUARE, CIRCLE], ids=["square", "circle"])
+@pytest.mark.parametrize("goal_m", [(0.0, 0.0, 2.9), (2.6, 0.0, 2.9)], ids=["above", "beside"])
+def test_nobody_climbs_from_below_a_fence_beyond_it(
+    outline: dict[str, Any], goal_m: tuple[float, float, float]
+) -> None:
+    around = around_a_low_fence(outline, height_m=(1.5, 2.2))
+
+    assert no_way(around, "mav0", (0.0, 0.0, 0.8), goal_m) == (
+        "cannot be reached from (0.00, 0.00, 0.80): a fence is above that place; from beside the "
+        "fence it can"
+    )
+    assert no_way(around, "mav0", (0.0, 0.0, 0.8), (2.6, 0.0, 0.8)) == ""
+    assert no_way(around, "mav0", (0.0, 0.0, 0.5), (0.0, 0.0, 1.1)) == ""
+    assert no_way(around, "mav0", (2.6, 0.0, 0.8), (2.6, 0.0, 2.9)) == ""
 
 
 def test_where_no_flight_beside_the_fence_helps_the_true_reason_is_named() -> None:

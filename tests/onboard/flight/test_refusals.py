@@ -5,13 +5,17 @@ from __future__ import annotations
 import math
 from typing import Any
 
+import msgspec
 import pytest
 from msgspec.structs import replace
 
 from onboard.autopilot import Landed, Snapshot
+from onboard.avoidance.params import law_params, still
 from onboard.bus.schema import Order, OrderKind, PathOrder, Telemetry
+from onboard.config.fences import Fence
 from onboard.config.fleet import FleetConfig
 from onboard.control.path import path_of
+from onboard.control.router import surroundings
 from onboard.flight import order_checks
 from onboard.flight.context import FlightContext
 from onboard.flight.follow_flight import FollowFlight
@@ -295,6 +299,28 @@ def test_nothing_starts_out_of_service_or_against_the_preflight_check(kind: Orde
 )
 def test_a_take_off_leaves_the_ground_and_stays_in_the_fence(height_m: float, words: str) -> None:
     stands = _facts(_view(position_enu_m=(0.0, 0.0, 0.5)))
+    order = _order("takeoff", height_m=height_m)
+    _check(_refused(order, _flight(FlightStep.READY), stands), words)
+
+
+@pytest.mark.parametrize(
+    ("height_m", "words"),
+    [(1.0, ""), (3.0, "A fence is above (0.00, 0.00) m, on the way up to 3 m: carry the vehicle")],
+)
+def test_a_vehicle_below_a_fence_does_not_take_off_beyond_it(height_m: float, words: str) -> None:
+    bridge = {
+        "name": "bridge",
+        "keep": "out",
+        "height_m": [1.5, 2.2],
+        "buffer_m": 0.3,
+        "circle": {"center_enu_m": [0.0, 0.0], "radius_m": 1.5},
+    }
+    config = replace(_FLEET, fences=msgspec.convert([bridge], tuple[Fence, ...]))
+    stands = _facts(
+        _view(position_enu_m=(0.0, 0.0, 0.0)),
+        fleet=config,
+        surroundings=surroundings(still(config), law_params(config, "mav0")),
+    )
     order = _order("takeoff", height_m=height_m)
     _check(_refused(order, _flight(FlightStep.READY), stands), words)
 
