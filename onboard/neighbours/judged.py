@@ -8,16 +8,17 @@ states, each with its own effect on avoidance:
                      still avoided at the position in its messages.
 
     contradicted     It was contradicted more often than a mistake explains. It is avoided as an
-                     airborne vehicle that does not cooperate, at the position in its messages or at
-                     the mocap's position, whichever is nearer to us. Once it is overdue, it is
-                     avoided at the mocap's position like any other overdue neighbour.
+                     airborne vehicle that does not cooperate, both at the position in its messages
+                     and at the mocap's position. Once it is overdue, it is avoided at the mocap's
+                     position like any other overdue neighbour.
 
     not cooperating  Its announcement that it cooperates is ignored, so this vehicle does all the
                      avoiding. A neighbour is in this state if it is contradicted, does not fly as
                      it predicts, or has a different configuration from this vehicle.
 
 It is not known which of two contradicting sources is wrong. A vehicle may lie or be mistaken, or
-the motion capture may confuse two bodies. So the nearer of the two positions counts.
+the motion capture may confuse two bodies. So both positions count. The nearer one is in the
+neighbour's row, as its distance from us, and the other one is a further row of a tick's snapshot.
 """
 
 from __future__ import annotations
@@ -27,6 +28,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
+import numpy as np
+
 from onboard.neighbours.mocap_tracker import POSITION_STD_M, VELOCITY_STD_M_S, BodyTracker
 from onboard.neighbours.plausibility import Claim, MocapPosition
 from onboard.neighbours.state_arrays import (
@@ -34,6 +37,7 @@ from onboard.neighbours.state_arrays import (
     STATE_WIDTH,
     VECTOR_COLUMNS,
     NeighbourArrays,
+    NeighbourSnapshot,
 )
 from onboard.tuples import Xyz
 
@@ -59,6 +63,8 @@ class JudgedNeighbours:
     # newest message of each contradicted neighbour, because its row in the arrays may hold the
     # mocap's motion instead
     _messages: dict[int, _Row] = field(default_factory=dict)
+    # the farther of the two states of each contradicted neighbour that has two
+    _farther: dict[int, _Row] = field(default_factory=dict)
 
     def set_watched(self, index: int, is_watched: bool) -> None:
         """Start or stop watching a neighbour's body."""
@@ -74,6 +80,7 @@ class JudgedNeighbours:
         else:
             self.contradicted.discard(index)
             self._messages.pop(index, None)
+            self._farther.pop(index, None)
 
     def set_not_cooperating(self, index: int, is_not_cooperating: bool) -> None:
         """Set whether a neighbour's announcement that it cooperates is ignored."""
@@ -111,7 +118,7 @@ class JudgedNeighbours:
         *,
         overdue_s: float,
     ) -> None:
-        """Write the position at which each contradicted neighbour is avoided into the arrays.
+        """Write the nearer position of each contradicted neighbour into the arrays; keep the other.
 
         Args:
             arrays: arrays of all neighbours.
@@ -133,10 +140,33 @@ class JudgedNeighbours:
                 if not (is_overdue and candidates):
                     candidates.append(message)
 
+            candidates.sort(key=lambda row: _distance_m(row, own_enu_m, now_ns))
+            self._farther.pop(index, None)
             if candidates:
-                nearest = min(candidates, key=lambda row: _distance_m(row, own_enu_m, now_ns))
+                nearest = candidates[0]
                 # whatever its message says, it counts as one in the air that does not avoid
                 arrays.set_state(index, nearest.stamp_ns, nearest.numbers, is_airborne=True)
+            if len(candidates) > 1:
+                self._farther[index] = candidates[1]
+
+    def added_to(
+        self, neighbours: NeighbourSnapshot, arrays: NeighbourArrays, now_ns: int
+    ) -> NeighbourSnapshot:
+        """Return the neighbours of one tick with the farther states added after them.
+
+        Args:
+            neighbours: all known neighbours, from the arrays.
+            arrays: arrays of all neighbours.
+            now_ns: our clock.
+        """
+        rows = [neighbours.rows]
+        for index, farther in self._farther.items():
+            row = arrays.numbers[index].copy()
+            row[:STATE_WIDTH] = farther.numbers
+            row[SCALAR_COLUMN["age_s"]] = max(now_ns - farther.stamp_ns, 0) * 1e-9
+            row[SCALAR_COLUMN["is_cooperative"]] = 0.0
+            rows.append(row[np.newaxis])
+        return NeighbourSnapshot(np.vstack(rows))
 
     def _kept_message(self, arrays: NeighbourArrays, index: int) -> _Row | None:
         """Return a contradicted neighbour's newest message, even if its row is from the mocap."""

@@ -371,7 +371,7 @@ class NeighbourTable:
     # -- silent and contradicted neighbours --------------------------------------------------------
 
     def reposition_contradicted(self, position_enu_m: Xyz, now_ns: int) -> None:
-        """Put each contradicted neighbour at the nearer of its own and the mocap's position."""
+        """Put each contradicted neighbour at its nearer position, and keep the other one."""
         if self.judged.contradicted:
             self.judged.write_positions(
                 self.arrays,
@@ -507,8 +507,14 @@ class NeighbourTable:
     # -- what is known at one time -----------------------------------------------------------------
 
     def snapshot(self, now_ns: int) -> NeighbourSnapshot:
-        """Return all known neighbours at one tick, in the form that the law takes."""
-        return snapshot(self.arrays, self.ages_s(now_ns))
+        """Return all known neighbours at one tick, in the form that the law takes.
+
+        A contradicted neighbour with two positions has a second entry after all others.
+        """
+        neighbours = snapshot(self.arrays, self.ages_s(now_ns))
+        if not self.judged.contradicted:
+            return neighbours
+        return self.judged.added_to(neighbours, self.arrays, now_ns)
 
     def distances_m(self, position_enu_m: Xyz, now_ns: int) -> dict[str, float]:
         """Return the separation [m] from each followed and known neighbour.

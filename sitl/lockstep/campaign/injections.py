@@ -171,7 +171,14 @@ INJECTIONS: tuple[Injection, ...] = (
     Injection(
         "PX4 deaf",
         fault("link_loss", share=1.0, direction="in"),
-        own=_f(C.ATTITUDE_NOT_FOLLOWED, C.PX4_FAILSAFE, C.LEFT_OFFBOARD, C.THRUST_SATURATED),
+        # PX4's failsafe lands a vehicle that has just lifted off before anything else is noticed
+        own=_f(
+            C.ATTITUDE_NOT_FOLLOWED,
+            C.PX4_FAILSAFE,
+            C.LEFT_OFFBOARD,
+            C.THRUST_SATURATED,
+            C.FALLEN,
+        ),
         is_silenced=True,
         may_leave_fence=True,
     ),

@@ -125,6 +125,25 @@ def test_a_contradicted_neighbour_counts_at_the_nearer_position_and_promises_not
     assert not neighbour.is_cooperative
 
 
+def test_a_contradicted_neighbour_is_avoided_at_its_farther_position_as_well() -> None:
+    table = _table()
+    index = table.indices["mav1"]
+    table.judged.set_watched(index, True)
+    table.judged.set_contradicted(index, True)
+    now_ns, _ = _hear_for_half_a_second(table, SEEN_ENU_M)
+
+    nearer, mav2, farther = table.snapshot(now_ns)
+    assert nearer.position_enu_m.x == pytest.approx(SEEN_ENU_M[0], abs=0.02)
+    assert farther.position_enu_m == SAID_ENU_M
+    assert farther.table_index == nearer.table_index == index
+    assert mav2.table_index != index
+    assert not farther.is_cooperative
+    assert farther.age_s == pytest.approx(0.02, abs=0.021)
+
+    table.judged.set_contradicted(index, False)
+    assert len(table.snapshot(now_ns)) == 2
+
+
 def test_the_nearer_position_is_the_one_that_is_nearer_now() -> None:
     """The pose is 0.2 s old, and 0.2 m farther than the message, but it comes with 3 m/s."""
     table = _table()

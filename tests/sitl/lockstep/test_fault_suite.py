@@ -44,6 +44,13 @@ def test_a_cross_section_of_all_that_can_break_ends_with_everybody_down_and_apar
     _judge(outcomes, tmp_path)
 
 
+def test_a_vehicle_between_both_positions_of_another_one_keeps_off_both() -> None:
+    # the mocap has mav2 1.3 m from where it is and says, and the goal of mav1 is in between
+    flown = fly(Case("mocap jumps for good", tick=292, place=2))
+    assert not flown.wrong
+    assert flown.min_separation_m > 0.80
+
+
 @pytest.mark.long
 @pytest.mark.timeout(5400)
 def test_all_that_can_break_at_every_half_second_ends_with_everybody_down_and_apart(
