@@ -10,6 +10,10 @@ The lag consists of three first-order lags, each with a third of the time consta
 responds after a dead time, and then as a second-order system. With a command that changes between
 25 degrees to both sides, one first-order lag differs by up to 11 degrees from the responses that
 fleet files accept, and three differ by up to 7.
+
+PX4 limits the rate at which a vehicle turns, so a swing by 70 degrees takes longer than the lag.
+The limit may be set higher. So the commanded tilt passes the lag twice, with its rate limited
+before and as it is, and the smaller difference counts.
 """
 
 from __future__ import annotations
@@ -18,6 +22,7 @@ import math
 from dataclasses import dataclass, field
 
 from onboard.tuples import Wxyz
+from onboard.vectors import Vec3
 
 # the attitude does not follow if the low-passed difference is larger than 9 degrees
 _LOW_PASS_S = 0.3  # time constant
@@ -38,8 +43,53 @@ _BELOW_M = 0.15
 _CLIMB_M_S = 0.05
 _SINKING_FOR_S = 1.0  # for longer than this
 
+_LARGEST_RATE_RAD_S = 3.84  # MC_ROLLRATE_MAX and MC_PITCHRATE_MAX by default: 220 deg/s
+_UNLIMITED_RAD_S = 1e9
 _LAGS = 3  # number of first-order lags that follow one another
 _SHORTEST_LAG_S = 0.02  # a shorter configured lag is raised to this
+
+
+@dataclass(slots=True)
+class _Response:
+    """Expected response of the direction of thrust, and what is measured beside it."""
+
+    largest_rate_rad_s: float
+    # horizontal part (east, north) of the commanded direction, after the limit of its rate and
+    # after each lag; empty before the first tick
+    _expected_x: list[float] = field(default_factory=list)
+    _expected_y: list[float] = field(default_factory=list)
+    _miss_x: float = 0.0  # measured minus expected, low-passed
+    _miss_y: float = 0.0
+
+    def reset(self) -> None:
+        """Start again at the next tick."""
+        self._expected_x = []
+        self._expected_y = []
+        self._miss_x = 0.0
+        self._miss_y = 0.0
+
+    def squared_miss(self, commanded: Vec3, measured: Vec3, lag_s: float, dt_s: float) -> float:
+        """Take one tick and return the square of the low-passed difference.
+
+        Args:
+            commanded: commanded direction of thrust.
+            measured: measured direction of thrust; in the first tick it is the right one.
+            lag_s: time constant of all lags together.
+            dt_s: time since the last tick.
+        """
+        if not self._expected_x:
+            self._expected_x = [measured.x] * (1 + _LAGS)
+            self._expected_y = [measured.y] * (1 + _LAGS)
+
+        most = self.largest_rate_rad_s * dt_s
+        keep = math.exp(-dt_s * _LAGS / lag_s)
+        miss_x = measured.x - _followed(self._expected_x, commanded.x, most, keep)
+        miss_y = measured.y - _followed(self._expected_y, commanded.y, most, keep)
+
+        share = dt_s / (_LOW_PASS_S + dt_s)
+        self._miss_x += share * (miss_x - self._miss_x)
+        self._miss_y += share * (miss_y - self._miss_y)
+        return self._miss_x * self._miss_x + self._miss_y * self._miss_y
 
 
 @dataclass(slots=True)
@@ -58,11 +108,8 @@ class TrackingMonitor:
     is_saturated: bool = False
     is_sinking: bool = False  # it does not climb although the thrust is full
 
-    # horizontal part (east, north) of the direction of thrust; as commanded, after each lag
-    _commanded_x: list[float] = field(default_factory=list)  # empty before the first tick
-    _commanded_y: list[float] = field(default_factory=list)
-    _miss_x: float = 0.0  # measured minus commanded, low-passed
-    _miss_y: float = 0.0
+    _at_once: _Response = field(default_factory=lambda: _Response(_UNLIMITED_RAD_S))
+    _at_limited_rate: _Response = field(default_factory=lambda: _Response(_LARGEST_RATE_RAD_S))
 
     # how long each sign has lasted
     _upset_s: float = 0.0
@@ -71,10 +118,8 @@ class TrackingMonitor:
 
     def reset(self) -> None:
         """Start again, because no setpoints are sent."""
-        self._commanded_x = []
-        self._commanded_y = []
-        self._miss_x = 0.0
-        self._miss_y = 0.0
+        self._at_once.reset()
+        self._at_limited_rate.reset()
         self.missed_s = 0.0
         self._upset_s = 0.0
         self._full_s = 0.0
@@ -104,34 +149,19 @@ class TrackingMonitor:
             climb_m_s: vertical velocity, up.
             dt_s: time since the last call.
         """
-        # measured direction of thrust (last column of the rotation); at first it is the right one
-        w, x, y, z = measured_wxyz
-        measured_x = 2.0 * (x * z + w * y)
-        measured_y = 2.0 * (y * z - w * x)
-        cos_tilt = 1.0 - 2.0 * (x * x + y * y)
-        if not self._commanded_x:
-            self._commanded_x = [measured_x] * _LAGS
-            self._commanded_y = [measured_y] * _LAGS
-
-        # commanded direction of thrust, after the lag
-        w, x, y, z = commanded_wxyz
-        keep = math.exp(-dt_s * _LAGS / max(self.lag_s, _SHORTEST_LAG_S))
-        lagged_x = _pass_lags(self._commanded_x, 2.0 * (x * z + w * y), keep)
-        lagged_y = _pass_lags(self._commanded_y, 2.0 * (y * z - w * x), keep)
-
-        # their difference, low-passed
-        miss_x = measured_x - lagged_x
-        miss_y = measured_y - lagged_y
-        share = dt_s / (_LOW_PASS_S + dt_s)
-        self._miss_x += share * (miss_x - self._miss_x)
-        self._miss_y += share * (miss_y - self._miss_y)
-        squared_miss = self._miss_x * self._miss_x + self._miss_y * self._miss_y
+        commanded = _thrust_direction(commanded_wxyz)
+        measured = _thrust_direction(measured_wxyz)
+        lag_s = max(self.lag_s, _SHORTEST_LAG_S)
+        squared_miss = min(
+            self._at_once.squared_miss(commanded, measured, lag_s, dt_s),
+            self._at_limited_rate.squared_miss(commanded, measured, lag_s, dt_s),
+        )
 
         is_full = thrust_frac >= _FULL_SHARE * self.largest_frac
         is_sinking = is_full and below_m > _BELOW_M and climb_m_s < _CLIMB_M_S
         has_missed = squared_miss > _MISS_SIN * _MISS_SIN
         self.missed_s = self.missed_s + dt_s if has_missed else 0.0
-        self._upset_s = self._upset_s + dt_s if cos_tilt < _UPSET_COS else 0.0
+        self._upset_s = self._upset_s + dt_s if measured.z < _UPSET_COS else 0.0
         self._full_s = self._full_s + dt_s if is_full else 0.0
         self._sinking_s = self._sinking_s + dt_s if is_sinking else 0.0
 
@@ -141,15 +171,30 @@ class TrackingMonitor:
         self.is_sinking = self._sinking_s > _SINKING_FOR_S
 
 
-def _pass_lags(lagged: list[float], value: float, keep: float) -> float:
-    """Pass a value through first-order lags, and return what comes out of the last one.
+def _thrust_direction(attitude_wxyz: Wxyz) -> Vec3:
+    """Return the direction of thrust, which is the last column of the rotation, ENU."""
+    w, x, y, z = attitude_wxyz
+    return Vec3(
+        x=2.0 * (x * z + w * y),
+        y=2.0 * (y * z - w * x),
+        z=1.0 - 2.0 * (x * x + y * y),
+    )
+
+
+def _followed(stages: list[float], value: float, most: float, keep: float) -> float:
+    """Pass a value through a limit of its rate and first-order lags, and return what comes out.
 
     Args:
-        lagged: output of each lag; it is changed.
+        stages: output of the limit and of each lag; it is changed.
         value: value of this tick.
+        most: largest change by the limit in this tick.
         keep: share of its output that a lag keeps in this tick.
     """
-    for index, before in enumerate(lagged):
-        value += keep * (before - value)
-        lagged[index] = value
+    change = value - stages[0]
+    value = stages[0] + min(max(change, -most), most)
+    stages[0] = value
+
+    for index in range(1, len(stages)):
+        value += keep * (stages[index] - value)
+        stages[index] = value
     return value

@@ -53,7 +53,7 @@ _TRACKED_BLIND_ABOVE_M = 0.5  # by dead reckoning: the estimated height may be t
 # in a landing without a mocap, because PX4's height from satellites has an error of 0.7 m
 _TRACKED_SATELLITES_ABOVE_M = 1.0
 _RISES_M = 0.02  # a low vehicle that reaches a height greater by this climbs
-_LONGEST_TICK_S = 0.1  # the tracking limits a longer tick to this
+_LONGEST_TICK_S = 0.1  # the monitors limit a longer tick to this
 
 _LOAD_KNOWN_S = 1.0  # the battery's reports show the load of flight after this time of a climb
 
@@ -256,14 +256,14 @@ class TickObserver:
             context.thrust_frac,
             below_m=context.below_m,
             climb_m_s=climb_m_s,
-            dt_s=min(context.period_s, _LONGEST_TICK_S),
+            dt_s=_tick_length_s(context),
         )
 
     def _update_wind(self, context: TickContext) -> None:
         """Update the wind that pushes the vehicle, which is measured while it holds a position."""
         step = self._flight.step
         if step is FlightStep.ARRIVED or step is FlightStep.HOLDING:
-            self._wind.update(context, min(context.period_s, _LONGEST_TICK_S))
+            self._wind.update(context, _tick_length_s(context))
         else:
             self._wind.reset()
 
@@ -406,3 +406,8 @@ class TickObserver:
             too_windy_for=neighbours.too_windy_for,
             endangered=neighbours.endangered,
         )
+
+
+def _tick_length_s(context: TickContext) -> float:
+    """Return the time since the last tick [s], within bounds also when the clock jumps."""
+    return min(max(context.period_s, 0.0), _LONGEST_TICK_S)

@@ -149,7 +149,7 @@ ACCEPTED = (
             ("is_sinking = is_full and below_m > _BELOW_M and climb_m_s < _CLIMB_M_S", _SMALLER),
             ("has_missed = squared_miss > _MISS_SIN * _MISS_SIN", _LARGER),
             (
-                "self._upset_s = self._upset_s + dt_s if cos_tilt < _UPSET_COS else 0.0",
+                "self._upset_s = self._upset_s + dt_s if measured.z < _UPSET_COS else 0.0",
                 _SMALLER,
             ),
         ),

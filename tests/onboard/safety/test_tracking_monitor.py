@@ -168,15 +168,22 @@ def test_a_vehicle_that_leans_when_it_is_first_looked_at_has_not_missed_that() -
 
 @pytest.mark.parametrize("half_period_s", [0.3, 0.4, 0.5, 0.7, 1.0])
 @pytest.mark.parametrize(
-    ("delay_s", "wn_rad_s", "zeta"), [(0.06, 8.0, 0.6), (0.1, 6.0, 0.7), (0.04, 6.1, 0.6)]
+    ("swing_deg", "delay_s", "wn_rad_s", "zeta"),
+    [
+        (25.0, 0.06, 8.0, 0.6),
+        (25.0, 0.1, 6.0, 0.7),
+        (25.0, 0.04, 6.1, 0.6),
+        (35.0, 0.04, 15.0, 0.8),
+        (40.0, 0.02, 20.0, 0.9),
+    ],
 )
-def test_a_slow_attitude_follows_large_commands_to_both_sides(
-    half_period_s: float, delay_s: float, wn_rad_s: float, zeta: float
+def test_an_attitude_follows_large_commands_to_both_sides(
+    half_period_s: float, swing_deg: float, delay_s: float, wn_rad_s: float, zeta: float
 ) -> None:
-    """It responds after a dead time, as a second-order system."""
+    """It responds after a dead time, as a second-order system that turns by 220 deg/s at most."""
 
     def commanded(time_s: float) -> float:
-        return 25.0 if time_s % (2.0 * half_period_s) < half_period_s else -25.0
+        return swing_deg if time_s % (2.0 * half_period_s) < half_period_s else -swing_deg
 
     monitor = TrackingMonitor(lag_s=delay_s + 2.0 * zeta / wn_rad_s, largest_frac=0.98)
     tilt_deg = 0.0
@@ -186,6 +193,7 @@ def test_a_slow_attitude_follows_large_commands_to_both_sides(
             delayed_deg = commanded(TICK_S * tick - delay_s)
             acceleration = wn_rad_s * (wn_rad_s * (delayed_deg - tilt_deg) - 2 * zeta * rate_deg_s)
             rate_deg_s += 0.1 * TICK_S * acceleration
+            rate_deg_s = min(max(rate_deg_s, -220.0), 220.0)
             tilt_deg += 0.1 * TICK_S * rate_deg_s
         monitor.update(
             tilted(commanded(TICK_S * tick)),
