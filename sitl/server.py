@@ -122,11 +122,14 @@ def emulator_of(
         )
         specs.append(spec)
 
+    # The spots of vehicles that are not emulated tell the ground too.
+    spots_enu_m = np.array([fleet.vehicles[name].start_enu_m for name in fleet.enabled_names])
     return Emulator(
         specs,
         body_diameter_m=fleet.fleet.body_diameter_m,
         environment=environment,
         origin=_earth_point(fleet),
+        spots_enu_m=spots_enu_m,
         seed=seed,
     )
 

@@ -65,7 +65,7 @@ class VehicleSpec:
     name: str
     system_id: int
     profile: VehicleProfile
-    start_enu_m: tuple[float, float, float]  # on the ground, which is as high wherever it flies
+    start_enu_m: tuple[float, float, float]  # where it stands
     px4: Version = DEFAULT  # version of its PX4
     # Time that a full battery hovers; None: the time of PX4's simulator.
     hover_time_s: float | None = None
@@ -118,6 +118,8 @@ class Emulator:
         body_diameter_m: diameter of a body, see :class:`World`.
         environment: wind, downwash and errors; by default the air is calm.
         origin: point on Earth of the origin of the frame in which the vehicles start.
+        spots_enu_m: take-off spots (k, 3), which tell the ground, see :class:`World`; None: the
+            starts of the vehicles.
         seed: seed of all random numbers.
 
     Attributes:
@@ -142,6 +144,7 @@ class Emulator:
         body_diameter_m: float = 0.5,
         environment: Environment | None = None,
         origin: EarthPoint = ZURICH,
+        spots_enu_m: Array | None = None,
         seed: int = 0,
     ) -> None:
         _compile_loops()
@@ -152,6 +155,8 @@ class Emulator:
         names = [spec.name for spec in specs]
         starts_enu_m = np.array([spec.start_enu_m for spec in specs], dtype=np.float64)
         starts_enu_m = starts_enu_m.reshape(-1, 3)
+        if spots_enu_m is None:
+            spots_enu_m = starts_enu_m
 
         self.world = World(
             [spec.profile for spec in specs],
@@ -161,7 +166,7 @@ class Emulator:
             wind=environment.wind,
             downwash=environment.downwash,
             names=names,
-            ground_m=starts_enu_m[:, 2],
+            spots_enu_m=spots_enu_m,
         )
         self.estimator = Estimator(
             self.world.vehicles.states.position_ned_m,

@@ -141,15 +141,15 @@ class View:
 
     @property
     def true_height_m(self) -> float:
-        """True height above the ground, on which each vehicle starts."""
-        _, _, start_up_m = self.emulator.specs[self.index].start_enu_m
-        down_m = float(self.emulator.world.vehicles.states.position_ned_m[self.index, 2])
-        return -(down_m + start_up_m)
+        """True height above the ground below."""
+        return self.emulator.world.vehicles.height_m(self.index)
 
     @property
     def true_altitude_m(self) -> float:
         """True altitude above the sea."""
-        return self.ground_altitude_m + self.true_height_m
+        _, _, start_up_m = self.emulator.specs[self.index].start_enu_m
+        down_m = float(self.emulator.world.vehicles.states.position_ned_m[self.index, 2])
+        return self.ground_altitude_m - (down_m + start_up_m)
 
     def to_global(self, position_ned_m: Vector) -> Vector:
         """Return latitude [deg], longitude [deg], altitude [m] of a position in the local frame."""

@@ -1,7 +1,7 @@
 """One step of 4 ms of all vehicles: the records of a vehicle, and its equations of motion.
 
 numba compiles these functions where it is installed (`jit.py`). Frames: NED world, FRD body. The
-ground under a vehicle is level, and each vehicle has its own.
+ground is level, with a platform around each take-off spot.
 
 PX4's inner loops are not computed. Their measured responses are computed instead:
 
@@ -16,6 +16,7 @@ PX4's inner loops are not computed. Their measured responses are computed instea
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 
@@ -64,9 +65,8 @@ MOTION = np.dtype(
     align=True,
 )
 
-RESPONSE = np.dtype(  # constants of one vehicle: its ground, and its response from its profile
+RESPONSE = np.dtype(  # constants of one vehicle: its response, from its profile
     [
-        ("ground", "f8"),  # down coordinate of the ground under it, NED [m]
         # Factors from tilt and tilt rate to those one step later, about body x and y.
         ("tilt_by_tilt", "f8", 2),
         ("tilt_by_rate", "f8", 2),
@@ -109,6 +109,18 @@ COMMAND = np.dtype(
     ],
     align=True,
 )
+
+
+class Ground(NamedTuple):
+    """Level ground with a round platform around each take-off spot.
+
+    A platform carries what comes from above. Below it one flies as below a table.
+    """
+
+    down: float  # down coordinate of the ground between the platforms, NED [m]
+    spots: Array  # centres of the platforms (k, 3), NED [m]
+    radius: float  # of each platform [m]
+
 
 _TWO_PI = 2.0 * math.pi
 _NOISE_BLEND = STEP_S / THRUST_NOISE_CORRELATION_S
@@ -307,6 +319,29 @@ def _attitude(roll: float, pitch: float, yaw: float) -> _Quaternion:
 
 
 @compiled
+def ground_below(position: Array, ground: Ground) -> float:
+    """Return the down coordinate of the ground below a position (3,), NED [m].
+
+    Where platforms overlap, that of the nearest spot counts; of spots above each other the highest.
+    """
+    below = ground.down
+    nearest = ground.radius * ground.radius
+    for k in range(ground.spots.shape[0]):
+        # A vehicle that stands on a platform is exactly as high, so no tolerance is needed.
+        down = ground.spots[k, 2]
+        if position[2] > down:
+            continue
+
+        north = position[0] - ground.spots[k, 0]
+        east = position[1] - ground.spots[k, 1]
+        square = north * north + east * east
+        if square < nearest or (square == nearest and down < below):
+            below = down
+            nearest = square
+    return float(below)
+
+
+@compiled
 def _meet_ground(m: Record, speed_down: float) -> None:
     """Record the touchdown that ends a flight, with its speed downwards [m/s]."""
     if m.highest > HOP_M:
@@ -317,7 +352,7 @@ def _meet_ground(m: Record, speed_down: float) -> None:
 
 
 @compiled
-def _move(m: Record, r: Record, lift: float, air: Array, push: Array) -> None:
+def _move(m: Record, r: Record, lift: float, air: Array, push: Array, ground: Ground) -> None:
     """Advance attitude, position and velocity, and handle a contact with the ground."""
     w, x, y, z = _attitude(m.tilt[0], m.tilt[1], m.yaw)
     m.attitude[0] = w
@@ -336,9 +371,10 @@ def _move(m: Record, r: Record, lift: float, air: Array, push: Array) -> None:
     ve = v[1] + STEP_S * ae
     vd = v[2] + STEP_S * ad
     down = m.position[2] + STEP_S * vd
-    touches = down >= r.ground
+    ground_down = ground_below(m.position, ground)
+    touches = down >= ground_down
 
-    m.highest = max(m.highest, r.ground - m.position[2])
+    m.highest = max(m.highest, ground_down - m.position[2])
     if touches and not m.on_ground:
         _meet_ground(m, vd)
 
@@ -347,7 +383,7 @@ def _move(m: Record, r: Record, lift: float, air: Array, push: Array) -> None:
     if not rests:
         m.position[0] += STEP_S * vn
         m.position[1] += STEP_S * ve
-        m.position[2] = r.ground if touches else down
+        m.position[2] = ground_down if touches else down
         if touches and tilt_cos < CRASH_TILT_COS:
             m.motors_dead = True
 
@@ -374,6 +410,7 @@ def step(
     air: Array,
     push: Array,
     draws: Array,
+    ground: Ground,
 ) -> None:
     """Advance all vehicles in place by `STEP_S`.
 
@@ -386,6 +423,7 @@ def step(
         push: all other acceleration (n, 3), NED [m/s^2].
         draws: standard normal numbers (n, 3). The first of a vehicle is for its thrust. The other
             two are not used, and are drawn so that the flights of a seed do not change.
+        ground: the ground below all of them.
     """
     depth = commanded.shape[0]
     for i in range(motion.shape[0]):
@@ -409,4 +447,4 @@ def step(
         else:
             m.rate_steps = 0
         _rotate(m, r, by_tilt.attitude, by_heading.attitude, by_rate.rate, lift)
-        _move(m, r, lift, air[i], push[i])
+        _move(m, r, lift, air[i], push[i], ground)

@@ -18,7 +18,7 @@ from sitl.physics import step as physics
 from sitl.physics.frames import Array
 from sitl.physics.jit import Records, records
 from sitl.physics.random_streams import Stream
-from sitl.physics.step import GRAVITY_M_S2, STEP_S
+from sitl.physics.step import GRAVITY_M_S2, STEP_S, Ground
 
 __all__ = [
     "GRAVITY_M_S2",
@@ -221,7 +221,7 @@ class Vehicles:
         position_ned_m: start positions (n, 3).
         yaw_rad: headings at the start (n,).
         seed: seed of noise and biases.
-        ground_m: heights (n,) of the ground under each vehicle; None: 0 for all.
+        ground: the ground below them; None: level, at height 0.
     """
 
     def __init__(
@@ -231,9 +231,11 @@ class Vehicles:
         yaw_rad: Array,
         *,
         seed: int,
-        ground_m: Array | None = None,
+        ground: Ground | None = None,
     ) -> None:
         n = len(profiles)
+        if ground is None:
+            ground = Ground(down=0.0, spots=np.zeros((0, 3)), radius=0.0)
         self.profiles = list(profiles)
         self.motor_effectiveness = np.ones((n, _MOTORS))
         self.air_ned_m_s = np.zeros((n, 3))
@@ -245,8 +247,6 @@ class Vehicles:
         self._is_noisy = any(p.thrust_noise_frac > 0.0 for p in profiles)
 
         self._response = _response(profiles)
-        if ground_m is not None:
-            self._response["ground"] = 0.0 - ground_m  # 0, and not -0, for the height 0
         largest_bias_rad = np.radians([p.tilt_bias_deg for p in profiles])[:, None]
         self._response["bias"] = largest_bias_rad * self._rng.uniform(-1.0, 1.0, (n, 2))
 
@@ -270,7 +270,8 @@ class Vehicles:
         self.motion["attitude"] = attitude
         self.motion["lift_scale"] = 1.0
         self.motion["lift_cap"] = 1.0
-        self.motion["on_ground"] = self.motion["position"][:, 2] >= self._response["ground"]
+        self._ground = ground
+        self.motion["on_ground"] = [self.height_m(index) <= 0.0 for index in range(n)]
         self.states = VehicleStates(
             position_ned_m=self.motion["position"],
             velocity_ned_m_s=self.motion["velocity"],
@@ -319,8 +320,14 @@ class Vehicles:
             self.air_ned_m_s,
             self.push_ned_m_s2,
             self._draws[block],
+            self._ground,
         )
         self.steps += 1
+
+    def height_m(self, index: int) -> float:
+        """Return the height of a vehicle above the ground below it."""
+        position_ned_m = self.motion["position"][index]
+        return physics.ground_below(position_ned_m, self._ground) - float(position_ned_m[2])
 
     def set_attitude_control(
         self, index: int, attitude_p_1_s: tuple[float, float], setpoint_filter_rad_s: float

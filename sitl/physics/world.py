@@ -17,10 +17,14 @@ from sitl.physics.contacts import (
     find_collisions_and_downwash,
 )
 from sitl.physics.frames import Array
+from sitl.physics.step import Ground
 from sitl.physics.vehicle import STEP_S, Commands, VehicleProfile, Vehicles
 from sitl.physics.wind import Wind, WindSettings
 
 _MAX_COLLISIONS = 64  # collisions reported in one step
+# Least radius of the platform around a take-off spot. A vehicle by satellites lands up to 0.6 m
+# beside its spot.
+_PLATFORM_RADIUS_M = 1.0
 
 
 class SpawnError(ValueError):
@@ -28,7 +32,9 @@ class SpawnError(ValueError):
 
 
 class World:
-    """Vehicles, each above level ground of its own height.
+    """Vehicles above level ground, with a platform around each take-off spot.
+
+    The ground is as high as the lowest spot, or 0 if all spots are higher, as on tables.
 
     Args:
         profiles: profile of each vehicle.
@@ -38,7 +44,7 @@ class World:
         wind: settings of the wind; without them the air is calm.
         downwash: downwash of each vehicle.
         names: names of the vehicles for the sentence when two start inside each other.
-        ground_m: heights (n,) of the ground under each vehicle; None: 0 for all.
+        spots_enu_m: take-off spots (k, 3), which tell the ground; None: it is level, at height 0.
     """
 
     def __init__(
@@ -51,7 +57,7 @@ class World:
         wind: WindSettings | None = None,
         downwash: Downwash | None = None,
         names: Sequence[str] = (),
-        ground_m: Array | None = None,
+        spots_enu_m: Array | None = None,
     ) -> None:
         n = len(profiles)
         _check_spawn(start_enu_m, body_diameter_m, names or [f"vehicle {i}" for i in range(n)])
@@ -59,7 +65,10 @@ class World:
         # Body x along fleet x, which is east: a quarter turn in PX4's north-based heading.
         yaw_rad = np.full(n, 0.5 * np.pi)
         start_ned_m = frames.swap_enu_ned(start_enu_m)
-        self.vehicles = Vehicles(profiles, start_ned_m, yaw_rad, seed=seed, ground_m=ground_m)
+        ground = None
+        if spots_enu_m is not None:
+            ground = _ground(spots_enu_m, max(body_diameter_m, _PLATFORM_RADIUS_M))
+        self.vehicles = Vehicles(profiles, start_ned_m, yaw_rad, seed=seed, ground=ground)
         self.commands = Commands.level(yaw_rad)
 
         self.collisions: list[Collision] = []
@@ -129,6 +138,19 @@ class World:
             self.collided |= {first, second}
         self.collisions.extend(collisions)
         return collisions
+
+
+def _ground(spots_enu_m: Array, radius_m: float) -> Ground:
+    """Return the ground that the take-off spots (k, 3) tell, with platforms of this radius."""
+    ground_m = float(spots_enu_m[:, 2].min(initial=0.0))
+    platforms_enu_m = spots_enu_m
+    if not (spots_enu_m[:, 2] > ground_m).any():
+        platforms_enu_m = spots_enu_m[:0]  # level
+    return Ground(
+        down=0.0 - ground_m,  # 0, and not -0, for the height 0
+        spots=0.0 + frames.swap_enu_ned(platforms_enu_m),
+        radius=radius_m,
+    )
 
 
 def _check_spawn(start_enu_m: Array, body_diameter_m: float, names: Sequence[str]) -> None:

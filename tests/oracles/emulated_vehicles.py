@@ -20,6 +20,7 @@ from sitl.physics.step import (
     LARGEST_TUMBLE_RAD_S,
     STEP_S,
     THRUST_NOISE_CORRELATION_S,
+    Ground,
 )
 from sitl.px4.estimator_errors import BLEND_S, DRIFT_DAMPING_S, TILT_ERROR_GROWTH_S
 
@@ -50,6 +51,7 @@ def step(
     air: Array,
     push: Array,
     draws: Array,
+    ground: Ground,
 ) -> None:
     """See :func:`sitl.physics.step.step`."""
     rows = np.arange(motion.shape[0])
@@ -101,7 +103,7 @@ def step(
     )
 
     motion["attitude"] = frames.from_yaw_and_tilt(motion["yaw"], motion["tilt"])
-    _move(motion, response, lift, air, push)
+    _move(motion, response, lift, air, push, ground)
 
 
 def _tilt(motion: Records, response: Records, commanded: Array) -> tuple[Array, Array]:
@@ -180,7 +182,9 @@ def _lift(
     return np.asarray(lift)
 
 
-def _move(motion: Records, response: Records, lift: Array, air: Array, push: Array) -> None:
+def _move(
+    motion: Records, response: Records, lift: Array, air: Array, push: Array, ground: Ground
+) -> None:
     down = body_down(motion["attitude"])
     acceleration = (
         -lift[:, None] * down + response["drag"][:, None] * (air - motion["velocity"]) + push
@@ -190,8 +194,9 @@ def _move(motion: Records, response: Records, lift: Array, air: Array, push: Arr
     velocity = motion["velocity"] + STEP_S * acceleration
     position = motion["position"] + STEP_S * velocity
 
-    contact = position[:, 2] >= 0.0
-    position[:, 2] = np.where(contact, 0.0, position[:, 2])
+    ground_down = ground_below(motion["position"], ground)
+    contact = position[:, 2] >= ground_down
+    position[:, 2] = np.where(contact, ground_down, position[:, 2])
 
     held = contact & motion["on_ground"]
     motion["motors_dead"] |= contact & ~motion["on_ground"] & (down[:, 2] < CRASH_TILT_COS)
@@ -200,6 +205,20 @@ def _move(motion: Records, response: Records, lift: Array, air: Array, push: Arr
     motion["velocity"] = np.where(contact[:, None], 0.0, velocity)
     motion["acceleration"] = np.where(contact[:, None], 0.0, acceleration)
     motion["on_ground"] = contact
+
+
+def ground_below(position: Array, ground: Ground) -> Array:
+    """See :func:`sitl.physics.step.ground_below`; here for all positions (n, 3)."""
+    down = np.full(position.shape[0], ground.down)
+    if ground.spots.shape[0] == 0:
+        return down
+
+    spots = ground.spots[ground.spots[:, 2].argsort()]  # the highest of equally near ones first
+    offset = position[:, None] - spots[None]
+    distance = np.hypot(offset[..., 0], offset[..., 1])
+    carries = (distance <= ground.radius) & (offset[..., 2] <= 0.0)
+    nearest = np.where(carries, distance, np.inf).argmin(axis=1)
+    return np.where(carries.any(axis=1), spots[nearest, 2], down)
 
 
 def _turn(q: Array, tilt_rate: Array, yaw_rate: Array) -> Array:

@@ -260,3 +260,14 @@ def test_a_battery_empties_to_the_end_if_its_type_says_how_long_it_lasts(
     vehicle = replace(fleet.vehicles["mav0"], hover_time_s=hover_time_s)
     (px4,) = emulator_of(fleet, [vehicle], seed=0).autopilots
     assert px4.params["SIM_BAT_MIN_PCT"] == least_pct
+
+
+def test_the_ground_is_that_of_all_spots_of_the_fleet_also_of_vehicles_that_are_not_emulated() -> (
+    None
+):
+    fleet = load_fleet("paper")
+    lower = replace(fleet.vehicles["mav1"], start_enu_m=(2.0, 2.0, -1.0))
+    fleet = replace(fleet, vehicles={**fleet.vehicles, "mav1": lower})
+    vehicles = emulator_of(fleet, [fleet.vehicles["mav0"]], seed=0).world.vehicles
+    vehicles.states.position_ned_m[0] = [20.0, 20.0, 0.0]
+    assert vehicles.height_m(0) == 1.0

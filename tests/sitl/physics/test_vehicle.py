@@ -355,9 +355,67 @@ def test_each_vehicle_stands_and_lands_on_the_ground_of_its_own_spot() -> None:
     np.testing.assert_allclose(speeds_m_s, speeds_m_s[0], rtol=1e-6)
 
 
-def test_the_distance_sensor_measures_from_the_ground_of_the_own_spot() -> None:
+def test_a_spot_is_a_platform_for_all_vehicles_and_the_ground_beside_it_is_the_lowest() -> None:
+    emu = emulator((0.0, 0.0, 2.0), (8.0, 0.0, 0.5))
+    states = emu.world.vehicles.states
+    for east_m, from_m, ground_m in (
+        (0.99, 3.0, 2.0),
+        (1.01, 3.0, 0.0),
+        (7.5, 3.0, 0.5),
+        (0.5, 1.9, 0.0),  # below the platform
+    ):
+        states.position_ned_m[0] = [0.0, east_m, -from_m]
+        states.on_ground[0] = False
+        run_for(emu, 1.0)
+        assert height_m(emu) == ground_m
+        assert states.on_ground[0]
+
+
+def test_all_spots_on_tables_do_not_lift_the_floor() -> None:
+    emu = emulator((0.0, 0.0, 0.6), (4.0, 0.0, 0.6))
+    emu.world.vehicles.states.position_ned_m[0] = [0.0, 2.0, -1.0]
+    run_for(emu, 1.0)
+    assert height_m(emu) == 0.0
+
+
+def test_a_vehicle_that_comes_below_a_platform_from_aside_is_not_lifted() -> None:
+    emu = emulator((0.0, 0.0, 2.0))
+    states = emu.world.vehicles.states
+    states.position_ned_m[0] = [0.0, 1.2, -1.95]
+    states.velocity_ned_m_s[0] = [0.0, -3.0, 0.0]
+    states.on_ground[0] = False
+    run_for(emu, 0.1)
+    assert float(states.position_ned_m[0, 1]) < 1.0
+    assert 1.85 < height_m(emu) < 1.95
+    assert not states.on_ground[0]
+
+
+def test_where_platforms_overlap_the_nearest_spot_counts() -> None:
+    emu = emulator((0.0, 0.0, 0.0), (0.8, 0.0, 0.4), (0.0, 5.0, 0.0), (0.0, 5.0, 1.5))
+    states = emu.world.vehicles.states
+    run_for(emu, 0.2)
+    assert [height_m(emu, index) for index in range(4)] == [0.0, 0.4, 0.0, 1.5]
+    states.position_ned_m[:, 2] -= 0.3
+    run_for(emu, 0.5)
+    assert [height_m(emu, index) for index in range(4)] == [0.0, 0.4, 0.0, 1.5]
+
+
+def test_platforms_carry_as_the_oracle_in_numpy_says() -> None:
+    rng = np.random.default_rng(5)
+    spots = rng.uniform(-2.0, 2.0, (6, 3))
+    spots[1, :2] = spots[0, :2]
+    ground = physics.Ground(down=2.0, spots=spots, radius=1.0)
+    positions = rng.uniform(-2.5, 2.5, (200, 3))
+    below = [physics.ground_below(position, ground) for position in positions]
+    np.testing.assert_array_equal(below, emulated_vehicles.ground_below(positions, ground))
+    assert len(set(below)) == 7
+
+
+def test_the_distance_sensor_measures_from_the_ground_below() -> None:
     emu = emulator((4.0, 0.0, 5.0))
-    emu.world.vehicles.states.position_ned_m[0, 2] -= 2.5
-    message = distance_sensor(View(emu, 0))
-    assert message is not None
-    assert 250 in message
+    position_ned_m = emu.world.vehicles.states.position_ned_m
+    for east_m, measured_cm in ((4.0, 250), (6.0, 750)):
+        position_ned_m[0] = [0.0, east_m, -7.5]
+        message = distance_sensor(View(emu, 0))
+        assert message is not None
+        assert measured_cm in message
