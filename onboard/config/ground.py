@@ -19,6 +19,10 @@ from onboard.config.fleet_config import FleetConfig, Vehicle
 _MIN_BY_POSES_M = 0.2
 _MIN_BY_PX4_M = 0.5
 
+# Within this distance of a take-off spot, or a body's diameter if that is more, the ground is as
+# high as the spot. A vehicle by satellites lands up to 0.6 m beside its spot.
+_SPOT_RADIUS_M = 1.0
+
 
 def ground_m(fleet: FleetConfig) -> float:
     """Return the height [m] of the lowest start; 0 if all starts are higher, as on tables."""
@@ -35,24 +39,40 @@ def floor_m(fleet: FleetConfig) -> float:
     return max(ground_m(fleet), low_m)
 
 
-def ground_under_m(
+def ground_by_spots_m(
     fleet: FleetConfig, x_m: NDArray[np.float64] | float, y_m: NDArray[np.float64] | float
 ) -> NDArray[np.float64]:
-    """Return the height [m] of the ground under points, as far as the fleet file tells it.
-
-    Within a body's diameter of a take-off spot, the ground is at least as high as the spot.
+    """Return the height [m] of the ground under points: of the nearest take-off spot, or lowest.
 
     Args:
         fleet: the fleet file.
         x_m: coordinates of the points to the east.
         y_m: coordinates to the north, of the same shape.
     """
-    heights_m = np.full(np.shape(x_m), floor_m(fleet))
+    heights_m = np.full(np.shape(x_m), ground_m(fleet))
+    nearest_m = np.full(np.shape(x_m), max(fleet.fleet.body_diameter_m, _SPOT_RADIUS_M))
     for name in fleet.enabled_names:
         spot_x, spot_y, spot_m = fleet.vehicles[name].start_enu_m
-        is_near = np.hypot(x_m - spot_x, y_m - spot_y) <= fleet.fleet.body_diameter_m
-        heights_m = np.where(is_near, np.maximum(heights_m, spot_m), heights_m)
+        distances_m = np.hypot(x_m - spot_x, y_m - spot_y)
+        is_higher = (distances_m == nearest_m) & (spot_m > heights_m)  # of spots above each other
+        is_nearer = (distances_m < nearest_m) | is_higher
+        heights_m = np.where(is_nearer, spot_m, heights_m)
+        nearest_m = np.where(is_nearer, distances_m, nearest_m)
     return heights_m
+
+
+def ground_under_m(
+    fleet: FleetConfig, x_m: NDArray[np.float64] | float, y_m: NDArray[np.float64] | float
+) -> NDArray[np.float64]:
+    """Return the height [m] of the ground under points, or of the geofence's floor if it is higher.
+
+    Args:
+        fleet: the fleet file.
+        x_m: coordinates of the points to the east.
+        y_m: coordinates to the north, of the same shape.
+    """
+    low_m, _ = fleet.fleet.geofence_m.z
+    return np.maximum(ground_by_spots_m(fleet, x_m, y_m), low_m)
 
 
 def least_height_m(vehicle: Vehicle) -> float:

@@ -32,6 +32,8 @@ LOW_M = 0.06  # below this height above the ground, the landing gear may touch i
 # Below this height a vehicle is low. If it does not stand but is still for a moment, at the top of
 # a short climb, its thrust ends, and it touches down with 0.8 m/s at most.
 _STANDS_BELOW_M = 0.03
+# This far below the expected ground a vehicle is not low, because it flies above lower ground.
+_UNDER_GROUND_M = -LOW_M
 # A vehicle with more than this share of the hover thrust hovers. For instance, the law may keep a
 # landing vehicle a few centimetres above the ground.
 _HOVERS_SHARE = 0.97
@@ -120,7 +122,7 @@ def is_agreed(signs: ContactSigns, view: FlightView, ground_z_m: float, is_late:
     Args:
         signs: signs of contact at this tick.
         view: what the flight sees at this tick.
-        ground_z_m: height of the ground where the vehicle took off [m].
+        ground_z_m: height of the expected ground [m].
         is_late: whether the vehicle should have landed a while ago.
     """
     since_ns = view.now_ns - round(1e9 * AGREED_S)
@@ -130,12 +132,12 @@ def is_agreed(signs: ContactSigns, view: FlightView, ground_z_m: float, is_late:
 
     _, _, z_m = view.position_enu_m
     height_m = z_m - ground_z_m
-    is_low = height_m < _STANDS_BELOW_M and view.thrust_share < _HOVERS_SHARE
+    is_low = _UNDER_GROUND_M < height_m < _STANDS_BELOW_M and view.thrust_share < _HOVERS_SHARE
     if (is_light or is_low) and (is_still or is_reported):
         return True
 
     has_stalled = view.now_ns - signs.still_ns > 1e9 * _STALLED_S
-    return is_late and height_m < _STALLED_M and has_stalled
+    return is_late and _UNDER_GROUND_M < height_m < _STALLED_M and has_stalled
 
 
 def is_agreed_by_thrust(signs: ContactSigns, view: FlightView) -> bool:
@@ -170,19 +172,21 @@ def is_stuck(signs: ContactSigns, view: FlightView, goal_z_m: float) -> bool:
     return is_below and signs.still_ns < since_ns and signs.pushing_ns < since_ns
 
 
-def is_agreed_blind(signs: ContactSigns, view: FlightView, ground_z_m: float) -> bool:
+def is_agreed_blind(
+    signs: ContactSigns, view: FlightView, ground_z_m: float, lowest_ground_m: float
+) -> bool:
     """Return whether a vehicle that descends without poses stands, by PX4's speed and height.
 
     Args:
         signs: signs of contact at this tick.
         view: what the flight sees at this tick.
-        ground_z_m: height of the ground where it took off [m].
+        ground_z_m: height of the expected ground [m].
+        lowest_ground_m: height of the lowest ground that it may land on [m].
     """
     _, _, z_m = view.position_enu_m
-    height_m = z_m - ground_z_m
-    if height_m < _BLIND_UNDER_GROUND_M:
+    if z_m - lowest_ground_m < _BLIND_UNDER_GROUND_M:
         return True
-    return _has_stood_low(signs, view, height_m, _BLIND_STANDS_S)
+    return _has_stood_low(signs, view, z_m - ground_z_m, _BLIND_STANDS_S)
 
 
 def seems_to_stand_blind(signs: ContactSigns, view: FlightView, ground_z_m: float) -> bool:
@@ -194,7 +198,7 @@ def seems_to_stand_blind(signs: ContactSigns, view: FlightView, ground_z_m: floa
     Args:
         signs: signs of contact at this tick.
         view: what the flight sees at this tick.
-        ground_z_m: height of the ground where it took off [m].
+        ground_z_m: height of the expected ground [m].
     """
     _, _, z_m = view.position_enu_m
     height_m = z_m - ground_z_m

@@ -15,6 +15,7 @@ from onboard.agent_commands import Command, Publish
 from onboard.bus.schema import AgentState, Event, Order, OrderOutcome, Severity
 from onboard.bus.topics import Topic
 from onboard.config.fleet import FleetConfig, Vehicle
+from onboard.config.ground import ground_m
 from onboard.control import path, router
 from onboard.control.router import Surroundings
 from onboard.flight.contact import LOW_M, ContactSigns
@@ -66,7 +67,10 @@ class FlightContext:
     path: PathFlight = field(default_factory=PathFlight)
     follow: FollowFlight = field(default_factory=FollowFlight)
 
-    ground_z_m: float = 0.0  # height of the ground where the vehicle took off
+    # height of the ground where the vehicle took off, or lands if the fleet file says that the
+    # ground is higher there
+    ground_z_m: float = 0.0
+    file_ground_m: float = 0.0  # height of the same ground by the fleet file
     lowest_m: float = math.inf  # lowest height since the landing began, or since contact
     # height at which the search for the ground began: at the order to land, or at a contact
     contact_z_m: float = -math.inf
@@ -133,6 +137,11 @@ class FlightContext:
         if self.path.show_id:
             return self.path.is_paused
         return bool(self.followed) and self.follow.is_paused
+
+    @property
+    def lowest_ground_m(self) -> float:
+        """Height of the lowest ground that the vehicle may land on [m]."""
+        return self.ground_z_m - (self.file_ground_m - ground_m(self.fleet))
 
     @property
     def goal_position_enu_m(self) -> Xyz:

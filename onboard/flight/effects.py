@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 
 from onboard.bus.schema import Order
+from onboard.config.ground import ground_by_spots_m
 from onboard.control.climb_duration import climb_duration_s
 from onboard.control.path import point_at
 from onboard.flight.arrival import stop_point
@@ -60,7 +61,7 @@ def takeoff_height_m(order: Order | None) -> float:
 
 def stay_on_ground(flight: FlightContext, view: FlightView) -> None:
     """Take the present position as the ground and as the goal."""
-    _, _, flight.ground_z_m = view.position_enu_m
+    _set_ground(flight, view.position_enu_m)
     flight.has_fallen = False
     flight.was_killed = False
     flight.goal = flight.goal._replace(position_enu_m=Point(*view.position_enu_m))
@@ -72,7 +73,7 @@ def lift_off(flight: FlightContext, view: FlightView) -> None:
     A longer climb would start more slowly. Near the ground, a vehicle cannot tilt much against the
     wind, so it must leave the ground soon.
     """
-    _, _, flight.ground_z_m = view.position_enu_m
+    _set_ground(flight, view.position_enu_m)
     top_m = min(takeoff_height_m(flight.order), flight.ground_z_m + LIFT_M)
     _climb_above(flight, view, view.position_enu_m, top_m)
 
@@ -88,7 +89,7 @@ def take_over(flight: FlightContext, view: FlightView) -> None:
     This agent was not in control at the take-off, so it does not know the height of the ground.
     """
     flight.was_killed = False
-    _, _, flight.ground_z_m = flight.fleet.vehicles[flight.slot_owner].start_enu_m
+    _set_ground(flight, flight.fleet.vehicles[flight.slot_owner].start_enu_m)
     _set_goal(flight, stop_point(view, flight.vehicle, flight.fleet), 0.0)
 
 
@@ -190,6 +191,7 @@ def descend(flight: FlightContext, view: FlightView) -> None:
     """Brake, and go straight down to below the ground."""
     look_for_ground(flight, view)
     x, y, _ = stop_point(view, flight.vehicle, flight.fleet)
+    _expect_higher_ground(flight, x, y)
 
     goal_z_m = _end_of_descent_m(flight, view)
     _, _, own_z_m = view.position_enu_m
@@ -200,7 +202,8 @@ def descend(flight: FlightContext, view: FlightView) -> None:
     duration_s = max(_MIN_DESCENT_S, down_s) + braking_s
 
     _set_goal(flight, (x, y, goal_z_m), duration_s)
-    _limit(flight, view, _LANDING_LIMIT_S + _PATIENCE * duration_s)
+    lower_s = (flight.ground_z_m - flight.lowest_ground_m) / _FEEL_M_S
+    _limit(flight, view, _LANDING_LIMIT_S + _PATIENCE * duration_s + lower_s)
 
 
 def _end_of_descent_m(flight: FlightContext, view: FlightView) -> float:
@@ -285,6 +288,7 @@ def sink(flight: FlightContext, view: FlightView) -> None:
     look_for_ground(flight, view)
     flight.seen_goal = flight.goal
     x, y, _ = stop_point(view, flight.vehicle, flight.fleet)
+    _expect_higher_ground(flight, x, y)
     _set_goal(flight, (x, y, flight.ground_z_m), 0.0)
 
 
@@ -312,6 +316,24 @@ def resume(flight: FlightContext, view: FlightView) -> None:
 
 
 # -- helpers ---------------------------------------------------------------------------------------
+
+
+def _set_ground(flight: FlightContext, position_enu_m: Xyz) -> None:
+    """Take a position as the ground."""
+    x, y, flight.ground_z_m = position_enu_m
+    flight.file_ground_m = float(ground_by_spots_m(flight.fleet, x, y))
+
+
+def _expect_higher_ground(flight: FlightContext, x_m: float, y_m: float) -> None:
+    """Raise the ground if by the fleet file it is higher here, as on a roof.
+
+    Where it is lower by the fleet file, it may still be as high as at the take-off, because slopes
+    are not known. There the vehicle sinks slowly from that height on.
+    """
+    here_m = float(ground_by_spots_m(flight.fleet, x_m, y_m))
+    if here_m > flight.file_ground_m:
+        flight.ground_z_m += here_m - flight.file_ground_m
+        flight.file_ground_m = here_m
 
 
 def _climb_above(

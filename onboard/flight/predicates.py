@@ -281,7 +281,9 @@ def touched_down(flight: FlightContext, view: FlightView) -> bool:
 
 def touched_down_blind(flight: FlightContext, view: FlightView) -> bool:
     """Return whether it stands on the ground by PX4's motion."""
-    is_stopped = contact.is_agreed_blind(flight.contact, view, flight.ground_z_m)
+    is_stopped = contact.is_agreed_blind(
+        flight.contact, view, flight.ground_z_m, flight.lowest_ground_m
+    )
     return is_stopped and flight.seconds(view) > _BLIND_BEGUN_S
 
 
@@ -343,13 +345,18 @@ def is_kept_off(flight: FlightContext, view: FlightView) -> bool:
 
 
 def feels_for_ground(flight: FlightContext, view: FlightView) -> bool:
-    """Return whether it is in the slow part of a landing, because its height may be wrong."""
-    if flight.vehicle.mocap_required:
-        return False
+    """Return whether it is in the slow part of a landing.
+
+    Without a mocap its height may be wrong. With a mocap, the ground is lower than expected.
+    """
     if flight.goal.is_on_path:
         return True
 
     _, _, z_m = view.position_enu_m
+    if flight.vehicle.mocap_required:
+        is_under_ground = z_m - flight.ground_z_m < -contact.LOW_M
+        return is_under_ground and flight.seconds(view) > flight.goal.duration_s + _LATE_DESCENT_S
+
     above_m = z_m - flight.goal.position_enu_m.z
     return flight.seconds(view) > flight.goal.duration_s and above_m < _FEELS_WITHIN_M
 
@@ -468,7 +475,7 @@ def px4_landing_late(flight: FlightContext, view: FlightView) -> bool:
     left_m = 0.0
     if view.has_position:
         _, _, z_m = view.position_enu_m
-        left_m = max(0.0, z_m - flight.ground_z_m)
+        left_m = max(0.0, z_m - flight.lowest_ground_m)
     return flight.seconds(view) > _PX4_LANDING_TIMEOUT_S + left_m / _PX4_SINKS_M_S
 
 

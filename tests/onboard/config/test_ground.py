@@ -10,7 +10,7 @@ import numpy as np
 
 from onboard.agent.core import AgentCore
 from onboard.config.fleet import FleetConfig, fleet_from_mapping
-from onboard.config.ground import ground_m, ground_under_m
+from onboard.config.ground import ground_by_spots_m, ground_m, ground_under_m
 
 PAPER = Path(__file__).parents[3] / "configs/fleets/paper.toml"
 
@@ -36,7 +36,20 @@ def test_the_ground_near_a_raised_spot_is_as_high_as_the_spot() -> None:
     data = tomllib.loads(PAPER.read_text())
     data["vehicles"]["mav1"]["start_enu_m"] = [1.0, 0.0, 0.4]
     fleet = fleet_from_mapping(data)
-    near_m = fleet.fleet.body_diameter_m
-    x_m = 1.0 + np.array([0.0, near_m - 0.01, near_m + 0.01])
+    x_m = 1.0 + np.array([0.0, 0.99, 1.01])
     assert ground_under_m(fleet, x_m, np.zeros(3)).tolist() == [0.4, 0.4, 0.0]
-    assert float(ground_under_m(fleet, 1.0, near_m + 0.01)) == 0.0
+    assert float(ground_under_m(fleet, 1.0, 1.01)) == 0.0
+
+
+def test_between_two_spots_the_ground_is_as_high_as_the_nearer_one() -> None:
+    data = tomllib.loads(PAPER.read_text())
+    data["fleet"]["geofence_m"]["z"] = [-1.0, 3.0]
+    for name, start_enu_m in (
+        ("mav0", [3.0, 0.0, 0.0]),
+        ("mav1", [3.8, 0.0, 0.4]),
+        ("mav2", [-3.0, 0.0, -0.2]),
+    ):
+        data["vehicles"][name]["start_enu_m"] = start_enu_m
+    fleet = fleet_from_mapping(data)
+    x_m = np.array([2.1, 3.3, 3.5, 4.7, 5.0, -3.0])
+    assert ground_by_spots_m(fleet, x_m, np.zeros(6)).tolist() == [0.0, 0.0, 0.4, 0.4, -0.2, -0.2]

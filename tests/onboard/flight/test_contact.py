@@ -125,6 +125,18 @@ def test_on_ground_of_any_height_it_is_level_at_once_and_disarmed_within_three_s
     assert rig.count(agent_commands.Px4Land) == 0
 
 
+@pytest.mark.parametrize("floor_m", [-0.08, -0.3, -2.0])
+def test_on_ground_lower_than_that_of_the_take_off_it_sets_down_gently(floor_m: float) -> None:
+    rig = _hover(1.0)
+    rig.floor_m = floor_m
+    rig.order("land", order_id="land")
+    fastest_m_s = _sink(rig, lambda: rig.position[2] <= rig.floor_m)
+    assert fastest_m_s < 1.0
+    rig.until("landed")
+    assert rig.outcomes()["land"] == "done"
+    assert rig.count(agent_commands.Px4Land) == 0
+
+
 def test_an_order_to_land_gives_a_vehicle_that_stands_no_thrust_again() -> None:
     rig = _hover(1.0)
     rig.order("land", order_id="first")

@@ -125,6 +125,8 @@ def test_the_report_of_the_ground_begins_anew_when_px4_stops_reporting_it() -> N
         (2.0, _lasted(light=351, reported=351), True),
         (2.0, _lasted(light=351, reported=350), False),
         (0.029, _lasted(still=351), True),
+        (-0.059, _lasted(still=351), True),
+        (-0.061, _lasted(still=351), False),
         (0.03, _lasted(still=351), False),
         (0.029, _lasted(), False),
         (2.0, _lasted(still=351, reported=351), False),
@@ -151,6 +153,8 @@ def test_a_vehicle_whose_thrust_carries_it_hovers_however_low() -> None:
     [
         (0.29, 1501, True, True),
         (0.30, 1501, True, False),
+        (-0.059, 1501, True, True),
+        (-0.061, 1501, True, False),
         (0.29, 1500, True, False),
         (0.29, 1501, False, False),
     ],
@@ -199,17 +203,23 @@ def test_a_vehicle_without_poses_is_down_when_it_does_not_sink_where_the_ground_
     signs = _lasted(still=still_ms)
     view = _view(height_m, is_blind=True)
     assert contact.seems_to_stand_blind(signs, view, 0.0) is seems_down
-    assert contact.is_agreed_blind(signs, view, 0.0) is is_down
+    assert contact.is_agreed_blind(signs, view, 0.0, 0.0) is is_down
 
 
 def test_without_poses_the_height_is_that_above_the_ground_of_the_take_off() -> None:
     signs = _lasted(still=261)
     above = _view(4.5, is_blind=True)
     below = _view(0.5, is_blind=True)
-    assert contact.is_agreed_blind(signs, above, 4.0)
+    assert contact.is_agreed_blind(signs, above, 4.0, 4.0)
     assert contact.seems_to_stand_blind(signs, above, 4.0)
-    assert not contact.is_agreed_blind(signs, below, -4.0)
+    assert not contact.is_agreed_blind(signs, below, -4.0, -4.0)
     assert not contact.seems_to_stand_blind(signs, below, -4.0)
+
+
+def test_without_poses_it_may_sink_to_the_lowest_ground() -> None:
+    deep = _view(-3.0, is_blind=True)
+    assert contact.is_agreed_blind(_lasted(), deep, 0.0, -1.9)
+    assert not contact.is_agreed_blind(_lasted(), deep, 0.0, -2.1)
 
 
 @pytest.mark.parametrize(("height_m", "is_down"), [(0.059, True), (0.061, False)])
@@ -219,4 +229,4 @@ def test_with_poses_for_a_moment_a_vehicle_is_down_only_where_its_gear_may_touch
     signs = _lasted(still=500)
     seen = _view(height_m, is_blind=False)
     assert contact.seems_to_stand_blind(signs, seen, 0.0) is is_down
-    assert contact.is_agreed_blind(signs, seen, 0.0) is is_down
+    assert contact.is_agreed_blind(signs, seen, 0.0, 0.0) is is_down

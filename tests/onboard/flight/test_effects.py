@@ -11,6 +11,7 @@ from msgspec.structs import replace
 from onboard.autopilot import Snapshot
 from onboard.avoidance.params import Capsule, params_of
 from onboard.bus.schema import Order, OrderKind, PathOrder
+from onboard.config.fleet import FleetConfig
 from onboard.config.law import LawConfig
 from onboard.control.climb_duration import climb_duration_s
 from onboard.control.path import path_of
@@ -224,6 +225,33 @@ def test_a_landing_ends_a_decimetre_below_the_ground_within_three_times_its_plan
     assert flight.goal.duration_s == pytest.approx(down_s + brakes_s)
     assert _limit_s(flight) == pytest.approx(20.0 + 3.0 * flight.goal.duration_s)
     assert (flight.contact_z_m, flight.lowest_m) == (2.5, math.inf)
+
+
+def _with_roof(height_m: float) -> FleetConfig:
+    """The fleet, with the spot of mav1 on a roof."""
+    x, y, _ = _FLEET.vehicles["mav1"].start_enu_m
+    on_roof = replace(_FLEET.vehicles["mav1"], start_enu_m=(x, y, height_m))
+    return replace(_FLEET, vehicles={**_FLEET.vehicles, "mav1": on_roof})
+
+
+def test_a_landing_on_a_higher_spot_and_a_descent_without_poses_expect_its_height() -> None:
+    fleet = _with_roof(2.0)
+    x, y, _ = fleet.vehicles["mav1"].start_enu_m
+    for effect, below_m in ((effects.descend, 0.1), (effects.sink, 0.0)):
+        flight = _flight(fleet=fleet)
+        effects.lift_off(flight, _view(*fleet.vehicles["mav0"].start_enu_m[:2], 0.02))
+        effect(flight, _view(x, y, 4.0))
+        assert flight.goal.position_enu_m[2] == pytest.approx(2.02 - below_m)
+
+
+def test_a_landing_beside_a_roof_expects_the_height_of_the_roof_and_has_time_to_sink_on() -> None:
+    fleet = _with_roof(2.0)
+    flight = _flight(fleet=fleet)
+    effects.lift_off(flight, _view(*fleet.vehicles["mav1"].start_enu_m))
+    effects.descend(flight, _view(9.0, 9.0, 4.0))
+    assert flight.goal.position_enu_m[2] == pytest.approx(1.9)
+    assert flight.lowest_ground_m == pytest.approx(0.0)
+    assert _limit_s(flight) == pytest.approx(20.0 + 3.0 * flight.goal.duration_s + 2.0 / 0.4)
 
 
 def test_a_landing_from_below_the_ground_does_not_climb_and_takes_a_second() -> None:

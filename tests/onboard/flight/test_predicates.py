@@ -464,6 +464,18 @@ def test_only_a_height_that_may_read_wrong_is_felt_for(
 
 
 @pytest.mark.parametrize(
+    ("now_s", "height_m", "feels"),
+    [(3.001, 1.939, True), (3.0, 1.939, False), (3.001, 1.941, False)],
+)
+def test_with_a_mocap_it_sinks_on_slowly_where_it_ends_below_the_ground(
+    now_s: float, height_m: float, feels: bool
+) -> None:
+    goal = Goal(ZERO_3, 2.0, 1)
+    view = _view(now_s, position_enu_m=(0.0, 0.0, height_m))
+    assert predicates.feels_for_ground(_flight(goal=goal, ground_z_m=2.0), view) is feels
+
+
+@pytest.mark.parametrize(
     ("now_s", "height_m", "is_lower"),
     [(5.001, 2.061, True), (5.0, 2.061, False), (5.001, 2.059, False)],
 )

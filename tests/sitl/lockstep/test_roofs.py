@@ -1,0 +1,86 @@
+"""Flights from a roof to the yard below it, and back."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import pytest
+
+from onboard.config.fleet import FleetConfig, fleet_from_mapping
+
+_ROOF_M = 2.0
+_SPOT = (-4.0, 0.0)
+_YARD = (1.0, 0.0)
+
+
+@pytest.fixture(scope="module")
+def roof() -> FleetConfig:
+    """One vehicle whose spot is on a roof."""
+    return fleet_from_mapping(
+        {
+            "schema": 1,
+            "fleet": {
+                "name": "roof",
+                "geofence_m": {"x": [-8.0, 8.0], "y": [-8.0, 8.0], "z": [-1.0, 5.0]},
+            },
+            "defaults": {
+                "mass_kg": 0.5,
+                "hover_thrust_frac": 0.35,
+                "max_speed_m_s": 3.0,
+                "max_tilt_deg": 35.0,
+                "max_acceleration_m_s2": 3.0,
+                "attitude_wn_rad_s": 15.0,
+                "drag_1_s": 0.3,
+            },
+            "vehicles": {
+                "mav0": {
+                    "system_id": 1,
+                    "start_enu_m": [*_SPOT, _ROOF_M],
+                    "agent": "tcp/127.0.0.1:20000",
+                    "autopilot": "udpin://127.0.0.1:30000",
+                }
+            },
+        }
+    )
+
+
+def goes_to(flight: Any, goal: tuple[float, float, float]) -> None:
+    (result,) = flight.wait_for(flight.fleet.go_to({"mav0": goal})).values()
+    assert result.is_done, result.sentence
+
+
+def stands_at(flight: Any, spot: tuple[float, float], height_m: float) -> None:
+    """The vehicle has set down gently by its agent, near a point, at this height."""
+    truth = flight.state.vehicles["mav0"].truth
+    *at, up_m = truth.position_enu_m
+    assert truth.is_on_ground
+    assert math.dist(at, spot) < 0.3
+    assert up_m == height_m
+    assert not flight.touchdowns[-1].is_by_px4
+    assert flight.touchdowns[-1].speed_m_s < 0.8
+
+
+def test_from_a_roof_it_lands_in_the_yard_and_again_on_the_roof(lockstep: Any, roof: Any) -> None:
+    flight = lockstep(roof, seed=0)
+    flight.takeoff(3.2)
+    goes_to(flight, (*_YARD, 3.2))
+    flight.land()
+    stands_at(flight, _YARD, 0.0)
+
+    flight.takeoff(3.2)
+    goes_to(flight, (*_SPOT, 3.2))
+    flight.land()
+    stands_at(flight, _SPOT, _ROOF_M)
+    assert len(flight.touchdowns) == 2
+
+
+def test_a_vehicle_from_a_roof_flies_and_lands_below_it(lockstep: Any, roof: Any) -> None:
+    flight = lockstep(roof, seed=0)
+    flight.takeoff(3.2)
+    goes_to(flight, (*_YARD, 1.0))
+    flight.run(1.0)
+    _, _, up_m = flight.state.vehicles["mav0"].truth.position_enu_m
+    assert up_m == pytest.approx(1.0, abs=0.15)
+    flight.land()
+    stands_at(flight, _YARD, 0.0)
