@@ -205,7 +205,9 @@ def _geojson_fences(data: dict[str, Any], name: str, stem: str) -> Iterator[Fenc
         geometry = feature
         properties: dict[str, Any] = {}
         if feature.get("type") == "Feature":
-            geometry = _table(feature.get("geometry"), where)
+            if feature.get("geometry") is None:
+                raise ConfigError(f"{where} has no geometry. Draw it again, or remove it.")
+            geometry = _table(feature["geometry"], where)
             properties = feature.get("properties") or {}
             if not isinstance(properties, dict):
                 raise ConfigError(f"{where}: its properties are no table.")

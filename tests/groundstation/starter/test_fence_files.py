@@ -163,7 +163,8 @@ WRONG: list[tuple[Any, str]] = [
     (geojson(keep="out"), "has a hole"),
     (geojson() | {"crs": {"properties": {"name": "EPSG:2056"}}}, "crs is not that of GeoJSON"),
     ({"type": "FeatureCollection", "features": {}}, "is no list"),
-    ({"type": "Feature", "geometry": None}, "is no table"),
+    ({"type": "Feature", "geometry": None}, "feature 1 has no geometry. Draw it again, or remove"),
+    ({"type": "Feature", "geometry": [7]}, "is no table"),
 ]
 
 
