@@ -64,6 +64,7 @@ from onboard.autopilot import Landed, Snapshot
 from onboard.bus.schema import StateMessage
 from onboard.bus.topics import Topic
 from onboard.config.fleet import CorrectionsConfig, FleetConfig
+from onboard.config.ground import ground_by_spots_m, is_level
 from onboard.config.wind_limit import wind_limit_m_s
 from onboard.control import pipeline, router
 from onboard.control.control_mode import ControlMode
@@ -152,6 +153,7 @@ class AgentCore:
             fleet.fleet.global_origin,
             taken_corrections,
             uses_heights=fleet.fleet.height_share > 0.0,
+            ground_at=_ground_at(fleet),
         )
         self.neighbours = NeighbourTable(fleet, vehicle_name)
         self.people = People(fleet, first_index=len(self.neighbours.names))
@@ -679,6 +681,13 @@ class AgentCore:
     def _shutdown_requested(self, received: ShutdownRequested, now_ns: int) -> list[Command]:
         self._is_stopping = True
         return []
+
+
+def _ground_at(fleet: FleetConfig) -> Callable[[float, float], float] | None:
+    """Return a function from a point to the height of its ground by the fleet file; None: level."""
+    if is_level(fleet):
+        return None
+    return lambda x_m, y_m: float(ground_by_spots_m(fleet, x_m, y_m))
 
 
 def _intake_of(corrections: CorrectionsConfig | None) -> CorrectionsIntake | None:

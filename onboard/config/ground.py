@@ -33,6 +33,12 @@ def ground_m(fleet: FleetConfig) -> float:
     return lowest_m
 
 
+def is_level(fleet: FleetConfig) -> bool:
+    """Return whether the ground is equally high everywhere by the fleet file."""
+    lowest_m = ground_m(fleet)
+    return all(fleet.vehicles[name].start_enu_m[2] == lowest_m for name in fleet.enabled_names)
+
+
 def floor_m(fleet: FleetConfig) -> float:
     """Return the height [m] of the ground or of the geofence's floor, whichever is higher."""
     low_m, _ = fleet.fleet.geofence_m.z

@@ -18,13 +18,15 @@ PX4 may also move the origin of its local frame in flight, for instance when a g
 it. Then local position and origin jump together. A new origin counts in the air only if it fits the
 jump; one that does not fit may be a packet of somebody else, and suspends the return.
 
-After a landing the vehicle stands on the ground of its take-off spot again, unless it stands
-elsewhere at a height that PX4's errors do not explain. Then it keeps the height of its flight.
+After a landing the vehicle stands on the ground of its take-off spot again, or on the ground that
+the fleet file tells where it stands, if that is nearer to the height of its flight. If it stands
+elsewhere at a height that PX4's errors do not explain, it keeps the height of its flight.
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -76,6 +78,8 @@ class LocalFrame:
 
     start_enu_m: Xyz  # the vehicle's take-off spot in the fleet file
     origin: Origin | None  # fleet's origin on Earth; None if only take-off spots are known
+    # Height of the ground by the fleet file at a point of the fleet frame [m]; None: level.
+    ground_at: Callable[[float, float], float] | None = None
     jumps: int = 0  # number of absorbed jumps
     # Distance from the take-off spot at a restart after which it is not known where the vehicle
     # stands; 0: it is known.
@@ -221,10 +225,19 @@ class LocalFrame:
             x, y = flown_x, flown_y
 
         local_x, local_y, local_z = local.position_m
-        away_m = math.dist((local_x + x, local_y + y), self.start_enu_m[:2])
+        at_m = (local_x + x, local_y + y)
+        flown_m = local_z + flown_z
+        _, _, ground_m = self.start_enu_m
+        if self.ground_at is not None:
+            other_m = self.ground_at(*at_m)
+            if abs(flown_m - other_m) < abs(flown_m - ground_m):
+                z += other_m - ground_m
+                ground_m = other_m
+
+        away_m = math.dist(at_m, self.start_enu_m[:2])
         reported_m = _HEIGHT_SIGMAS * snapshot.height_accuracy_m
         error_m = min(max(reported_m, _MIN_HEIGHT_ERROR_M), _MAX_HEIGHT_ERROR_M)
-        higher_m = abs(local_z + flown_z - self.start_enu_m[2])
+        higher_m = abs(flown_m - ground_m)
         if away_m > _SAME_GROUND_WITHIN_M and higher_m > error_m:
             z = flown_z
         return x, y, z

@@ -12,6 +12,7 @@ to the fleet frame, and attitude setpoints back to PX4's heading.
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
@@ -88,6 +89,8 @@ class OwnState:
     corrections: CorrectionsConfig | None = None  # None: the vehicle uses no corrections
     # whether the fleet passes above each other, so that the accuracy of heights counts, too
     uses_heights: bool = False
+    # Height of the ground by the fleet file, see LocalFrame; None: level.
+    ground_at: Callable[[float, float], float] | None = None
     counts: MessageCounts = field(default_factory=MessageCounts)  # poses that were not used
     heading_offset_rad: float = 0.0  # heading in the fleet frame minus PX4's heading
     # only for vehicles with a mocap
@@ -124,7 +127,7 @@ class OwnState:
         self.fit = MotionFit(vehicle.drag_1_s)
         # A PX4 that flies by vision does not know where on Earth its local frame begins.
         origin = self.origin if vehicle.flies_by_satellites else None
-        self._local_frame = LocalFrame(vehicle.start_enu_m, origin)
+        self._local_frame = LocalFrame(vehicle.start_enu_m, origin, self.ground_at)
         self._params = KalmanParams(
             drag_1_s=vehicle.drag_1_s,
             gust_time_s=kalman.gust_time_s(vehicle.lag_s),

@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import itertools
 import math
+from collections.abc import Callable
 
 import pytest
 from msgspec.structs import replace
@@ -224,9 +225,14 @@ def test_a_new_origin_that_does_not_fit_moves_nothing() -> None:
 # -- ground of another height ----------------------------------------------------------------------
 
 
-def landed_at(east_m: float, height_m: float, **changes: object) -> tuple[float, float, float]:
+def landed_at(
+    east_m: float,
+    height_m: float,
+    ground_at: Callable[[float, float], float] | None = None,
+    **changes: object,
+) -> tuple[float, float, float]:
     """Return the position of a vehicle that has landed and is parked."""
-    frame = LocalFrame((0.0, 0.0, 0.0), ORIGIN)
+    frame = LocalFrame((0.0, 0.0, 0.0), ORIGIN, ground_at)
     at = place(0.0, 0.0)
     frame.take(parked(0.0, (0.0, 0.0, 0.0), global_origin=at))
     climbed_m = 0.0
@@ -246,6 +252,27 @@ def test_a_vehicle_that_lands_on_other_ground_keeps_the_height_of_its_flight() -
         (20.0, 0.0, -3.5), abs=0.01
     )
     assert landed_at(20.0, 5.0, height_accuracy_m=3.0)[2] == pytest.approx(0.0)
+
+
+@pytest.mark.parametrize(
+    ("east_m", "height_m", "kept_m"),
+    [
+        (20.0, -1.8, -2.0),
+        (20.0, -0.9, 0.0),  # nearer to the ground of the take-off
+        (20.0, -1.1, -2.0),
+        (20.0, -4.4, -2.0),
+        (20.0, -4.6, -4.6),
+        (1.0, -1.8, 0.0),
+    ],
+)
+def test_a_vehicle_that_lands_where_the_ground_is_lower_by_the_fleet_file_stands_there(
+    east_m: float, height_m: float, kept_m: float
+) -> None:
+    def ground_at(x_m: float, y_m: float) -> float:
+        return 0.0 if math.hypot(x_m, y_m) < 1.5 else -2.0
+
+    position = landed_at(east_m, height_m, ground_at, height_accuracy_m=0.3)
+    assert position[2] == pytest.approx(kept_m, abs=0.01)
 
 
 def test_an_error_of_px4s_height_is_forgotten_after_a_landing() -> None:
