@@ -37,7 +37,9 @@ class LawNeighbour(NamedTuple):
     w_m_s: Vec2  # own velocity minus the neighbour's
     d_m: float  # distance of the centres to keep, with all margins
     is_cooperative: bool  # False: it does not avoid others
-    table_index: int  # the same number as in the neighbour's entry of ``LawInputs.received``
+    # the same number as in the neighbour's entry of ``LawInputs.received``, see
+    # :meth:`LawInputs.heard`; no position in that tuple, which lacks vehicles that were never heard
+    table_index: int
 
 
 class CoveyTick(NamedTuple):
@@ -68,6 +70,14 @@ class LawInputs(NamedTuple):
     largest_m_s2: float
     vehicle: LawParams  # numbers of the vehicle and of the file's [law]; lead_time_s is L
     dt_s: float  # time since the last tick
+
+    def heard(self, neighbour: LawNeighbour) -> Neighbour:
+        """Return the entry of ``received`` of a neighbour.
+
+        Args:
+            neighbour: one of ``neighbours``.
+        """
+        return next(entry for entry in self.received if entry.table_index == neighbour.table_index)
 
     def limited(self, x_m_s2: float, y_m_s2: float) -> Thrust:
         """Return the flyable thrust that is nearest to a horizontal thrust.

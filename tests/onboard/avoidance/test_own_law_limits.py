@@ -58,6 +58,7 @@ def test_a_law_is_given_the_neighbours_in_range_the_nearest_first() -> None:
     assert (first.e_m.x, first.is_cooperative) == (0.0, False)
     assert first.d_m > inputs.neighbours[1].d_m  # it avoids nobody, and gets more room
     assert inputs.received == (far, near, beyond)
+    assert [inputs.heard(one) for one in inputs.neighbours] == [near, far]
 
 
 @pytest.mark.parametrize(
