@@ -34,6 +34,8 @@ class OwnLawFleet:
         params: parameters of the N vehicles.
         start_enu_m: positions (F, N, 3) at which the vehicles hover [m].
         obstacles: static obstacles, the same for all.
+        is_flown: (F, N) whether the law flies a vehicle; None: it flies all. It is not called for
+            the other vehicles, and their ticks are those of Covey's law.
     """
 
     def __init__(
@@ -42,6 +44,7 @@ class OwnLawFleet:
         params: Sequence[pipeline.PipelineParams],
         start_enu_m: Array,
         obstacles: Sequence[Capsule] = (),
+        is_flown: BoolArray | None = None,
     ) -> None:
         self._params = params
         self._obstacles = tuple(obstacles)
@@ -53,12 +56,17 @@ class OwnLawFleet:
         # Covey's law is computed beside the user's law; see OwnLawRunner
         self._relaxed_shares = np.zeros(start_enu_m.shape[:2])
 
+        if is_flown is None:
+            is_flown = np.ones(start_enu_m.shape[:2], bool)
+        self._is_flown = is_flown
+        self._law_name = law.name
         # for each flight: the law of each vehicle
         self._runners = [[OwnLawRunner(law) for _ in params] for _ in start_enu_m]
         # number of each flight in the whole batch, before :meth:`keep` removed any
         self._numbers = list(range(len(start_enu_m)))
 
-        # number of a flight -> why its first vehicle changed from the user's own law to Covey's law
+        # number of a flight -> name of the user's own law, and why the first vehicle that it flew
+        # changed to Covey's law
         self.refusals: dict[int, str] = {}
 
     def step(
@@ -98,6 +106,7 @@ class OwnLawFleet:
         chosen = np.asarray(flights).tolist()
         self._memories = self._memories[flights]
         self._relaxed_shares = self._relaxed_shares[flights]
+        self._is_flown = self._is_flown[flights]
         self._runners = [self._runners[flight] for flight in chosen]
         self._numbers = [self._numbers[flight] for flight in chosen]
         self._routes.keep(flights)
@@ -105,7 +114,7 @@ class OwnLawFleet:
     def _answers(
         self, inputs: batch.PassRows, before: batch.BeforeOwnLaw, dt_s: float
     ) -> tuple[Array, BoolArray]:
-        """Call the user's law for each vehicle.
+        """Call the user's law for each vehicle that it flies.
 
         Returns:
             Thrusts (F, N, 3), NaN where Covey's thrust is flown, and whether the user's law still
@@ -119,14 +128,15 @@ class OwnLawFleet:
         for flight, runners in enumerate(self._runners):
             for vehicle, runner in enumerate(runners):
                 own_inputs = next(law_inputs_of_all)
-                if runner.refusal:
+                if runner.refusal or not self._is_flown[flight, vehicle]:
                     continue
                 if is_usable[flight, vehicle]:
                     thrust = runner.answer(own_inputs)
                     if thrust is not None:
                         thrusts_enu_m_s2[flight, vehicle] = thrust
                 if runner.refusal:
-                    self.refusals.setdefault(self._numbers[flight], runner.refusal)
+                    refusal = f"{self._law_name} {runner.refusal}"
+                    self.refusals.setdefault(self._numbers[flight], refusal)
                 is_own[flight, vehicle] = not runner.refusal
         return thrusts_enu_m_s2, is_own
 

@@ -15,7 +15,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from onboard.arrays import Array, IntArray
+from onboard.arrays import Array, BoolArray, IntArray
 from onboard.avoidance.params import Capsule
 from onboard.config.fleet import FleetConfig
 from onboard.control import pipeline, trajectory
@@ -34,8 +34,10 @@ from sitl.monte_carlo.scenarios import FlightPlan, OtherLaw, person_radii_m
 from sitl.monte_carlo.sensing import sensing
 from sitl.monte_carlo.vehicles import TICK_S
 
+# makes the control of a batch from the parameters (N,) and starts (F, N, 3) of the vehicles, the
+# obstacles, and whether the law flies each vehicle (F, N)
 MakeController = Callable[
-    [Sequence[pipeline.PipelineParams], Array, Sequence[Capsule]], batch.Controller
+    [Sequence[pipeline.PipelineParams], Array, Sequence[Capsule], BoolArray], batch.Controller
 ]
 # a flight has failed if it takes more than this multiple of its straight-line time
 _TIMES_STRAIGHT = 5.5
@@ -67,7 +69,8 @@ class Flown:
     outcome: FlightOutcome
     # time that the slowest vehicle needs without avoidance; inf if it does not arrive
     straight_line_s: float
-    law_refusal: str = ""  # why Covey's law took over from a user's own law; empty: it did not
+    # a user's own law, and why Covey's law took over from it; empty: it did not
+    law_refusal: str = ""
 
 
 def fly(
@@ -193,6 +196,7 @@ class _FlightBatch:
         vehicles = list(fleet.vehicles.values())
         start_enu_m = np.stack([plan.start_enu_m for plan in plans])  # (F, N, 3)
         scripted_m_s = _scripted_m_s(plans)
+        is_scripted = np.isfinite(scripted_m_s[..., 0])
 
         self._noise = FlightNoise([plan.seed for plan in plans], count, has_links=not is_alone)
         self._world = worlds.world_of(physics)(
@@ -209,12 +213,17 @@ class _FlightBatch:
 
         obstacles = () if is_alone else plans[0].obstacles
         make_controller = _controller(fleet) if controller is None else controller
-        self._pipelines = make_controller(params_of(fleet), start_enu_m, obstacles)
-        other_law = plans[0].other_law
-        if other_law is not None and not is_alone:
-            self._pipelines = _with_other_law(
-                self._pipelines, other_law, setup, start_enu_m, obstacles
+        other_law = None if is_alone else plans[0].other_law
+        is_of_other = _is_of_other(other_law, count)
+        self._pipelines = make_controller(
+            params_of(fleet), start_enu_m, obstacles, ~(is_scripted | is_of_other)
+        )
+        if other_law is not None:
+            other_fleet = replace(setup, law=other_law.name).fleet(count)
+            by_other_law = _controller(other_fleet)(
+                params_of(other_fleet), start_enu_m, obstacles, ~is_scripted & is_of_other
             )
+            self._pipelines = MixedFleet(self._pipelines, by_other_law, is_of_other)
 
         self._metrics = FlightMetrics(
             plans=plans,
@@ -235,7 +244,7 @@ class _FlightBatch:
         if not is_alone:
             self._make_radio = partial(
                 Radio,
-                is_intruder=np.isfinite(scripted_m_s[..., 0]),
+                is_intruder=is_scripted,
                 perturbation=setup.perturbation,
                 lateness_s=fleet.expected_radio.lateness_s,
                 radius_m=person_radii_m(plans),
@@ -381,21 +390,11 @@ def _wash_diameter_m(fleet: FleetConfig) -> float:
     return fleet.fleet.body_diameter_m
 
 
-def _with_other_law(
-    first: batch.Controller,
-    other: OtherLaw,
-    setup: Setup,
-    start_enu_m: Array,
-    obstacles: Sequence[Capsule],
-) -> MixedFleet:
-    """Return the control of a fleet in which some vehicles use another law."""
-    count = start_enu_m.shape[1]
-    fleet = replace(setup, law=other.name).fleet(count)
-    return MixedFleet(
-        first=first,
-        second=_controller(fleet)(params_of(fleet), start_enu_m, obstacles),
-        is_of_second=np.isin(np.arange(count), other.vehicles),
-    )
+def _is_of_other(other: OtherLaw | None, count: int) -> BoolArray:
+    """Return whether each vehicle (N,) uses the second law."""
+    if other is None:
+        return np.zeros(count, bool)
+    return np.isin(np.arange(count), other.vehicles)
 
 
 def params_of(fleet: FleetConfig) -> list[pipeline.PipelineParams]:
@@ -404,7 +403,17 @@ def params_of(fleet: FleetConfig) -> list[pipeline.PipelineParams]:
 
 
 def _controller(fleet: FleetConfig) -> MakeController:
-    """Return the class that controls the vehicles of a fleet by its law."""
+    """Return what controls the vehicles of a fleet by its law."""
     if fleet.own_law is None:
-        return batch.FleetPipeline
+        return _built_in
     return partial(OwnLawFleet, fleet.own_law)
+
+
+def _built_in(
+    params: Sequence[pipeline.PipelineParams],
+    start_enu_m: Array,
+    obstacles: Sequence[Capsule],
+    _is_flown: BoolArray,
+) -> batch.Controller:
+    """Return the control by a built-in law, which is compiled and computes all vehicles."""
+    return batch.FleetPipeline(params, start_enu_m, obstacles)

@@ -224,7 +224,7 @@ def _print_table(
         console.print(
             f"In {len(refused)} of {len(records)} flights Covey's law took over, so they say "
             f"little of {setup.law}. "
-            f"In {first['scenario']} seed {first['seed']} {setup.law} {first['law_refused']}."
+            f"In {first['scenario']} seed {first['seed']} {first['law_refused']}."
         )
 
     failed = [values for values in records if not results.is_flawless(values)]
@@ -244,7 +244,7 @@ def _reason(values: results.FlightRecord) -> str:
     elif values["collision"]:
         reason = "a body touched an obstacle or another body"
     else:
-        reason = f"Covey's law took over: {values['law']} {values['law_refused']}"
+        reason = f"Covey's law took over: {values['law_refused']}"
 
     if "contact_m_s" in values:
         reason += f", touched with {values['contact_m_s']:.2f} m/s"

@@ -1,7 +1,8 @@
 """A fleet in which some vehicles use a second law.
 
-Both laws are computed for all vehicles, and each vehicle flies the result of its own law. The
-unused results have no effect, because a vehicle knows the others only by their messages.
+Both controls compute all vehicles, and each vehicle flies the result of its own law. The unused
+results have no effect, because a vehicle knows the others only by their messages. A user's own law
+is called only for the vehicles that it flies (:mod:`onboard.rollout.own_law_fleet`).
 """
 
 from __future__ import annotations
@@ -32,9 +33,14 @@ class MixedFleet:
 
     @property
     def refusals(self) -> dict[int, str]:
-        """Why Covey's law took over from the first law, by flight number."""
-        refusals: dict[int, str] = getattr(self._first, "refusals", {})
-        return refusals
+        """Which law was refused and why, by flight number; both laws, if both were."""
+        joined: dict[int, str] = dict(getattr(self._first, "refusals", {}))
+        for flight, refusal in getattr(self._second, "refusals", {}).items():
+            if flight in joined:
+                joined[flight] += f"; {refusal}"
+            else:
+                joined[flight] = refusal
+        return joined
 
     def step(
         self, states: Rows, goals: Rows, neighbours: Rows, is_present: BoolArray, dt_s: float

@@ -12,7 +12,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import Any
 
-from onboard.arrays import Array
+from onboard.arrays import Array, BoolArray
 from onboard.avoidance.own_law import LawInputs
 from onboard.avoidance.params import Capsule
 from onboard.config.fleet import OwnLaw
@@ -71,8 +71,9 @@ class JudgedLaw:
         self,
         params: Sequence[PipelineParams],
         start_enu_m: Array,
-        obstacles: Sequence[Capsule] = (),
+        obstacles: Sequence[Capsule],
+        is_flown: BoolArray,
     ) -> batch.Controller:
         """Return the control of a batch by this law, interpreted and timed."""
         law = OwnLaw(name=self._name, source="", source_hash=self.source_hash, load=lambda: self)
-        return OwnLawFleet(law, params, start_enu_m, obstacles)
+        return OwnLawFleet(law, params, start_enu_m, obstacles, is_flown)

@@ -5,15 +5,14 @@ the product's.
 from __future__ import annotations
 
 import dataclasses
+import functools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 from onboard.arrays import Array
-from onboard.avoidance.params import Capsule
-from onboard.control.pipeline import PipelineParams
 from sitl.monte_carlo import batch_flight, campaign_settings, scenarios
-from tests.bench.peers.contestants import Contestant, Hearing
+from tests.bench.peers.contestants import Contestant
 from tests.bench.peers.report import Outcome
 
 MIX = scenarios.MIX
@@ -49,12 +48,7 @@ def fly(
     The first one is flown once more where the contestant's law is compiled otherwise, to time it.
     """
     law = contestant.law()
-
-    def interpreted(
-        params: Sequence[PipelineParams], start_enu_m: Array, obstacles: Sequence[Capsule]
-    ) -> Hearing:
-        return contestant.interpreted(law, params, start_enu_m, obstacles)
-
+    interpreted = functools.partial(contestant.interpreted, law)
     if contestant.is_compiled:
         flown = _flown(contestant, scenario, seeds, errors, contestant.controller, types=types)
         _flown(contestant, scenario, seeds[:1], errors, interpreted, types=types)
@@ -117,8 +111,7 @@ def _flown(
     for one in flown:
         if one.law_refusal:
             raise RuntimeError(
-                f"{contestant.title} {one.law_refusal} in {scenario} seed {one.plan.seed}: "
-                "Covey's law went on, "
+                f"{one.law_refusal} in {scenario} seed {one.plan.seed}: Covey's law went on, "
                 "so that these are no figures of that method."
             )
     return flown

@@ -47,13 +47,14 @@ class Contestant:
         self,
         params: Sequence[PipelineParams],
         start_enu_m: Array,
-        obstacles: Sequence[Capsule] = (),
+        obstacles: Sequence[Capsule],
+        is_flown: BoolArray,
     ) -> batch.Controller:
         """Return the control of a batch with this contestant in the law's place, compiled where
         that is possible.
         """
         if not self.is_compiled:
-            return self.interpreted(self.law(), params, start_enu_m, obstacles)
+            return self.interpreted(self.law(), params, start_enu_m, obstacles, is_flown)
         changed = [self.change(own) for own in params]
         return Hearing(batch.FleetPipeline(changed, start_enu_m, obstacles), self.hear)
 
@@ -74,16 +75,15 @@ class Contestant:
         law: stage.Timed,
         params: Sequence[PipelineParams],
         start_enu_m: Array,
-        obstacles: Sequence[Capsule] = (),
+        obstacles: Sequence[Capsule],
+        is_flown: BoolArray,
     ) -> Hearing:
         """Return the control of a batch that flies by :meth:`law`, interpreted as any law of
         somebody's own.
         """
         changed = [self.change(own) for own in params]
-        return Hearing(
-            OwnLawFleet(OwnLaw(self.title, "", "", lambda: law), changed, start_enu_m, obstacles),
-            self.hear,
-        )
+        own = OwnLaw(self.title, "", "", lambda: law)
+        return Hearing(OwnLawFleet(own, changed, start_enu_m, obstacles, is_flown), self.hear)
 
 
 class Hearing:

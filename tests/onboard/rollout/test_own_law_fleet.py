@@ -139,7 +139,7 @@ def test_a_fleet_gives_every_vehicle_what_it_computes_by_itself() -> None:
     # some vehicles' laws have failed, and some have not
     assert "raised ValueError: enough" in refusals
     assert "" in refusals
-    assert fleet.refusals == dict.fromkeys(range(FLIGHTS), "raised ValueError: enough")
+    assert fleet.refusals == dict.fromkeys(range(FLIGHTS), "mine:evading raised ValueError: enough")
     assert set(rows["law"]["status"].ravel()) >= {LawStatus.SATURATED}
 
 

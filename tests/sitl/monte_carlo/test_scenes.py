@@ -187,6 +187,29 @@ def test_vehicles_of_another_law_fly_by_it():
     assert all_off.outcome.min_separation_m == off.outcome.min_separation_m < 0.3
 
 
+def test_a_law_is_called_for_its_own_vehicles_and_each_refused_law_is_named(tmp_path, monkeypatch):
+    (tmp_path / "west.py").write_text(
+        "def law(memory, inputs):\n"
+        "    east_m, north_m, _ = inputs.state.position_enu_m\n"
+        "    assert east_m < 0 and north_m < 2, 'another vehicle'\n"
+        "    return None, inputs.baseline\n"
+    )
+    (tmp_path / "idle.py").write_text("def law(memory, inputs):\n    return None\n")
+    monkeypatch.chdir(tmp_path)
+    intruder = {"start_enu_m": [-1, 5], "velocity_enu_m_s": [0, 1], "leaves_s": 1}
+    others = {"law": "idle:law", "vehicles": [1]}
+    refusal = "idle:law returned nothing instead of the pair (memory, thrust)"
+
+    def refused(law):
+        scene = scene_of(intruder=intruder, others=others, within_s=1.0)
+        [one] = flown(scene, law=law)
+        return one.law_refusal
+
+    assert refused("west:law") == refusal
+    assert refused("covey") == refusal
+    assert refused("idle:law") == f"{refusal}; {refusal}"
+
+
 @pytest.mark.long
 def test_the_next_goal_is_given_on_arrival_and_all_must_be_reached():
     square = {"type": "square", "vehicles": 2, "side_m": 6.0, "goals_each": 3}

@@ -230,4 +230,4 @@ def test_a_law_that_raises_has_failed_and_the_table_says_why(tmp_path, monkeypat
     words = ["simulate", "--suite", "open", "--law", "raises:law", "--seeds", "1000:1001"]
     assert main(words) == 1
     printed = " ".join(capsys.readouterr().out.split())
-    assert "In 1 flights the law was refused. The first: law raised ZeroDivisionError" in printed
+    assert "In 1 flights the law was refused. The first: law raises:law raised Zero" in printed
