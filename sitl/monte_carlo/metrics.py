@@ -66,7 +66,9 @@ class FlightOutcome:
     # "livelock" (they move, but do not approach their goals) or "time" (they were still approaching
     # them).
     reason: str | None
-    relaxed_share: float  # share of the vehicles' ticks in which the law was relaxed
+    # Share of the vehicles' ticks in which the law was relaxed. An intruder or a person counts
+    # neither here nor in the other numbers of law, paths and energy.
+    relaxed_share: float
     slew_rms_m_s3: float  # change of the horizontal command
     max_speed_m_s: float
     intervention_m_s2: float  # mean |u - u0|
@@ -141,9 +143,12 @@ class FlightMetrics:
 
         self._counts = np.ones((flights, count), bool)  # whether a vehicle's arrival counts
         self._is_lost = np.zeros((flights, count), bool)
+        # whether a vehicle flies by its commands; an intruder or a person does not
+        self._is_controlled = np.ones((flights, count), bool)
         for f, plan in enumerate(plans):
             if plan.intruder_m_s is not None:
                 self._counts[f, -1] = False
+                self._is_controlled[f, -1] = False
             if plan.lost is not None:
                 lost_index, _, _ = plan.lost
                 self._counts[f, lost_index] = False
@@ -294,12 +299,12 @@ class FlightMetrics:
         command = law["commanded_acceleration_enu_m_s2"][..., :2]
         if self.ticks > 1:
             slew = (command - self._command) / TICK_S
-            self._sums["slew"] += np.einsum("fnc,fnc->fn", slew, slew).mean(-1)
+            self._sums["slew"] += self._mean(np.einsum("fnc,fnc->fn", slew, slew))
         self._command = command
 
         is_relaxed = law["status"] == int(LawStatus.RELAXED)
-        self._sums["relaxed"] += is_relaxed.mean(-1)
-        self._sums["intervention"] += law["intervention_m_s2"].mean(-1)
+        self._sums["relaxed"] += self._mean(is_relaxed)
+        self._sums["intervention"] += self._mean(law["intervention_m_s2"])
         self._measure_energy(law["commanded_acceleration_enu_m_s2"])
 
     def _measure_energy(self, command_m_s2: Array) -> None:
@@ -312,7 +317,12 @@ class FlightMetrics:
         thrust_g[..., 2] += 1.0  # the weight
         thrust_squared = np.einsum("fnc,fnc->fn", thrust_g, thrust_g)
         power = thrust_squared**0.75  # relative to hovering
-        self._sums["energy"] += TICK_S * power.mean(-1)
+        self._sums["energy"] += TICK_S * self._mean(power)
+
+    def _mean(self, values: Array | BoolArray) -> Array:
+        """Return the means (F,) of values (F, N) over the vehicles that fly by their commands."""
+        total = np.where(self._is_controlled, values, 0.0).sum(-1)
+        return np.asarray(total / self._is_controlled.sum(-1))
 
     def _measure_motion(self, position: Array, speed: Array) -> None:
         """Note the lengths of the paths, the speeds, and the progress towards the goals."""
@@ -433,6 +443,7 @@ class FlightMetrics:
         self._longest = self._longest[flights]
         self._counts = self._counts[flights]
         self._is_lost = self._is_lost[flights]
+        self._is_controlled = self._is_controlled[flights]
         self._is_judged = self._is_judged[flights]
         self._radius_m = self._radius_m[flights]
         self._touching_m = self._touching_m[flights]

@@ -249,6 +249,18 @@ WALKER = {"start_enu_m": [-5.0, 0.1], "velocity_enu_m_s": [1.0, 0.0], "leaves_s"
 HOVERING = {"type": "listed", "start_enu_m": [[0.0, 0.0]], "goal_enu_m": [[0.0, 0.0]]}
 
 
+def test_an_intruder_flies_by_no_commands_that_could_be_measured():
+    calm = {"gust_m_s2": 0.0, "lag_mismatch": 0.0, "gain": 0.0}
+    passer = {**WALKER, "start_enu_m": [-30.0, 0.0], "leaves_s": 2.0}
+    scene = scene_of(placing=HOVERING, intruder=passer, jitter_m=0.0, errors="none", set=calm)
+    [one] = flown(scene)
+
+    outcome = one.outcome
+    assert outcome.energy_hover_s == pytest.approx(outcome.duration_s, rel=0.01)
+    assert outcome.slew_rms_m_s3 < 0.1
+    assert outcome.intervention_m_s2 < 0.01
+
+
 def test_the_distance_from_a_person_is_measured_and_kept_to_the_circle():
     def nearest_m(law, radius_m):
         intruder = {**WALKER, "person_radius_m": radius_m}
