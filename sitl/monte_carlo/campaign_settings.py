@@ -21,6 +21,7 @@ from onboard.config.fleet import (
     FleetConfig,
     Geofence,
     LawConfig,
+    OwnLaw,
     SitlProfile,
     Vehicle,
     fleet_from_mapping,
@@ -189,12 +190,33 @@ class Setup:
     # Keys of the values that --set, or "set" of a scene, has changed. They are no part of the repr,
     # because that stands for the settings themselves.
     changed_keys: tuple[str, ...] = field(default=(), repr=False)
+    # User's own law -> hash of the source that flies. The repr leaves these out, too, because the
+    # flights of Covey's laws do not depend on them.
+    law_hashes: Mapping[str, str] = field(default_factory=dict, repr=False)
+
+    def with_law_source(self, law: str) -> Setup:
+        """Return these settings, bound to the present source of a law of the user's own.
+
+        Settings of a built-in law stay the same.
+
+        Args:
+            law: name of the law.
+
+        Raises:
+            ConfigError: there is no such law, or the values are inconsistent.
+        """
+        own_law = None
+        if LawConfig(name=law).is_own:
+            own_law = replace(self, law=law).fleet(1).own_law
+        if own_law is None:
+            return self
+        return replace(self, law_hashes={**self.law_hashes, law: own_law.source_hash})
 
     def fleet(self, count: int) -> FleetConfig:
         """Return a fleet of ``count`` vehicles, validated like any fleet file.
 
         Raises:
-            ConfigError: the values are inconsistent.
+            ConfigError: the values are inconsistent, or the source of a user's own law has changed.
         """
         # The scenarios replace these starts. They only have to be valid, so they are far apart, in
         # rows that fit into the box of a fleet file.
@@ -237,10 +259,27 @@ class Setup:
             },
             path="the simulated fleet",
         )
+        if config.own_law is not None:
+            self._check_law_source(config.own_law)
+
         everywhere = (-_UNBOUNDED_M, _UNBOUNDED_M)
         geofence_m = Geofence(x=everywhere, y=everywhere, z=everywhere)
         section = msgspec.structs.replace(config.fleet, geofence_m=geofence_m)
         return msgspec.structs.replace(config, fleet=section)
+
+    def _check_law_source(self, law: OwnLaw) -> None:
+        """Refuse a law that was edited while its flights are under way.
+
+        Raises:
+            ConfigError: its source has another hash than at first.
+        """
+        first_hash = self.law_hashes.get(law.name, law.source_hash)
+        if law.source_hash != first_hash:
+            raise ConfigError(
+                f"The source of {law.name} was edited while it was flying: its hash was "
+                f"{first_hash}, and is {law.source_hash} now. Flights of the two are not added up. "
+                "Start the same command again to fly the law as it is now."
+            )
 
 
 def setup_for(
@@ -317,7 +356,7 @@ def setup_for(
         else:
             perturbation = replace(perturbation, **{key: float(value)})
 
-    return Setup(
+    unbound = Setup(
         law=law,
         types=names,
         type_tables=type_tables,
@@ -328,6 +367,7 @@ def setup_for(
         scale=scale,
         changed_keys=tuple(changed_keys),
     )
+    return unbound.with_law_source(law)
 
 
 def _type_tables(data: Mapping[str, Any]) -> dict[str, dict[str, Any]]:

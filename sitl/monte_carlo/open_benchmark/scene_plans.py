@@ -55,6 +55,8 @@ def setup(
         errors=scene.errors,
         changes=(*scene.changes, *changes),
     )
+    if scene.others is not None:
+        made = made.with_law_source(scene.others.law)
     _check_places(scene, made)
     return made
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import msgspec
@@ -108,8 +108,13 @@ def _setup(scene: Scene, law: str) -> Setup:
 
 
 def fly(unit: Unit) -> SuiteRow:
-    """Fly a unit; return its row."""
-    judged = JudgedLaw(_setup(unit.scene, unit.law))
+    """Fly a unit; return its row.
+
+    Raises:
+        ConfigError: the law was edited since the unit was made.
+    """
+    setup = _setup(unit.scene, unit.law)
+    judged = JudgedLaw(replace(setup, law_hashes={**setup.law_hashes, unit.law: unit.source_hash}))
     plans = [scene_plans.plan(unit.scene, seed) for seed in unit.seeds]
     is_timed = unit.scene.name == _COST_SCENE
     if judged.is_own:

@@ -10,8 +10,15 @@ from groundstation.cli import main
 from onboard.config.fleet import ConfigError
 from onboard.config.law import BUILT_IN
 from onboard.rollout import batch
+from sitl.monte_carlo import process_chunks
 from sitl.monte_carlo.law_map.results_file import ResultsFile
-from sitl.monte_carlo.open_benchmark import scene_file, suite, suite_command, suite_summary
+from sitl.monte_carlo.open_benchmark import (
+    scene_file,
+    scene_plans,
+    suite,
+    suite_command,
+    suite_summary,
+)
 
 FLIGHT = {
     "seed": 1000,
@@ -25,6 +32,8 @@ FLIGHT = {
     "slew_rms_m_s3": 20.0,
     "energy_hover_s": 12.5,
 }
+
+OTHERS = {"law": "edited:law", "vehicles": [0]}  # of a scene
 
 
 def row_of(unit, **changes):
@@ -124,6 +133,27 @@ def test_a_file_of_another_kind_or_version_is_refused_in_a_sentence(tmp_path, fl
     monkeypatch.setattr(suite_command, "version", lambda: "b")
     with pytest.raises(ConfigError, match=r"another version .* --keep"):
         suite_command.judge("orca", range(1), keep=keep)
+
+
+def test_a_law_that_is_edited_meanwhile_is_refused_and_not_kept_as_the_first_one(
+    tmp_path, monkeypatch
+):
+    file = tmp_path / "edited.py"
+    file.write_text("def law(memory, inputs):\n    return None, inputs.baseline\n")
+    monkeypatch.chdir(tmp_path)
+    unit = suite.units("edited:law", range(1000, 1001))[0]
+    others = {**json.loads(msgspec.json.encode(unit.scene)), "others": OTHERS}
+    scene = scene_file.parsed(json.dumps(others).encode(), "others.json")
+    by_name = scene_plans.setup(scene, law="edited:law")
+    by_scene = scene_plans.setup(scene)
+
+    file.write_text(file.read_text() + "# edited\n")
+    refusal = "The source of edited:law was edited while it was flying"
+    with pytest.raises(ConfigError, match=refusal):
+        suite.fly(unit)
+    for setup in (by_name, by_scene):
+        with pytest.raises(ConfigError, match=refusal):
+            list(process_chunks.campaign([scene], [1000], setup))
 
 
 def test_a_flight_counts_once_where_units_overlap():
