@@ -2,8 +2,8 @@
 
 It judges ground truth and the setpoints that leave the agents, not what agents report about
 themselves. It checks distances, the fence, the setpoints, and whether each vehicle does what its
-conditions demand. At the end all vehicles must be down and disarmed, and the events must name the
-condition.
+conditions demand. At the end all vehicles must be down and disarmed, the events must name the
+condition, and a user's own law must not have been refused.
 """
 
 from __future__ import annotations
@@ -265,6 +265,12 @@ class Judge:
         for event in flight.events:
             if event.code == "direct_command" and event.vehicle not in self.silenced:
                 self.note(event.sentence)
+
+        # such a flight says little of the law that the fleet file names
+        law = flight.config.law.name
+        for name, counts in self.seen.items():
+            if counts[Condition.OWN_LAW_REFUSED]:
+                self.note(f"{name}: {law} was refused, and Covey's law flew in its place")
 
         if self.was_flying:
             others = [name for name in self.seen if name != self.victim]

@@ -165,6 +165,17 @@ def test_vehicles_may_be_named_like_what_the_campaign_adds_to_the_bus(
     assert len(flight.bus.nodes) == len(flight.agents) + 4  # ground, emulator and the two
 
 
+def test_a_flight_in_which_the_own_law_was_refused_is_wrong(
+    paper: FleetConfig, lockstep: Callable[..., Lockstep]
+) -> None:
+    flight = lockstep(paper)
+    judge = Judge(flight, injection_of(FAULT), "mav0", silenced=())
+    flight.agents["mav1"].core.control.law_refusal = "is slow"
+    flight.run(0.1)
+    judge.finish()
+    assert judge.wrong == ["mav1: covey was refused, and Covey's law flew in its place"]
+
+
 def test_a_flight_that_cannot_begin_is_wrong_with_its_error(
     hop: Campaign, monkeypatch: pytest.MonkeyPatch
 ) -> None:
