@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import hashlib
+import sys
 from collections.abc import Sequence
+from contextlib import redirect_stdout
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -80,7 +82,8 @@ def units(law: str, seeds: range, physics: str = worlds.DEFAULT) -> list[Unit]:
         ConfigError: the law cannot be imported, or there is no such physics.
     """
     worlds.world_of(physics)  # refuses an unknown name
-    judged = JudgedLaw(_setup(scenes()[0], law))  # any scene: only the law matters here
+    with redirect_stdout(sys.stderr):  # where an own law may print
+        judged = JudgedLaw(_setup(scenes()[0], law))  # any scene: only the law matters here
     size = _SEEDS_OF_UNIT
     if judged.is_own:
         size = 1
@@ -108,11 +111,16 @@ def _setup(scene: Scene, law: str) -> Setup:
 
 
 def fly(unit: Unit) -> SuiteRow:
-    """Fly a unit; return its row.
+    """Fly a unit; return its row. What a law prints goes to standard error.
 
     Raises:
         ConfigError: the law was edited since the unit was made.
     """
+    with redirect_stdout(sys.stderr):
+        return _flown(unit)
+
+
+def _flown(unit: Unit) -> SuiteRow:
     setup = _setup(unit.scene, unit.law)
     judged = JudgedLaw(replace(setup, law_hashes={**setup.law_hashes, unit.law: unit.source_hash}))
     plans = [scene_plans.plan(unit.scene, seed) for seed in unit.seeds]

@@ -250,6 +250,20 @@ def test_a_law_of_thirty_lines_is_judged_from_an_empty_folder(tmp_path, monkeypa
     assert not any(flight["success"] and flight["reason"] for flight in suite.flights_of(rows))
 
 
+def test_what_a_law_prints_does_not_come_into_the_table(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "chatty.py").write_text(
+        "print('imported')\ndef law(memory, inputs):\n    print('called')\n    return 1 / 0\n"
+    )
+    monkeypatch.setattr(suite, "scenes", lambda: [scene_file.packaged("symmetry")])
+    [unit] = suite.units("chatty:law", range(1000, 1001))
+    suite.fly(unit)
+    printed = capsys.readouterr()
+    assert printed.out == ""
+    assert "imported" in printed.err
+    assert "called" in printed.err
+
+
 @pytest.mark.long
 def test_a_law_that_raises_has_failed_and_the_table_says_why(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
