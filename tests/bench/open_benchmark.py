@@ -8,6 +8,7 @@ draws the scenes.
 from __future__ import annotations
 
 import argparse
+from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -70,8 +71,17 @@ def _read(files: Sequence[Path]) -> tuple[str, dict[tuple[str, int], suite.Suite
 
 
 def leaderboard(rows: Rows, version: str, results_digest: str) -> str:
-    """Return both tables: a line for each law, and its flawless flights in each scene."""
-    rows = [{**row, "contestant": _contestant(row)} for row in rows]
+    """Return both tables: a line for each law, and its flawless flights in each scene.
+
+    A law whose source was edited between its flights has a line for each source.
+    """
+    sources = {(row["law"], suite.source_hash(row)) for row in rows}
+    source_counts = Counter(law for law, _ in sources)
+    named_rows = []
+    for row in rows:
+        name = _contestant(row, has_sources=source_counts[row["law"]] > 1)
+        named_rows.append({**row, "contestant": name})
+    rows = named_rows
     by_law = _by(rows, "contestant")
     scenes = sorted({row["scene"] for row in rows})
     order = sorted(by_law, key=lambda law: _rank(by_law[law], len(scenes)))
@@ -92,12 +102,20 @@ def leaderboard(rows: Rows, version: str, results_digest: str) -> str:
     return "\n".join(lines)
 
 
-def _contestant(row: suite.SuiteRow) -> str:
-    """Return the name of a line: the law, and its physics if that is another one."""
+def _contestant(row: suite.SuiteRow, *, has_sources: bool) -> str:
+    """Return the name of a line: the law, and its physics if that is another one.
+
+    Args:
+        row: a row of that law.
+        has_sources: whether the law has flown with several sources, whose hash then is named.
+    """
+    name = f"`{row['law']}`"
+    if has_sources:
+        name += f" of source {suite.source_hash(row)}"
     physics = row.get("physics", worlds.DEFAULT)
-    if physics == worlds.DEFAULT:
-        return f"`{row['law']}`"
-    return f"`{row['law']}` on {physics}"
+    if physics != worlds.DEFAULT:
+        name += f" on {physics}"
+    return name
 
 
 def _by(rows: Rows, key: str) -> dict[str, list[suite.SuiteRow]]:

@@ -24,7 +24,7 @@ FLIGHT = {
 
 def written(path, law, *, version="a", **changes):
     row = {
-        "cell": f"{law} circle",
+        "cell": f"{law} {changes.pop('source_hash', '')} circle",
         "stage": 0,
         "law": law,
         "physics": changes.pop("physics", "emulator"),
@@ -57,6 +57,19 @@ def test_the_leaderboard_begins_with_the_best_and_is_written_into_its_page(tmp_p
     assert order == ["`good`", "`late` on rotorpy", "`bad`"] * 2
     assert "| `bad` | 0/1 |" in lines
     capsys.readouterr()
+
+
+def test_a_law_that_was_edited_between_its_flights_has_a_line_for_each_source(tmp_path, capsys):
+    files = [
+        written(tmp_path / "first.jsonl", "mine:law", source_hash="aa", violation_s=0.2),
+        written(tmp_path / "second.jsonl", "mine:law", source_hash="bb"),
+        written(tmp_path / "other.jsonl", "orca", source_hash="cc", violation_s=0.3, seed=1),
+    ]
+    open_benchmark.main(files)
+    lines = capsys.readouterr().out.splitlines()
+    assert "| `mine:law` of source aa | 0/1 |" in lines
+    assert "| `mine:law` of source bb | 1/1 |" in lines
+    assert "| `orca` | 0/1 |" in lines
 
 
 def test_files_of_different_versions_are_refused(tmp_path):

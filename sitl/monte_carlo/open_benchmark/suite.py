@@ -69,6 +69,13 @@ class Unit:
         return key
 
 
+def source_hash(row: SuiteRow) -> str:
+    """Return the hash of the law's source in the key of a row; empty for Covey's."""
+    _, _, after_law = str(row["cell"]).partition(" ")
+    law_hash, _, _ = after_law.partition(" ")
+    return law_hash
+
+
 def scenes() -> list[Scene]:
     """Return the scenes of the suite: those of this software that are over in a few minutes."""
     known = [scene_file.packaged(name) for name in scene_file.names()]
