@@ -15,6 +15,8 @@ from pathlib import Path
 from types import TracebackType
 from typing import NamedTuple
 
+import msgspec
+
 from onboard.config.file_reading import RESULTS_FILE, json_values, opened, read_bytes
 from onboard.config.fleet import ConfigError
 from sitl.monte_carlo.executors import say
@@ -31,6 +33,8 @@ class ResultsKind(NamedTuple):
     option: str  # the option of that command that names the file
     numbers: tuple[str, ...]  # keys of a row whose values are numbers
     others: tuple[str, ...] = ()  # further keys that a row must have
+    # what each of a row's "flights" has, of which there is at least one; None: a row lists none
+    flight: type[msgspec.Struct] | None = None
 
 
 MAP = ResultsKind(
@@ -227,6 +231,11 @@ def parsed(
             has_numbers = all(isinstance(row[name], int | float) for name in kind.numbers)
             if not has_numbers or not all(name in row for name in kind.others):
                 raise TypeError(f"numbers are missing in {row['cell']}")
+            if kind.flight is not None:
+                if not row["flights"]:
+                    raise TypeError(f"flights are missing in {row['cell']}")
+                for flight in row["flights"]:
+                    msgspec.convert(flight, kind.flight)
             key = (str(row["cell"]), int(row["stage"]))
             rows.setdefault(key, row)
     except (ValueError, KeyError, TypeError) as error:

@@ -19,30 +19,36 @@ from sitl.monte_carlo.open_benchmark.judged_law import JudgedLaw
 from sitl.monte_carlo.open_benchmark.scene_file import Scene
 
 SuiteRow = dict[str, Any]  # one line of the file of results
+
+
+class KeptFlight(msgspec.Struct, frozen=True):
+    """What a row keeps of the record of each flight, and the energy."""
+
+    seed: int
+    success: bool
+    reason: str | None
+    violation_s: float
+    collision: bool
+    min_separation_m: float
+    ratio: float | None
+    straight_line_s: float | None
+    slew_rms_m_s3: float
+    energy_hover_s: float
+
+
 KIND = ResultsKind(
     head="open_benchmark",
     command="covey simulate --suite open",
     option="--keep",
     numbers=("first_seed", "busy_s", "calls"),
     others=("law", "scene", "flights"),
+    flight=KeptFlight,
 )
 # seeds in a unit of a law that flies compiled; a unit of a user's own law has one seed
 _SEEDS_OF_UNIT = 5
 _COST_SCENE = "circle"  # in which laws are timed
 # A longer scene is no part of the suite: in RotorPy's physics one flight of it takes 20 minutes.
 _LONGEST_S = 300.0
-# what is kept of the record of a flight
-_KEPT = (
-    "seed",
-    "success",
-    "reason",
-    "violation_s",
-    "collision",
-    "min_separation_m",
-    "ratio",
-    "straight_line_s",
-    "slew_rms_m_s3",
-)
 
 
 @dataclass(frozen=True, slots=True)
@@ -163,8 +169,8 @@ def _flown(unit: Unit) -> SuiteRow:
 def _kept(flown: batch_flight.Flown, judged: JudgedLaw) -> results.FlightRecord:
     """Return what is kept of a flight; a flight whose law was refused has failed."""
     record = results.record(flown, judged.setup)
-    values = {key: record[key] for key in _KEPT}
-    values["energy_hover_s"] = round(flown.outcome.energy_hover_s, 3)
+    record["energy_hover_s"] = round(flown.outcome.energy_hover_s, 3)
+    values = {key: record[key] for key in KeptFlight.__struct_fields__}
     if flown.law_refusal:
         values["success"] = False
         values["reason"] = f"law {flown.law_refusal}"

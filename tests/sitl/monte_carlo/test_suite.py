@@ -135,6 +135,30 @@ def test_a_file_of_another_kind_or_version_is_refused_in_a_sentence(tmp_path, fl
         suite_command.judge("orca", range(1), keep=keep)
 
 
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (lambda flight: flight.pop("energy_hover_s"), "missing required field `energy_hover_s`"),
+        (lambda flight: flight.pop("straight_line_s"), "missing required field `straight_line_s`"),
+        (lambda flight: flight.update(violation_s="0.1"), "Expected `float`, got `str`"),
+        (None, "flights are missing in orca"),
+    ],
+)
+def test_a_kept_flight_that_lacks_a_number_is_refused_in_a_sentence(tmp_path, change, words):
+    [unit, *_] = suite.units("orca", range(1000, 1001))
+    row = row_of(unit)
+    if change is None:
+        row["flights"] = []
+    else:
+        change(row["flights"][0])
+    keep = tmp_path / "kept.jsonl"
+    keep.write_text('{"open_benchmark": 1, "version": "a"}\n' + json.dumps(row) + "\n")
+    with pytest.raises(ConfigError) as refusal:
+        ResultsFile(keep, "a", kind=suite.KIND)
+    assert words in str(refusal.value)
+    assert "or begin anew with --anew" in str(refusal.value)
+
+
 def test_a_law_that_is_edited_meanwhile_is_refused_and_not_kept_as_the_first_one(
     tmp_path, monkeypatch
 ):
