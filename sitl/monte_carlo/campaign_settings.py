@@ -32,6 +32,7 @@ from onboard.config.law_import import find_own_law
 from onboard.config.validation import GEOFENCE_BOUNDS
 from onboard.plain_text import meant_words
 
+DEFAULT_TYPE = "sih"  # vehicle type, where there is one of that name
 _EXAMPLES = ("sih", "paper")  # example fleets whose types can be named without --fleet
 # keys of the table [fleet] that count in a campaign
 _FLEET_KEYS = ("safety_distance_m", "vertical_separation_m", "body_diameter_m")
@@ -385,8 +386,8 @@ def _type_names(types: str | None, tables: Mapping[str, Any]) -> tuple[str, ...]
     Raises:
         ConfigError: a type is unknown.
     """
-    if types is None and "sih" in tables:
-        types = "sih"
+    if types is None and DEFAULT_TYPE in tables:
+        types = DEFAULT_TYPE
     elif types is None:
         types = next(iter(tables), "")
 

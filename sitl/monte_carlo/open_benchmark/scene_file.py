@@ -122,7 +122,9 @@ class Scene(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     placing: Circle | Square | Listed  # starts and goals; its "type" is circle, square or listed
     jitter_m: float = 0.05  # standard deviation of each start per axis; 0: none
     obstacles: tuple[Obstacle, ...] = ()  # the same for all seeds
-    type: str = "sih"  # vehicle types separated by commas, assigned to the vehicles in turn
+    # vehicle types separated by commas, assigned to the vehicles in turn; "sih" stands for the
+    # first type of a fleet file that has none of that name
+    type: str = "sih"
     errors: str = "mocap"  # accuracy of the estimates
     # values as --set of covey simulate takes them: delay, loss, wind, limits
     set: dict[str, float | int | bool | str] = {}

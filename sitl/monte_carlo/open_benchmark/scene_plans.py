@@ -48,9 +48,12 @@ def setup(
         ConfigError: type, errors, a key or a value is wrong, or vehicles begin or end too close to
             each other or to an obstacle.
     """
+    types: str | None = scene.type
+    if types == campaign_settings.DEFAULT_TYPE:
+        types = None  # a fleet file may have no type of that name
     made = campaign_settings.setup_for(
         law=law,
-        types=scene.type,
+        types=types,
         fleet_path=fleet_path,
         errors=scene.errors,
         changes=(*scene.changes, *changes),

@@ -170,6 +170,15 @@ def test_values_of_the_scene_are_set_and_those_of_the_command_come_after_them():
     assert setup.fleet(1).vehicles["v0"].max_speed_m_s == 2.0
 
 
+def test_a_scene_that_names_no_type_flies_with_the_first_type_of_a_fleet_file(tmp_path):
+    assert main(["init", str(tmp_path / "made")]) == 0
+    fleet_path = str(tmp_path / "made" / "fleet.toml")
+    assert "sih" not in scene_plans.setup(scene_of(), fleet_path=fleet_path).types
+    assert scene_plans.setup(scene_of()).types == ("sih",)
+    with pytest.raises(ConfigError, match="There is no vehicle type 'paper'"):
+        scene_plans.setup(scene_of(type="paper"), fleet_path=fleet_path)
+
+
 @pytest.mark.long
 def test_a_blind_vehicle_flies_straight_on_and_the_other_one_gives_way():
     (one,) = flown(scene_of(jitter_m=0.0, blind=[0]))
