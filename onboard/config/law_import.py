@@ -219,9 +219,10 @@ def _target(name: str, where: str) -> str:
     """Return module and function of a name, as ``module:function``."""
     module_name, _, function_name = name.partition(":")
     if module_name.endswith(".py"):
+        function_name = function_name or "law"
         raise ConfigError(
             f"{where}: write the module's name without .py: "
-            f"{module_name.removesuffix('.py')}:{function_name or 'law'}"
+            f"{_module_of_path(module_name)}:{function_name}"
         )
 
     parts = name.split(":")
@@ -237,6 +238,17 @@ def _target(name: str, where: str) -> str:
         f"{where}, but there are only {', '.join(laws)}.{meant_words(name, laws)} Name one of"
         " these, or a law of your own as module:function (docs/own-law.md)."
     )
+
+
+def _module_of_path(path: str) -> str:
+    """Return the name of the module in a file, from the folder in which its package is.
+
+    A file elsewhere can only be named from its own folder.
+    """
+    names = os.path.normpath(path.removesuffix(".py")).split(os.sep)
+    if os.pardir in names or os.path.isabs(path):
+        return names[-1]
+    return ".".join(names)
 
 
 def _import_file(name: str, file: str) -> ModuleType:

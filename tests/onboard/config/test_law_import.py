@@ -50,6 +50,8 @@ def test_a_law_beside_the_file_is_found_and_its_source_is_part_of_what_agents_co
         (GOOD, "../mine:law", "there are only covey, paper, off"),
         (GOOD, "mine.py:law", "write the module's name without .py: mine:law"),
         (GOOD, "mine.py", "write the module's name without .py: mine:law"),
+        (GOOD, "./lab/mine.py:go", "write the module's name without .py: lab.mine:go"),
+        (GOOD, "/home/me/mine.py:law", "write the module's name without .py: mine:law"),
         (GOOD, "nowhere:law", "Put nowhere.py there"),
         (
             "import no_such_package\n",
