@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from numbers import Complex, Real
 from typing import Any, NamedTuple
 
 from onboard.avoidance import oist
@@ -224,7 +225,19 @@ def _three_numbers(numbers: Any) -> Vec3:
     """Return the vector of three numbers; raises an exception for anything else."""
     if isinstance(numbers, str | bytes | dict):
         raise TypeError  # characters or keys could be mistaken for numbers
-    return Vec3(*(float(number) for number in numbers))
+    return Vec3(*map(_number, numbers))
+
+
+def _number(value: Any) -> float:
+    """Return a number; raises an exception for anything else.
+
+    ``float`` alone would read a text, and leave out the imaginary part of numpy's complex numbers.
+    """
+    if isinstance(value, str | bytes):
+        raise TypeError
+    if isinstance(value, Complex) and not isinstance(value, Real):
+        raise TypeError
+    return float(value)
 
 
 def _named(value: Any) -> str:

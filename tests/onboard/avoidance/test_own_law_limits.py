@@ -6,6 +6,7 @@ import math
 from collections.abc import Callable
 from typing import Any
 
+import numpy as np
 import pytest
 
 from onboard.avoidance import oist, own_law
@@ -73,6 +74,10 @@ def test_a_law_is_given_the_neighbours_in_range_the_nearest_first() -> None:
         ((None, "123"), "returned a str instead of a thrust"),
         ((None, (0.0, 9.81)), "returned a tuple instead of a thrust of three numbers (it has 2)"),
         ((None, ("a", "b", "c")), "returned a tuple instead of a thrust of three numbers"),
+        ((None, ("0", "0", "9.81")), "returned a tuple instead of a thrust of three numbers"),
+        ((None, np.array([0j, 1j, 9.81])), "returned a ndarray instead of a thrust of three"),
+        ((None, np.array([0, 0, 10], np.float32)), ""),
+        ((None, np.array([0, 0, 10])), ""),
         ((None, (0.0, math.nan, 9.81)), "not finite: (0, nan, 9.81)"),
     ],
 )
