@@ -76,4 +76,10 @@ class JudgedLaw:
     ) -> batch.Controller:
         """Return the control of a batch by this law, interpreted and timed."""
         law = OwnLaw(name=self._name, source="", source_hash=self.source_hash, load=lambda: self)
-        return OwnLawFleet(law, params, start_enu_m, obstacles, is_flown)
+        return OwnLawFleet(
+            law=law,
+            params=params,
+            start_enu_m=start_enu_m,
+            obstacles=obstacles,
+            is_flown=is_flown,
+        )

@@ -83,7 +83,14 @@ class Contestant:
         """
         changed = [self.change(own) for own in params]
         own = OwnLaw(self.title, "", "", lambda: law)
-        return Hearing(OwnLawFleet(own, changed, start_enu_m, obstacles, is_flown), self.hear)
+        control = OwnLawFleet(
+            law=own,
+            params=changed,
+            start_enu_m=start_enu_m,
+            obstacles=obstacles,
+            is_flown=is_flown,
+        )
+        return Hearing(control, self.hear)
 
 
 class Hearing:
