@@ -1,7 +1,8 @@
 """Emulated PX4s in real time: one process, and one UDP socket per link in PX4's port layout.
 
-Only this module connects the emulator with the rest of the project. It reads fleet files, and it
-publishes poses and ground truth on the bus. From the bus it receives only orders for faults.
+This module, `fleet_emulator.py` and `bus_messages.py` connect the emulator with the rest of the
+project. They read fleet files, and publish poses and ground truth on the bus. From the bus comes
+nothing but orders for faults.
 """
 
 from __future__ import annotations
@@ -13,28 +14,25 @@ import os
 import selectors
 import socket
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-
-import numpy as np
-from msgspec.structs import asdict
 
 from onboard.bus.clock_sync import ClockNode
 from onboard.bus.codec import Malformed
 from onboard.bus.pose_publisher import PosePublisher
-from onboard.bus.schema import FaultOrder, MocapPose, OrderReply, Truth
+from onboard.bus.schema import FaultOrder, OrderReply
 from onboard.bus.session import BusSession
 from onboard.bus.topics import Topic
-from onboard.config.fleet import FleetConfig, Person, Vehicle
-from onboard.config.people import body_of
+from onboard.config.fleet import FleetConfig
 from onboard.end_signals import end_signals
 from onboard.security.credentials import credentials_of
 from onboard.security.mavlink_key import mavlink_key
 from onboard.security.node_roles import NodeRole
-from sitl.emulator.emulator import Emulator, Environment, VehicleSpec
-from sitl.emulator.mocap import Mocap, MocapSettings, Pose
-from sitl.emulator.walk import position_at
-from sitl.faults.catalogue import Fault, FaultError
+from sitl.bus_messages import TRUTH_EVERY_STEPS, Broadcast, answer_fault
+from sitl.emulator.emulator import Environment
+from sitl.emulator.mocap import MocapSettings
+from sitl.faults.catalogue import Fault
+from sitl.fleet_emulator import emulator_of
 from sitl.mavlink.endpoints import (
     Address,
     Ports,
@@ -48,233 +46,13 @@ from sitl.mavlink.endpoints import (
 )
 from sitl.mavlink.lossy_link import LossyLink
 from sitl.mavlink.streams import GCS_RATES_HZ, ONBOARD_RATES_HZ, SIMULATOR_RATES_HZ
-from sitl.physics.earth import ZURICH, EarthPoint
-from sitl.physics.scatter import one_of_type
-from sitl.physics.vehicle import STEP_S, VehicleProfile
-from sitl.px4.parameters import DEFAULTS
-from sitl.px4.versions import VERSIONS
+from sitl.physics.vehicle import STEP_S
 
 # A busy machine delays the process at times. The process catches up on a delay of up to this number
 # of steps, and reads its sockets between them. This is less than the shortest COM_OF_LOSS_T in use.
 # After a longer delay, simulated time pauses instead.
 _LARGEST_BACKLOG_STEPS = 70
-TRUTH_EVERY_STEPS = 5  # every tick of the agents, 20 ms
 _REALTIME_PRIORITY = 5  # below the priority that the loops of agents may request
-_HOVER_S = 300.0  # hover time of a battery without a value in the fleet file
-_PEOPLE_SEED = 1  # added to the seed, so that people get different noise from the vehicles
-_LONGEST_WAIT_S = 1e6  # longest time until an ordered fault begins
-
-
-def profile_of(vehicle: Vehicle) -> VehicleProfile:
-    """Return the emulator's profile of a vehicle of the fleet file."""
-    params = {**DEFAULTS[vehicle.px4_version], **vehicle.px4_params}
-    return VehicleProfile(
-        attitude_p_1_s=(float(params.get("MC_ROLL_P", 0.0)), float(params.get("MC_PITCH_P", 0.0))),
-        setpoint_filter_rad_s=float(params.get("MC_REF_W_N", 0.0)),
-        mass_kg=vehicle.mass_kg,
-        hover_thrust_frac=vehicle.hover_thrust_frac,
-        attitude_delay_s=vehicle.attitude_delay_s,
-        attitude_wn_rad_s=vehicle.attitude_wn_rad_s,
-        attitude_zeta=vehicle.attitude_zeta,
-        drag_1_s=vehicle.drag_1_s,
-        **asdict(vehicle.sitl),
-    )
-
-
-def emulator_of(
-    fleet: FleetConfig,
-    vehicles: Sequence[Vehicle],
-    *,
-    seed: int,
-    environment: Environment | None = None,
-    px4: str | None = None,
-) -> Emulator:
-    """Return the emulator of some vehicles of a fleet file.
-
-    Args:
-        fleet: the fleet file.
-        vehicles: vehicles to emulate.
-        seed: seed of all random numbers.
-        environment: wind, downwash and errors.
-        px4: version of PX4 of all vehicles; None: the version of each in the fleet file.
-    """
-    if environment is None:
-        environment = Environment()
-
-    specs: list[VehicleSpec] = []
-    for vehicle in vehicles:
-        profile = one_of_type(
-            profile_of(vehicle), seed=seed, index=vehicle.index, scale=environment.vehicle_scatter
-        )
-        hover_time_s = _HOVER_S
-        least_charge_pct = None
-        if vehicle.hover_time_s is not None:
-            hover_time_s = vehicle.hover_time_s
-            least_charge_pct = 0.0  # who says how long a battery lasts wants to see its end
-        spec = VehicleSpec(
-            name=vehicle.name,
-            system_id=vehicle.system_id,
-            profile=profile,
-            start_enu_m=vehicle.start_enu_m,
-            px4=VERSIONS[px4 or vehicle.px4_version],
-            hover_time_s=hover_time_s,
-            least_charge_pct=least_charge_pct,
-        )
-        specs.append(spec)
-
-    # The spots of vehicles that are not emulated tell the ground too.
-    spots_enu_m = np.array([fleet.vehicles[name].start_enu_m for name in fleet.enabled_names])
-    return Emulator(
-        specs,
-        body_diameter_m=fleet.fleet.body_diameter_m,
-        environment=environment,
-        origin=_earth_point(fleet),
-        spots_enu_m=spots_enu_m,
-        seed=seed,
-    )
-
-
-def _earth_point(fleet: FleetConfig) -> EarthPoint:
-    """Return the origin of a fleet; a fleet without one gets the origin of PX4's own simulator."""
-    origin = fleet.fleet.origin
-    if isinstance(origin, str):
-        return ZURICH
-    return EarthPoint(
-        latitude_deg=origin.latitude_deg,
-        longitude_deg=origin.longitude_deg,
-        altitude_m=origin.altitude_m,
-    )
-
-
-def answer_fault(emulator: Emulator, order: FaultOrder | Malformed) -> OrderReply:
-    """Plan the fault of an order; return the reply with the reason of a refusal."""
-    if isinstance(order, Malformed):
-        return OrderReply(
-            order_id="", vehicle="", is_accepted=False, reason=f"This is no fault: {order.reason}."
-        )
-
-    fault = Fault(
-        name=order.fault,
-        vehicle=order.vehicle,
-        at_s=emulator.time_s + order.after_s,
-        duration_s=order.duration_s,
-        parameters=order.parameters,
-    )
-    try:
-        if not 0.0 <= order.after_s <= _LONGEST_WAIT_S:
-            raise FaultError(
-                f"{order.fault}: after_s is {order.after_s:.0f}; "
-                f"give 0 to {_LONGEST_WAIT_S:.0f} seconds."
-            )
-        if order.is_rehearsal:
-            accepted = emulator.check(fault)
-        else:
-            accepted = emulator.inject(fault)
-    except FaultError as error:
-        return OrderReply(
-            order_id=order.order_id, vehicle=order.vehicle, is_accepted=False, reason=str(error)
-        )
-    return OrderReply(
-        order_id=order.order_id, vehicle=order.vehicle, is_accepted=True, reason=accepted.sentence
-    )
-
-
-class Broadcast:
-    """Poses of an emulated motion capture and ground truth, as messages of the bus.
-
-    Args:
-        emulator: emulator with the vehicles.
-        vehicles: vehicles of the emulator, in its order.
-        mocap: quality of the motion capture.
-        people: people in the fleet file; the motion capture sees those that have a walk.
-        seed: seed of the noise of the motion capture.
-        boot_id: boot id of the sender.
-        stamp_ns: function from simulated seconds to the stamp of a message.
-        source: node of the sender, if receivers have other clocks.
-        truth_offset_m: offset of the published true positions, to prove that no flight depends on
-            them.
-    """
-
-    def __init__(
-        self,
-        emulator: Emulator,
-        vehicles: Sequence[Vehicle],
-        mocap: MocapSettings | None,
-        *,
-        people: Mapping[str, Person] = {},
-        seed: int,
-        boot_id: int,
-        stamp_ns: Callable[[float], int],
-        source: str = "",
-        truth_offset_m: float = 0.0,
-    ) -> None:
-        self._emulator = emulator
-        self._names = [vehicle.name for vehicle in vehicles]
-        self._bodies = [vehicle.mocap_body or vehicle.name for vehicle in vehicles]
-        self._mocap = Mocap(len(vehicles), mocap, seed=seed, faults=emulator.disturbances.mocap)
-
-        self._people = {
-            body_of(name, person): person for name, person in people.items() if person.walk_enu_m
-        }
-        self._people_mocap = Mocap(len(self._people), mocap, seed=seed + _PEOPLE_SEED)
-        self._boot_id = boot_id
-        self._stamp_ns = stamp_ns
-        self._source = source
-        self._truth_offset_m = truth_offset_m
-        self._sequence = 0
-
-    def messages(self) -> tuple[list[MocapPose], list[Truth]]:
-        """Return the poses that the motion capture delivers now, and the truth of every vehicle."""
-        emulator = self._emulator
-        position, velocity, attitude = emulator.world.truth_enu()
-        delivered = self._mocap.step(emulator.time_s, position, attitude)
-        poses = [self._pose_message(pose, self._bodies) for pose in delivered]
-        poses += self._poses_of_people(emulator.time_s)
-
-        states = emulator.world.vehicles.states
-        motion = emulator.world.vehicles.motion
-        stamp_ns = self._stamp_ns(emulator.time_s)
-        shown_position = position + self._truth_offset_m
-        truths = [
-            Truth(
-                vehicle=name,
-                stamp_ns=stamp_ns,
-                position_enu_m=tuple(shown_position[index].tolist()),
-                velocity_enu_m_s=tuple(velocity[index].tolist()),
-                quaternion_enu_flu_wxyz=tuple(attitude[index].tolist()),
-                is_on_ground=bool(states.on_ground[index]),
-                is_collided=index in emulator.world.collided,
-                touchdowns=int(motion["touchdowns"][index]),
-                touchdown_m_s=float(motion["touchdown_speed"][index]),
-                had_thrust=bool(motion["touchdown_powered"][index]),
-                is_flown_by_agent=emulator.follows_setpoints(index),
-            )
-            for index, name in enumerate(self._names)
-        ]
-        return poses, truths
-
-    def _poses_of_people(self, time_s: float) -> list[MocapPose]:
-        if not self._people:
-            return []
-        walkers = self._people.values()
-        position = np.array([position_at(p.walk_enu_m, p.walk_m_s, time_s) for p in walkers])
-        attitude = np.tile([1.0, 0.0, 0.0, 0.0], (len(self._people), 1))
-        delivered = self._people_mocap.step(time_s, position, attitude)
-        bodies = list(self._people)
-        return [self._pose_message(pose, bodies) for pose in delivered]
-
-    def _pose_message(self, pose: Pose, bodies: Sequence[str]) -> MocapPose:
-        self._sequence += 1
-        return MocapPose(
-            body=bodies[pose.index],
-            boot_id=self._boot_id,
-            sequence=self._sequence,
-            stamp_ns=self._stamp_ns(pose.time_s),
-            is_tracked=pose.is_tracked,
-            position_enu_m=pose.position_enu_m,
-            quaternion_enu_flu_wxyz=pose.quaternion_enu_flu_wxyz,
-            source=self._source,
-        )
 
 
 @dataclass(frozen=True, slots=True)

@@ -17,16 +17,17 @@ from typing import TYPE_CHECKING, NamedTuple
 from onboard.bus.pose_publisher import PosePublisher
 from onboard.bus.topics import Topic
 from onboard.config.fleet import FleetConfig
+from sitl.bus_messages import TRUTH_EVERY_STEPS, Broadcast, answer_fault
 from sitl.emulator.emulator import Environment
 from sitl.emulator.mocap import MocapSettings
 from sitl.faults.catalogue import Fault
+from sitl.fleet_emulator import emulator_of
 from sitl.lockstep.agents import AgentShell
 from sitl.lockstep.bus import SimBus
 from sitl.lockstep.connections import LONGEST_BUS_DELAY_S, BusSettings
 from sitl.lockstep.direct_link import LinkBank
 from sitl.lockstep.pipeline_rows import CompiledPipeline
 from sitl.physics.vehicle import STEP_S
-from sitl.server import TRUTH_EVERY_STEPS, Broadcast, answer_fault, emulator_of
 
 if TYPE_CHECKING:
     from sitl.lockstep.base_station import BaseStation

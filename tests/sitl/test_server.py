@@ -21,8 +21,8 @@ from onboard.bus.schema import Message, MocapPose, Truth
 from onboard.bus.session import BusSession
 from onboard.bus.topics import Topic
 from onboard.config.fleet import load_fleet
+from sitl.fleet_emulator import emulator_of
 from sitl.mavlink.endpoints import GROUND_STATION, ground_ports
-from sitl.server import emulator_of
 
 FLEET = """
 schema = 1

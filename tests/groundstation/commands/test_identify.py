@@ -19,7 +19,7 @@ from groundstation.flights.flight_settings import prepare
 from groundstation.flights.identification_flight import write_manoeuvre
 from groundstation.identification.manoeuvre import manoeuvre, mission_text
 from onboard.config.fleet import ConfigError, FleetConfig, Vehicle, fleet_from_mapping, load_fleet
-from sitl import server
+from sitl import fleet_emulator
 
 pytest_plugins = ["sitl.lockstep.testing"]
 
@@ -57,8 +57,9 @@ def test_a_vehicle_that_the_fleet_file_has_wrong_is_identified_from_its_flight(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
     true = edited(kind).vehicles["mav0"]
-    profile_of = server.profile_of
-    monkeypatch.setattr(server, "profile_of", lambda vehicle: profile_of(true))  # what really flies
+    profile_of = fleet_emulator.profile_of
+    # what really flies
+    monkeypatch.setattr(fleet_emulator, "profile_of", lambda vehicle: profile_of(true))
     believed = edited(kind, **wrong)
     mission = tmp_path / "mission.py"
     mission.write_text(mission_text(FLEETS[kind], "mav0", manoeuvre(believed, "mav0", seed=1)))

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from onboard.config.fleet import load_fleet
+from sitl.bus_messages import Broadcast
 from sitl.emulator.emulator import Emulator
 from sitl.physics import contacts, frames
 from sitl.physics.jit import records
@@ -16,7 +17,6 @@ from sitl.physics.step import MOTION
 from sitl.physics.wind import Wind, WindSettings
 from sitl.physics.world import SpawnError, World
 from sitl.px4.modes import Mode
-from sitl.server import Broadcast
 from tests.oracles import emulated_vehicles
 from tests.sitl.sitl_flying import SIH, emulator, height_m, run_for, streamer, until
 

@@ -15,11 +15,11 @@ from msgspec.structs import replace
 import sitl.px4
 from onboard.config.fleet import Vehicle, load_fleet
 from sitl.emulator.emulator import Emulator
+from sitl.fleet_emulator import profile_of
 from sitl.mavlink.codec import text_of
 from sitl.px4.modes import Mode
 from sitl.px4.parameters import DEFAULTS
 from sitl.px4.versions import VERSIONS
-from sitl.server import profile_of
 from tests.sitl.px4.test_commander import offboard_at_height
 from tests.sitl.sitl_flying import EAST_WXYZ, Client, emulator, run_for, streamer, until
 
