@@ -309,11 +309,12 @@ def _pilot(emulator: FaultyEmulator, index: int, fault: Fault, is_on: bool) -> N
     if not is_on:
         return
 
+    # PX4 accepts a manual mode only while sticks are received, so they are lost after the request.
+    now_s = emulator.disturbances.clocks[index].at(emulator.time_s)
+    px4.take_sticks(now_s, CENTRED)
     if fault.word("sticks") == "heard":
         px4.held_sticks = CENTRED
-    px4.request(
-        emulator.disturbances.clocks[index].at(emulator.time_s), _PILOT_MODES[fault.word("mode")]
-    )
+    px4.request(now_s, _PILOT_MODES[fault.word("mode")])
 
 
 def _outside(emulator: FaultyEmulator, index: int, fault: Fault, is_on: bool) -> None:

@@ -40,6 +40,7 @@ ARMING_CHECKS: tuple[ArmingCheck, ...] = (
     ArmingCheck(
         "no global position for this mode", lambda r: ModeCondition.GLOBAL_POSITION in r.missing
     ),
+    ArmingCheck("no manual control input", lambda r: ModeCondition.STICKS in r.missing),
     ArmingCheck("no mission", lambda r: ModeCondition.MISSION in r.missing),
     ArmingCheck("this mode cannot be armed in", lambda r: ModeCondition.ARMING in r.needs),
     ArmingCheck("battery too low", lambda r: r.battery.value >= ChargeState.CRITICAL.value),

@@ -369,6 +369,8 @@ class EmulatedPx4:
             available |= ModeCondition.GLOBAL_POSITION
         if self.has_fresh_setpoint(now_s):
             available |= ModeCondition.SETPOINTS
+        if self.has_sticks(now_s):
+            available |= ModeCondition.STICKS
         return available
 
     def _request_mode(self, mode: Mode) -> None:

@@ -63,6 +63,7 @@ class ModeCondition(Flag):
     GLOBAL_POSITION = auto()
     SETPOINTS = auto()
     MISSION = auto()
+    STICKS = auto()  # sticks of a pilot
     ARMING = auto()  # never met: a vehicle cannot be armed in this mode
 
 
@@ -91,28 +92,28 @@ MODES: dict[Mode, ModeRow] = {
         sub=0,
         base_mode=65,
         standard_mode=0,
-        needs=ModeCondition.NOTHING,
+        needs=ModeCondition.STICKS,
     ),
     Mode.ALTCTL: ModeRow(
         main=2,
         sub=0,
         base_mode=81,
         standard_mode=4,
-        needs=ModeCondition.NOTHING,
+        needs=ModeCondition.STICKS,
     ),
     Mode.POSCTL: ModeRow(
         main=3,
         sub=0,
         base_mode=81,
         standard_mode=1,
-        needs=ModeCondition.LOCAL_POSITION,
+        needs=ModeCondition.LOCAL_POSITION | ModeCondition.STICKS,
     ),
     Mode.STABILIZED: ModeRow(
         main=7,
         sub=0,
         base_mode=81,
         standard_mode=0,
-        needs=ModeCondition.NOTHING,
+        needs=ModeCondition.STICKS,
     ),
     Mode.OFFBOARD: ModeRow(
         main=6,

@@ -69,6 +69,29 @@ def test_offboard_without_setpoints_is_taken_when_disarmed_and_then_arming_is_de
     assert pilot.journal.texts.newest[-1].text.startswith("Arming denied")
 
 
+@pytest.mark.parametrize("mode", [Mode.MANUAL, Mode.ALTCTL, Mode.POSCTL, Mode.STABILIZED])
+def test_a_manual_mode_is_armed_only_while_a_pilots_sticks_are_received(mode: Mode) -> None:
+    emu = emulator()
+    run_for(emu, 5.0)
+    pilot = emu.autopilots[0]
+    assert pilot.request(emu.time_s, mode) is CommandResult.ACCEPTED
+    assert pilot.system_status(emu.time_s) is SystemStatus.UNINIT
+    assert pilot.request_arm(emu.time_s, True, 0.0) is CommandResult.TEMPORARILY_REJECTED
+    pilot.take_sticks(emu.time_s, (0.0, 0.0, 0.0, 0.0))
+    assert pilot.system_status(emu.time_s) is SystemStatus.STANDBY
+    assert pilot.request_arm(emu.time_s, True, 0.0) is CommandResult.ACCEPTED
+
+
+def test_a_manual_mode_without_sticks_is_rejected_in_the_air() -> None:
+    emu = emulator()
+    offboard_at_height(emu, 1.0)
+    pilot = emu.autopilots[0]
+    assert pilot.request(emu.time_s, Mode.POSCTL) is CommandResult.TEMPORARILY_REJECTED
+    assert pilot.mode is Mode.OFFBOARD
+    pilot.take_sticks(emu.time_s, (0.0, 0.0, 0.5, 0.0))
+    assert pilot.request(emu.time_s, Mode.POSCTL) is CommandResult.ACCEPTED
+
+
 def test_offboard_without_setpoints_is_rejected_in_the_air() -> None:
     emu = emulator()
     offboard_at_height(emu, 1.0)

@@ -14,12 +14,13 @@ from tests.sitl.sitl_flying import emulator, run_for, until
 PILOTS = (Mode.POSCTL, Mode.ALTCTL, Mode.STABILIZED)
 
 
-def _taken(mode: Mode, sticks: Axes | None):
+def _taken(mode: Mode, sticks: Axes):
     emu = emulator()
     offboard_at_height(emu, 3.0)
     px4 = emu.autopilots[0]
+    px4.take_sticks(emu.time_s, sticks)
     px4.held_sticks = sticks
-    px4.request(emu.time_s, mode)
+    assert px4.request(emu.time_s, mode) is CommandResult.ACCEPTED
     return emu
 
 
@@ -40,7 +41,8 @@ def test_sticks_in_their_middle_hold_the_height(mode: Mode) -> None:
 
 @pytest.mark.parametrize("mode", PILOTS)
 def test_without_sticks_it_sinks(mode: Mode) -> None:
-    emu = _taken(mode, None)
+    emu = _taken(mode, CENTRED)
+    emu.autopilots[0].held_sticks = None
     before_m = _height_m(emu)
     run_for(emu, 3.0)
     assert _height_m(emu) < before_m - 1.0
@@ -100,7 +102,8 @@ def test_a_high_throttle_takes_off_and_no_throttle_lands(mode: Mode) -> None:
     run_for(emu, 5.0)
     px4 = emu.autopilots[0]
     px4.request(emu.time_s, mode)
-    px4.held_sticks = CENTRED
+    px4.held_sticks = (0.0, 0.0, 0.0, 0.0)
+    run_for(emu, 0.1)
     assert px4.request_arm(emu.time_s, True, 0.0) is CommandResult.ACCEPTED
 
     run_for(emu, 2.0)
