@@ -35,6 +35,10 @@ from sitl.px4.sticks import Axes, Sticks
 from sitl.px4.versions import Version
 
 _FORCE_MAGIC = 21196.0  # parameter 2 of a command that forces disarming
+# Throttles with which a vehicle is armed: in the modes whose throttle is a thrust, below the first
+# one; in those whose throttle commands a climb, up to the second one.
+_MAX_ARMING_THRUST = 0.1
+_MAX_ARMING_CLIMB = 0.6
 _REFUSAL_INTERVAL_S = 1.0  # time between two texts about refused modes
 # Keys of the journal.
 _BATTERY_TEXTS: dict[ChargeState, str] = {
@@ -174,8 +178,9 @@ class EmulatedPx4:
             return CommandResult.ACCEPTED
 
         if arm:
-            if self.arming_obstacles(now_s):
-                self.journal.say(now_s, "arm denied")
+            reason = self._reason_against_arming(now_s)
+            if reason is not None:
+                self.journal.say(now_s, reason)
                 return CommandResult.TEMPORARILY_REJECTED
             self._arm(now_s)
             return CommandResult.ACCEPTED
@@ -185,6 +190,26 @@ class EmulatedPx4:
             return CommandResult.TEMPORARILY_REJECTED
         self._disarm(now_s, "command")
         return CommandResult.ACCEPTED
+
+    def _reason_against_arming(self, now_s: float) -> str | None:
+        """Return the key of the text that says why the vehicle cannot be armed; None if it can."""
+        if self.mode in modes.BY_HAND and self.has_sticks(now_s):
+            _, _, throttle, _ = self.sticks.positions
+            if self.mode in modes.BY_THRUST:
+                is_safe = throttle < _MAX_ARMING_THRUST
+                reason = "arm denied, high throttle"
+            else:
+                is_safe = throttle <= _MAX_ARMING_CLIMB
+                reason = "arm denied, throttle above center"
+
+            if not is_safe and self.version.has_one_throttle_text:
+                return "arm denied, unsafe throttle"
+            if not is_safe:
+                return reason
+
+        if self.arming_obstacles(now_s):
+            return "arm denied"
+        return None
 
     def request_mode(self, now_s: float, main: int, sub: int, base_mode: int = 1) -> CommandResult:
         """Change the mode as requested by DO_SET_MODE or SET_MODE; return the commander's answer.

@@ -47,8 +47,6 @@ _MAX_HOVER_THRUST = 0.9
 _STICK_REST = 0.1
 _TAKEOFF_THROTTLE = 0.65  # throttle above which a vehicle on the ground takes off by hand
 
-_BY_HAND = frozenset({Mode.POSCTL, Mode.ALTCTL, Mode.STABILIZED, Mode.MANUAL})
-
 _NO_POSITION = np.full(3, math.nan)
 _ZERO = np.zeros(3)
 
@@ -266,7 +264,7 @@ class ModeControl:
         PX4 lets STABILIZED and MANUAL lift off at any thrust. Here they need as much throttle as
         the other modes.
         """
-        if self._sticks is None or mode not in _BY_HAND:
+        if self._sticks is None or mode not in modes.BY_HAND:
             return False
 
         _, _, throttle, _ = self._sticks

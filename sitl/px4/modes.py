@@ -224,8 +224,12 @@ FALLBACK: dict[Mode, Mode] = {
     Mode.POSCTL: Mode.ALTCTL,
 }
 
+# Modes that a pilot flies by hand, and those of them in which the throttle is a thrust.
+BY_HAND = frozenset({Mode.POSCTL, Mode.ALTCTL, Mode.STABILIZED, Mode.MANUAL})
+BY_THRUST = frozenset({Mode.STABILIZED, Mode.MANUAL})
+
 # Modes that become a level descent when there is neither a position nor sticks.
-BLIND_DESCENT = frozenset({Mode.MANUAL, Mode.ALTCTL, Mode.POSCTL, Mode.STABILIZED, Mode.DESCEND})
+BLIND_DESCENT = BY_HAND | {Mode.DESCEND}
 
 
 def mode_of(base_mode: int, main: int, sub: int) -> Mode | None:

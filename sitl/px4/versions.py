@@ -23,6 +23,7 @@ class Version:
     survives_no_rotation: bool
     flies_manual_modes_without_sticks: bool
     shows_termination: bool
+    has_one_throttle_text: bool
     landed_offboard_s: float
     unsupported_commands: frozenset[int]
     silent_streams: frozenset[str]

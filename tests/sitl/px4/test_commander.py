@@ -82,6 +82,34 @@ def test_a_manual_mode_is_armed_only_while_a_pilots_sticks_are_received(mode: Mo
     assert pilot.request_arm(emu.time_s, True, 0.0) is CommandResult.ACCEPTED
 
 
+@pytest.mark.parametrize(
+    ("px4", "mode", "throttle", "said"),
+    [
+        ("1.16", Mode.MANUAL, 0.09, None),
+        ("1.16", Mode.MANUAL, 0.1, "high throttle"),
+        ("1.16", Mode.STABILIZED, 0.5, "high throttle"),
+        ("1.18", Mode.STABILIZED, 0.5, "throttle not in safe position"),
+        ("1.16", Mode.POSCTL, 0.56, None),
+        ("1.16", Mode.POSCTL, 1.0, "throttle above center"),
+        ("1.18", Mode.ALTCTL, 1.0, "throttle not in safe position"),
+        ("1.16", Mode.LOITER, 1.0, None),
+    ],
+)
+def test_a_raised_throttle_forbids_arming_in_the_modes_that_obey_it(
+    px4: str, mode: Mode, throttle: float, said: str | None
+) -> None:
+    emu = emulator(px4=px4)
+    run_for(emu, 5.0)
+    pilot = emu.autopilots[0]
+    pilot.take_sticks(emu.time_s, (0.0, 0.0, throttle, 0.0))
+    pilot.request(emu.time_s, mode)
+    if said is None:
+        assert pilot.request_arm(emu.time_s, True, 0.0) is CommandResult.ACCEPTED
+    else:
+        assert pilot.request_arm(emu.time_s, True, 0.0) is CommandResult.TEMPORARILY_REJECTED
+        assert pilot.journal.texts.newest[-1].text == f"Arming denied: {said}\t"
+
+
 def test_a_manual_mode_without_sticks_is_rejected_in_the_air() -> None:
     emu = emulator()
     offboard_at_height(emu, 1.0)
