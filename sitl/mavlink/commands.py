@@ -121,10 +121,10 @@ def _enter(mode: Mode, text: str | None = None) -> Handler:
 
 def _take_off(link: CommandedLink, command: ReceivedCommand) -> Answer:
     *_, altitude_m = command.numbers  # above the sea, since PX4 ignores the frame
-    height_m = math.nan
+    down_m = math.nan
     if abs(altitude_m) < _MAX_ALTITUDE_M:
-        height_m = altitude_m - link.view.home_altitude_m
-    return link.autopilot.request_takeoff(link.view.now_s, height_m), []
+        down_m = link.view.origin_altitude_m - altitude_m
+    return link.autopilot.request_takeoff(link.view.now_s, down_m), []
 
 
 def _arm(link: CommandedLink, command: ReceivedCommand) -> Answer:

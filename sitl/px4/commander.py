@@ -260,20 +260,23 @@ class EmulatedPx4:
         self._select_mode(now_s)
         return CommandResult.ACCEPTED
 
-    def request_takeoff(self, now_s: float, height_m: float) -> CommandResult:
-        """Take off as requested by MAV_CMD_NAV_TAKEOFF.
+    def request_takeoff(self, now_s: float, down_m: float) -> CommandResult:
+        """Take off as requested by MAV_CMD_NAV_TAKEOFF, on the ground or in the air.
 
         Args:
             now_s: present time.
-            height_m: height above home, at least MIS_TAKEOFF_ALT; NaN: MIS_TAKEOFF_ALT.
+            down_m: local down coordinate to climb to; NaN: MIS_TAKEOFF_ALT above the start. A
+                vehicle that is higher stays at its height.
         """
         result = self.request(now_s, Mode.TAKEOFF)
         if result is not CommandResult.ACCEPTED:
             return result
 
-        self.mode_control.takeoff_height_m = None
-        if math.isfinite(height_m):
-            self.mode_control.takeoff_height_m = height_m
+        self.mode_control.takeoff_down_m = None
+        if math.isfinite(down_m):
+            self.mode_control.takeoff_down_m = down_m
+        if self.mode is Mode.TAKEOFF:
+            self.mode_control.entered(self._inputs)  # a second take-off starts here
         if self.is_armed:
             self._say_takeoff_height(now_s)
         return result
@@ -383,7 +386,12 @@ class EmulatedPx4:
             inputs, self.mode, self.landed, self.params, self.setpoint, sticks
         )
         if has_taken_off:
+            goal_ned_m = self.mode_control.takeoff_goal_ned_m(inputs, self.params)
+            self.mode_control.takeoff_down_m = None
             self._request_mode(Mode.LOITER)
+            self._select_mode(now_s)
+            if self.mode is Mode.LOITER:
+                self.mode_control.hold_at(goal_ned_m)
 
     def _available(self, now_s: float) -> ModeCondition:
         """Return the conditions of modes that are met now."""
@@ -424,14 +432,12 @@ class EmulatedPx4:
             self._follow(self.setpoint)
 
     def _say_takeoff_height(self, now_s: float) -> None:
-        least_m = self.params["MIS_TAKEOFF_ALT"]
-        ordered_m = self.mode_control.takeoff_height_m
-
-        if ordered_m is None:
-            self.journal.say(now_s, "takeoff height", height=least_m)
-        elif ordered_m < least_m:
-            self.mode_control.takeoff_height_m = None
-            self.journal.say(now_s, "least takeoff height", height=least_m)
+        down_m = self.mode_control.takeoff_down_m
+        if down_m is None:
+            height_m = self.params["MIS_TAKEOFF_ALT"]
+            self.journal.say(now_s, "takeoff height", height=height_m)
+        elif self._inputs is not None and down_m > self._inputs.position_ned_m[2]:
+            self.journal.say(now_s, "takeoff height passed")
 
     def _disarm(self, now_s: float, reason: str) -> None:
         self.is_armed = False
@@ -442,7 +448,7 @@ class EmulatedPx4:
         reason_text, number = REASONS[reason]
         self.journal.say(now_s, "disarmed", number, why=reason_text)
 
-        self.mode_control.takeoff_height_m = None
+        self.mode_control.takeoff_down_m = None
         self._select_mode(now_s)
         self.mode_control.disarmed()
 

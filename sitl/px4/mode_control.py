@@ -82,7 +82,8 @@ class ModeControl:
     )
     goal: PositionGoal | None = None  # goal of the position control; None while it is not used
     home_ned_m: Array = field(default_factory=lambda: np.zeros(3))  # (3,) position of arming
-    takeoff_height_m: float | None = None  # height of a command; None: MIS_TAKEOFF_ALT
+    # Down coordinate at which a commanded take-off ends; None: MIS_TAKEOFF_ALT above its start.
+    takeoff_down_m: float | None = None
     # Commanded horizontal speed of an automatic mode, until the mode ends; None: MPC_XY_CRUISE.
     cruise_m_s: float | None = None
     has_lost_attitude: bool = False  # whether the attitude control has failed until a restart
@@ -135,11 +136,21 @@ class ModeControl:
         The vehicle therefore does not move with the jump.
         """
         self.home_ned_m = self.home_ned_m + shift_ned_m
+        if self.takeoff_down_m is not None:
+            self.takeoff_down_m += float(shift_ned_m[2])
         if self._entry is not None:
             moved = self._entry.position_ned_m + shift_ned_m
             self._entry = replace(self._entry, position_ned_m=moved)
         if self._hold_ned_m is not None:
             self._hold_ned_m = self._hold_ned_m + shift_ned_m
+
+    def takeoff_goal_ned_m(self, inputs: AutopilotInputs, params: Parameters) -> Array:
+        """Return the position (3,) at which a take-off ends: above its start, never below it."""
+        north_m, east_m, start_down_m = self._start(inputs).position_ned_m
+        down_m = self.takeoff_down_m
+        if down_m is None:
+            down_m = start_down_m - params["MIS_TAKEOFF_ALT"]
+        return np.array([north_m, east_m, min(down_m, start_down_m)])
 
     def terminate(self) -> None:
         """Stop the motors, even if the vehicle is armed."""
@@ -203,23 +214,24 @@ class ModeControl:
     # -- modes -------------------------------------------------------------------------------------
 
     def _take_off(self, inputs: AutopilotInputs, params: Parameters) -> None:
-        yaw_rad = self._start(inputs).yaw_rad
+        start = self._start(inputs)
+        position = self.takeoff_goal_ned_m(inputs, params)
         climbing_s = inputs.time_s - self._armed_time_s - _SPOOL_S
-        if climbing_s < 0.0:
-            self._idle(yaw_rad)
+        is_above = position[2] < start.position_ned_m[2]
+        if climbing_s < 0.0 or (inputs.on_ground and not is_above):
+            self._idle(start.yaw_rad)
             return
 
-        north_m, east_m, _ = self.home_ned_m
-        position = np.array([north_m, east_m, self._takeoff_down_m(params)])
         # The speed grows from a share of the climb speed, so that the vehicle leaves the ground at
         # once.
         ramp_s = max(params["MPC_TKO_RAMP_T"], _MIN_RAMP_S)
         speed_share = min(1.0, _FIRST_SHARE + climbing_s / ramp_s)
         up_m_s = speed_share * params["MPC_TKO_SPEED"]
-        self._fly(inputs, PositionGoal(position, _ZERO, yaw_rad), params, up_m_s=up_m_s)
+        self._fly(inputs, PositionGoal(position, _ZERO, start.yaw_rad), params, up_m_s=up_m_s)
 
     def _has_reached_takeoff_height(self, inputs: AutopilotInputs, params: Parameters) -> bool:
-        left_m = abs(float(inputs.position_ned_m[2]) - self._takeoff_down_m(params))
+        _, _, goal_down_m = self.takeoff_goal_ned_m(inputs, params)
+        left_m = abs(float(inputs.position_ned_m[2]) - float(goal_down_m))
         # Slow estimate errors can hold off the last centimetres for seconds.
         is_late = inputs.time_s - self._armed_time_s >= _TAKEOFF_LATE_S
         if is_late:
@@ -359,13 +371,6 @@ class ModeControl:
         if self._entry is None:
             return inputs
         return self._entry
-
-    def _takeoff_down_m(self, params: Parameters) -> float:
-        """Return the down coordinate of the height at which a take-off ends."""
-        height_m = self.takeoff_height_m
-        if height_m is None:
-            height_m = params["MIS_TAKEOFF_ALT"]
-        return float(self.home_ned_m[2]) - height_m
 
     def _descend(
         self, inputs: AutopilotInputs, at_ned_m: Array, yaw_rad: float, params: Parameters

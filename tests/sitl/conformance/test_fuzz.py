@@ -47,7 +47,7 @@ def _run(wires: Wires, duration_s: float) -> None:
 def _hovering() -> Wires:
     wires = Wires()
     _run(wires, 6.0)
-    for command in (_command(22), _command(400, 1.0)):
+    for command in (_command(22, *[math.nan] * 7), _command(400, 1.0)):
         wires.onboard.deliver(command, LISTENER)
     wires.ground.deliver(frame(0, bytes(4) + bytes((6, 8, 0, 4, 3)), 0), GROUND)
     _run(wires, 12.0)

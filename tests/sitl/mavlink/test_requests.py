@@ -280,7 +280,7 @@ def in_hold() -> tuple[Emulator, Client]:
     emu = emulator()
     client = Client(emu)
     run_for(emu, 5.0)
-    assert client.command(22) == [ACCEPTED]
+    assert client.command(22, *[math.nan] * 7) == [ACCEPTED]
     assert client.command(400, 1) == [ACCEPTED]
     until(emu, lambda: emu.autopilots[0].mode is Mode.LOITER, 15.0)
     return emu, client
@@ -355,7 +355,7 @@ def test_a_vehicle_that_holds_stays_where_it_is_when_its_origin_gets_another_alt
             emu.vision(0, emu.world.vehicles.states.position_ned_m[0])
 
     run_for(emu, 5.0)
-    assert client.command(22) == [ACCEPTED]
+    assert client.command(22, *[math.nan] * 7) == [ACCEPTED]
     assert client.command(400, 1) == [ACCEPTED]
     until(emu, lambda: emu.autopilots[0].mode is Mode.LOITER, 15.0, see)
     true_before_m, estimated_before_m = heights_m(emu)
@@ -503,11 +503,11 @@ def test_a_speed_command_holds_for_the_mode_and_changes_no_parameter() -> None:
     ("above_sea_m", "height_m", "said"),
     [
         (math.nan, 2.5, "Using default takeoff altitude: 2.5 m\t"),
-        (3.0, 2.5, "Using minimum takeoff altitude: 2.50 m\t"),
+        (490.4, 1.0, None),
         (493.4, 4.0, None),
     ],
 )
-def test_a_take_off_climbs_to_the_requested_altitude_but_at_least_to_the_default(
+def test_a_take_off_climbs_to_the_requested_altitude_or_to_the_default(
     above_sea_m: float, height_m: float, said: str | None
 ) -> None:
     emu = emulator()
@@ -521,6 +521,36 @@ def test_a_take_off_climbs_to_the_requested_altitude_but_at_least_to_the_default
     )
     until(emu, lambda: pilot.mode is Mode.LOITER, 15.0)
     assert -float(emu.estimator.position_ned_m[0, 2]) == pytest.approx(height_m, abs=0.4)
+
+
+def test_a_take_off_to_an_altitude_below_the_ground_stays_on_the_ground() -> None:
+    emu = emulator()
+    client = Client(emu)
+    run_for(emu, 5.0)
+    assert client.command(22, *[math.nan] * 6, 3.0) == [ACCEPTED]
+    assert client.command(400, 1) == [ACCEPTED]
+    pilot = emu.autopilots[0]
+    assert pilot.journal.texts.newest[-1].text == "Already higher than takeoff altitude\t"
+    until(emu, lambda: not pilot.is_armed, 11.0)
+    assert heights_m(emu)[0] == pytest.approx(0.0, abs=0.01)
+
+
+def test_a_take_off_in_the_air_climbs_where_it_is_and_never_descends() -> None:
+    emu, client = in_hold()
+    pilot = emu.autopilots[0]
+    pilot.mode_control.hold_at(np.array([4.0, 0.0, -6.0]))
+    run_for(emu, 10.0)
+    assert client.command(22, *[math.nan] * 7) == [ACCEPTED]
+    assert pilot.mode is Mode.TAKEOFF
+    until(emu, lambda: pilot.mode is Mode.LOITER, 6.0)
+    run_for(emu, 2.0)
+    north, _, down = emu.world.vehicles.states.position_ned_m[0].tolist()
+    assert (north, down) == pytest.approx((4.0, -8.5), abs=0.6)
+
+    assert client.command(22, *[math.nan] * 6, emu.origin.altitude_m + 3.0) == [ACCEPTED]
+    assert pilot.journal.texts.newest[-1].text == "Already higher than takeoff altitude\t"
+    run_for(emu, 3.0)
+    assert heights_m(emu)[0] == pytest.approx(8.5, abs=0.6)
 
 
 def test_the_ground_link_streams_less_and_events_as_well() -> None:
