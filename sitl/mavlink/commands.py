@@ -186,6 +186,10 @@ def _reposition(link: CommandedLink, command: ReceivedCommand) -> Answer:
     elif not is_usable[2]:
         position[2] = present[2]
 
+    if not link.autopilot.fence_allows(position):
+        link.autopilot.journal.say(link.view.now_s, "goal beyond fence")
+        return result, []
+
     control = link.autopilot.mode_control
     control.hold_at(position, yaw_rad)
     # Without a speed above zero, a speed that was commanded in this Hold goes on.

@@ -20,11 +20,20 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field
 
-from sitl.physics.frames import euler, uprightness
+import numpy as np
+
+from sitl.physics.frames import Array, euler, uprightness
 from sitl.px4 import arming_checks, modes
 from sitl.px4.arming_checks import Readiness
 from sitl.px4.battery import Battery, ChargeState, charge_state_of
-from sitl.px4.failsafes import ACTION_MODE, Failsafe, FailsafeAction, FailsafeInputs
+from sitl.px4.failsafes import (
+    ACTION_MODE,
+    GEOFENCE,
+    Failsafe,
+    FailsafeAction,
+    FailsafeInputs,
+    is_beyond_fence,
+)
 from sitl.px4.journal import REASONS, Journal
 from sitl.px4.land_detector import LandDetector
 from sitl.px4.mode_control import TICK_S, ModeControl
@@ -39,6 +48,9 @@ _FORCE_MAGIC = 21196.0  # parameter 2 of a command that forces disarming
 # one; in those whose throttle commands a climb, up to the second one.
 _MAX_ARMING_THRUST = 0.1
 _MAX_ARMING_CLIMB = 0.6
+# Values of GF_ACTION. With a larger one than the first, goals of Hold beyond the fence are refused.
+_GF_ACTION_WARN = 1
+_GF_ACTION_HOLD = 2
 _REFUSAL_INTERVAL_S = 1.0  # time between two texts about refused modes
 # Keys of the journal.
 _BATTERY_TEXTS: dict[ChargeState, str] = {
@@ -281,6 +293,13 @@ class EmulatedPx4:
             self._say_takeoff_height(now_s)
         return result
 
+    def fence_allows(self, goal_ned_m: Array) -> bool:
+        """Return whether the geofence allows a goal (3,) of Hold; NaN: as at present."""
+        if self._inputs is None or self.params.integer("GF_ACTION") <= _GF_ACTION_WARN:
+            return True
+        goal_ned_m = np.where(np.isfinite(goal_ned_m), goal_ned_m, self._inputs.position_ned_m)
+        return not is_beyond_fence(self._from_home_m(goal_ned_m), self.params)
+
     def play_tune(self) -> None:
         """Count a request to play a tune."""
         self.tunes += 1
@@ -498,18 +517,29 @@ class EmulatedPx4:
         has_offboard_signal = True  # other modes do not need one
         if self.requested_mode is Mode.OFFBOARD:
             has_offboard_signal = self.has_fresh_setpoint(now_s)
+        from_home_m = (0.0, 0.0)
+        if self._inputs is not None:
+            from_home_m = self._from_home_m(self._inputs.position_ned_m)
         inputs = FailsafeInputs(
             has_offboard_signal=has_offboard_signal,
             battery=self.charge_state,
             attitude_failed=self._has_attitude_failed,
-            from_home_m=self._from_home_m(),
+            from_home_m=from_home_m,
             ground_silent_s=now_s - self.ground_time_s,
             has_sticks=self.has_sticks(now_s),
             flown_s=now_s - self.land_detector.takeoff_time_s,
             battery_left_s=self.battery.left_s(self.params),
             wind_m_s=self._estimated_wind_m_s(),
         )
-        if not self.failsafe.step(now_s, inputs, self.params):
+        was_beyond_fence = GEOFENCE in self.failsafe.present
+        is_announced = self.failsafe.step(now_s, inputs, self.params)
+
+        has_just_left = GEOFENCE in self.failsafe.present and not was_beyond_fence
+        holds_there = self.params.integer("GF_ACTION") == _GF_ACTION_HOLD
+        if has_just_left and holds_there and self.mode is Mode.LOITER:
+            self.mode_control.entered(self._inputs)  # Hold drops its goal beyond the fence
+
+        if not is_announced:
             return
 
         shown = MODES[ACTION_MODE.get(self.failsafe.action, self.requested_mode)].custom_mode
@@ -529,11 +559,9 @@ class EmulatedPx4:
             return 0.0
         return self._inputs.wind_m_s
 
-    def _from_home_m(self) -> tuple[float, float]:
-        """Return the horizontal distance from home and the height above it."""
-        if self._inputs is None:
-            return 0.0, 0.0
-        north, east, down = (self._inputs.position_ned_m - self.mode_control.home_ned_m).tolist()
+    def _from_home_m(self, position_ned_m: Array) -> tuple[float, float]:
+        """Return the horizontal distance of a position (3,) from home, and its height above it."""
+        north, east, down = (position_ned_m - self.mode_control.home_ned_m).tolist()
         return math.hypot(north, east), -down
 
     # -- monitoring while armed --------------------------------------------------------------------

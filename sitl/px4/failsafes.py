@@ -24,6 +24,7 @@ from sitl.px4.modes import Mode
 from sitl.px4.parameters import Parameters
 
 FLIGHT_TERMINATION_OFF = 121212.0  # value of CBRK_FLIGHTTERM that forbids the termination
+GEOFENCE = "geofence"  # name of the trigger
 _MIN_SPEED_M_S = 1e-3  # lower limit of the speeds of a return
 
 
@@ -128,8 +129,9 @@ def _has_attitude_failed(inputs: FailsafeInputs, params: Parameters) -> bool:
     return inputs.attitude_failed and is_shown
 
 
-def _is_beyond_fence(inputs: FailsafeInputs, params: Parameters) -> bool:
-    distance_m, height_m = inputs.from_home_m
+def is_beyond_fence(from_home_m: tuple[float, float], params: Parameters) -> bool:
+    """Return whether a position at a horizontal and vertical distance from home is outside."""
+    distance_m, height_m = from_home_m
     max_distance_m = params["GF_MAX_HOR_DIST"]
     max_height_m = params["GF_MAX_VER_DIST"]
 
@@ -137,6 +139,10 @@ def _is_beyond_fence(inputs: FailsafeInputs, params: Parameters) -> bool:
     is_too_far = 0.0 < max_distance_m < distance_m
     is_too_high = 0.0 < max_height_m < height_m
     return is_too_far or is_too_high
+
+
+def _has_left_fence(inputs: FailsafeInputs, params: Parameters) -> bool:
+    return is_beyond_fence(inputs.from_home_m, params)
 
 
 def _is_ground_lost(inputs: FailsafeInputs, params: Parameters) -> bool:
@@ -228,8 +234,8 @@ FAILSAFE_TRIGGERS: tuple[FailsafeTrigger, ...] = (
         clears=Clears.NEVER,
     ),
     FailsafeTrigger(
-        name="geofence",
-        holds=_is_beyond_fence,
+        name=GEOFENCE,
+        holds=_has_left_fence,
         parameter="GF_ACTION",
         actions={
             0: FailsafeAction.NONE,

@@ -330,6 +330,32 @@ def test_a_reposition_command_turns_hold_to_its_heading_and_flies_at_its_speed()
     assert control.cruise_m_s is None
 
 
+@pytest.mark.parametrize(
+    ("action", "goal_ned_m", "is_refused"),
+    [
+        (2, (12.0, 0.0, -2.5), True),
+        (3, (0.0, 0.0, -9.0), True),
+        (2, (3.0, 0.0, -2.5), False),
+        (1, (12.0, 0.0, -2.5), False),
+        (0, (12.0, 0.0, -2.5), False),
+    ],
+)
+def test_a_reposition_command_beyond_the_fence_is_accepted_and_not_flown(
+    action: int, goal_ned_m: tuple[float, float, float], is_refused: bool
+) -> None:
+    emu, client = in_hold()
+    pilot = emu.autopilots[0]
+    pilot.params.values.update(GF_ACTION=action, GF_MAX_HOR_DIST=10.0, GF_MAX_VER_DIST=8.0)
+    goal = client.link.view.to_global(goal_ned_m)
+    assert client.command(192, -1, 1, 0, math.nan, *goal) == [ACCEPTED]
+    said = pilot.journal.texts.newest[-1].text == "Reposition is outside geofence\t"
+    assert said is is_refused
+    run_for(emu, 0.1)
+    assert pilot.mode_control.goal is not None
+    is_flown = math.dist(pilot.mode_control.goal.position_ned_m, goal_ned_m) < 1.0
+    assert is_flown is not is_refused
+
+
 def test_a_reposition_command_without_a_position_stops_a_vehicle_on_its_way() -> None:
     emu, client = in_hold()
 

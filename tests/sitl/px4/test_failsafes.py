@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import math
 
+import numpy as np
 import pytest
 from msgspec.structs import replace
 
@@ -112,6 +113,19 @@ def test_a_fence_failsafe_ends_with_a_mode_request_and_a_signal_failsafe_with_th
     assert failsafe.is_active
     failsafe.step(8.0, CALM, params)
     assert not failsafe.is_active
+
+
+def test_hold_drops_its_goal_where_it_passes_the_fence() -> None:
+    emu = emulator()
+    offboard_at_height(emu, 2.0)
+    pilot = emu.autopilots[0]
+    assert pilot.request(emu.time_s, Mode.LOITER) is CommandResult.ACCEPTED
+    pilot.mode_control.hold_at(np.array([30.0, 0.0, -2.0]))
+    pilot.params.values.update(GF_ACTION=2, GF_MAX_HOR_DIST=5.0)
+    until(emu, lambda: pilot.failsafe.action is FailsafeAction.HOLD, 8.0)
+    run_for(emu, 8.0)
+    assert pilot.mode is Mode.LOITER
+    assert emu.world.vehicles.states.position_ned_m[0, 0] == pytest.approx(5.0, abs=1.0)
 
 
 @pytest.mark.parametrize(
