@@ -3,11 +3,14 @@
 PX4 evaluates all triggers at each tick. Each active trigger selects an action, in most cases
 through a user parameter. PX4 carries out the most severe of these actions.
 
-There are two exceptions:
+There are three exceptions:
 
 * An action that is not urgent (for a critical battery or a lost ground station) follows after
   COM_FAIL_ACT_T seconds of Hold, so that a pilot has time to take over.
 * Some actions are latched and outlast their trigger. `Clears` names the end of each action.
+* A user who requests a mode while an action between Hold and a level descent is carried out takes
+  over: the requested mode is flown, and the triggers only warn, until all of them are over or a
+  further one appears.
 """
 
 from __future__ import annotations
@@ -92,6 +95,7 @@ class FailsafeTrigger:
     otherwise: FailsafeAction  # action for every other value
     waits: bool = False  # whether COM_FAIL_ACT_T seconds of Hold precede the action
     clears: Clears = Clears.WITH_CONDITION  # end of the action
+    allows_takeover: bool = True  # whether a requested mode is flown in spite of the trigger
 
     def action(self, inputs: FailsafeInputs, params: Parameters) -> FailsafeAction:
         """Return the action that the parameters select."""
@@ -191,6 +195,7 @@ FAILSAFE_TRIGGERS: tuple[FailsafeTrigger, ...] = (
             7: FailsafeAction.DISARM,
         },
         otherwise=FailsafeAction.POSCTL,
+        allows_takeover=False,  # it ends with any other mode
     ),
     FailsafeTrigger(
         name="battery low",
@@ -309,6 +314,8 @@ class Failsafe:
     present: frozenset[str] = frozenset()  # names of the triggers with an action
     _latched: dict[str, FailsafeAction] = field(default_factory=dict)  # by name of the trigger
     _waiting_since_s: float = math.inf  # start of the Hold before a delayed action
+    # Whether somebody has requested a mode during the present action, which then only warns.
+    _is_taken_over: bool = False
 
     @property
     def is_active(self) -> bool:
@@ -328,9 +335,15 @@ class Failsafe:
         self.present = frozenset()
         self._latched.clear()
         self._waiting_since_s = math.inf
+        self._is_taken_over = False
 
     def mode_requested(self) -> None:
-        """End the actions that last until a mode is requested."""
+        """End the actions that last until a mode is requested, and let others be taken over."""
+        self._unlatch()
+        if FailsafeAction.HOLD <= self.action <= FailsafeAction.DESCEND:
+            self._is_taken_over = True
+
+    def _unlatch(self) -> None:
         for trigger in FAILSAFE_TRIGGERS:
             if trigger.clears is Clears.BY_MODE_CHANGE:
                 self._latched.pop(trigger.name, None)
@@ -343,6 +356,9 @@ class Failsafe:
         action_before = self.action
         present_before = self.present
 
+        if self._is_taken_over:
+            self._unlatch()
+
         # In most ticks no trigger holds, and no action is latched.
         has_trigger = any(trigger.holds(inputs, params) for trigger in FAILSAFE_TRIGGERS)
         if not self._latched and not has_trigger:
@@ -350,11 +366,13 @@ class Failsafe:
             self.delayed = FailsafeAction.NONE
             self.present = frozenset()
             self._waiting_since_s = math.inf
+            self._is_taken_over = False
             return False
 
         # The most severe immediate action, and the most severe delayed one.
         urgent = FailsafeAction.NONE
         waiting = FailsafeAction.NONE
+        without_takeover = FailsafeAction.NONE  # action that a user cannot take over
         present: list[str] = []
 
         for trigger in FAILSAFE_TRIGGERS:
@@ -363,13 +381,26 @@ class Failsafe:
                 continue
 
             present.append(trigger.name)
+            is_new = trigger.name not in present_before
+            if is_new and action >= FailsafeAction.HOLD and self._is_taken_over:
+                self._is_taken_over = False
+                self._waiting_since_s = math.inf
+
+            if not trigger.allows_takeover or action > FailsafeAction.DESCEND:
+                without_takeover = max(without_takeover, action)
             if trigger.waits and FailsafeAction.WARN < action < FailsafeAction.DISARM:
                 waiting = max(waiting, action)
             else:
                 urgent = max(urgent, action)
 
         self.present = frozenset(present)
-        self.action = max(urgent, self._hold_first(now_s, waiting, params))
+        if max(urgent, waiting) < FailsafeAction.HOLD:
+            self._is_taken_over = False
+        if self._is_taken_over:
+            self.delayed = FailsafeAction.NONE
+            self.action = max(FailsafeAction.WARN, without_takeover)
+        else:
+            self.action = max(urgent, self._hold_first(now_s, waiting, params))
 
         if self.action is FailsafeAction.NONE:
             return False

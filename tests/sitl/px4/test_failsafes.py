@@ -129,6 +129,79 @@ def test_hold_drops_its_goal_where_it_passes_the_fence() -> None:
 
 
 @pytest.mark.parametrize(
+    ("facts", "values", "action"),
+    [
+        (replace(CALM, from_home_m=(6.0, 0.0)), {"GF_ACTION": 2}, FailsafeAction.HOLD),
+        (replace(CALM, ground_silent_s=99.0), {"NAV_DLL_ACT": 3}, FailsafeAction.LAND),
+        (replace(CALM, battery=ChargeState.CRITICAL), {}, FailsafeAction.RETURN),
+    ],
+)
+def test_a_user_who_requests_a_mode_during_an_action_takes_over(
+    facts: FailsafeInputs, values: dict[str, float], action: FailsafeAction
+) -> None:
+    params = Parameters()
+    params.values.update(GF_MAX_HOR_DIST=5.0, COM_LOW_BAT_ACT=3, **values)
+    failsafe = Failsafe()
+    failsafe.step(0.0, facts, params)
+    failsafe.step(6.0, facts, params)
+    assert failsafe.action is action
+    failsafe.mode_requested()
+    for time_s in (6.0, 20.0):
+        failsafe.step(time_s, facts, params)
+        assert failsafe.action is FailsafeAction.WARN
+
+    # A further trigger ends it, after its own Hold.
+    worse = replace(facts, battery=ChargeState.EMERGENCY)
+    failsafe.step(21.0, worse, params)
+    assert failsafe.action is FailsafeAction.HOLD
+    failsafe.step(27.0, worse, params)
+    assert failsafe.action is FailsafeAction.LAND
+
+    # So does the end of all triggers.
+    failsafe.mode_requested()
+    failsafe.step(28.0, CALM, params)
+    assert failsafe.action is FailsafeAction.NONE
+    failsafe.step(29.0, facts, params)
+    assert failsafe.action is FailsafeAction.HOLD
+
+
+def test_a_mode_requested_before_an_action_takes_nothing_over() -> None:
+    failsafe = Failsafe()
+    failsafe.mode_requested()
+    failsafe.step(0.0, replace(CALM, battery=ChargeState.EMERGENCY), Parameters())
+    assert failsafe.action is FailsafeAction.HOLD
+
+
+def test_setpoints_lost_after_a_user_took_over_have_their_action() -> None:
+    params = Parameters()
+    params.values.update(COM_LOW_BAT_ACT=3, COM_OBL_RC_ACT=0)
+    failsafe = Failsafe()
+    critical = replace(CALM, battery=ChargeState.CRITICAL)
+    failsafe.step(0.0, critical, params)
+    failsafe.mode_requested()
+    failsafe.step(1.0, replace(critical, has_offboard_signal=False), params)
+    assert failsafe.action is FailsafeAction.POSCTL
+    failsafe.step(2.0, critical, params)
+    assert failsafe.action is FailsafeAction.WARN
+
+
+def test_a_vehicle_that_holds_beyond_its_fence_is_flown_home_by_a_request() -> None:
+    emu = emulator()
+    offboard_at_height(emu, 2.0)
+    pilot = emu.autopilots[0]
+    assert pilot.request(emu.time_s, Mode.LOITER) is CommandResult.ACCEPTED
+    pilot.mode_control.hold_at(np.array([30.0, 0.0, -2.0]))
+    pilot.params.values.update(GF_ACTION=2, GF_MAX_HOR_DIST=2.0)
+    until(emu, lambda: pilot.failsafe.action is FailsafeAction.HOLD, 8.0)
+    run_for(emu, 2.0)
+    assert pilot.system_status(emu.time_s) is SystemStatus.CRITICAL
+    assert pilot.request(emu.time_s, Mode.RTL) is CommandResult.ACCEPTED
+    run_for(emu, 1.0)
+    assert pilot.mode is Mode.RTL
+    assert pilot.system_status(emu.time_s) is SystemStatus.ACTIVE
+
+
+@pytest.mark.parametrize(
     ("name", "inside_m", "outside_m"),
     [
         ("GF_MAX_HOR_DIST", (4.9, 9.0), (5.1, 0.0)),
