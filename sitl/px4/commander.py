@@ -526,6 +526,7 @@ class EmulatedPx4:
             attitude_failed=self._has_attitude_failed,
             from_home_m=from_home_m,
             ground_silent_s=now_s - self.ground_time_s,
+            requested_mode=self.requested_mode,
             has_sticks=self.has_sticks(now_s),
             flown_s=now_s - self.land_detector.takeoff_time_s,
             battery_left_s=self.battery.left_s(self.params),

@@ -3,11 +3,12 @@
 PX4 evaluates all triggers at each tick. Each active trigger selects an action, in most cases
 through a user parameter. PX4 carries out the most severe of these actions.
 
-There are three exceptions:
+There are four exceptions:
 
 * An action that is not urgent (for a critical battery or a lost ground station) follows after
   COM_FAIL_ACT_T seconds of Hold, so that a pilot has time to take over.
 * Some actions are latched and outlast their trigger. `Clears` names the end of each action.
+* A failsafe that would return home only warns a vehicle that lands or returns home already.
 * A user who requests a mode while an action between Hold and a level descent is carried out takes
   over: the requested mode is flown, and the triggers only warn, until all of them are over or a
   further one appears.
@@ -28,6 +29,13 @@ from sitl.px4.parameters import Parameters
 
 FLIGHT_TERMINATION_OFF = 121212.0  # value of CBRK_FLIGHTTERM that forbids the termination
 GEOFENCE = "geofence"  # name of the trigger
+# Bit of a requested mode in COM_DLL_EXCEPT.
+_GROUND_LOSS_EXCEPTIONS: dict[Mode, int] = {
+    Mode.MISSION: 1,
+    Mode.LOITER: 2,
+    Mode.TAKEOFF: 2,
+    Mode.OFFBOARD: 4,
+}
 _MIN_SPEED_M_S = 1e-3  # lower limit of the speeds of a return
 
 
@@ -70,6 +78,7 @@ class FailsafeInputs(Struct, frozen=True):
     attitude_failed: bool  # whether the tilt was beyond FD_FAIL_R or FD_FAIL_P
     from_home_m: tuple[float, float]  # horizontal and vertical distance from the point of arming
     ground_silent_s: float  # time since the last heartbeat of a ground station
+    requested_mode: Mode = Mode.LOITER
     has_sticks: bool = False  # whether the sticks of a pilot are received
     flown_s: float = 0.0  # time since the take-off
     battery_left_s: float = math.inf  # time that the charge lasts
@@ -150,6 +159,11 @@ def _has_left_fence(inputs: FailsafeInputs, params: Parameters) -> bool:
 
 
 def _is_ground_lost(inputs: FailsafeInputs, params: Parameters) -> bool:
+    # A landing goes on without a ground station, and so do the modes of COM_DLL_EXCEPT.
+    if inputs.requested_mode is Mode.LAND:
+        return False
+    if params.integer("COM_DLL_EXCEPT") & _GROUND_LOSS_EXCEPTIONS.get(inputs.requested_mode, 0):
+        return False
     return params["NAV_DLL_ACT"] > 0 and inputs.ground_silent_s > params["COM_DL_LOSS_T"]
 
 
@@ -401,6 +415,11 @@ class Failsafe:
             self.action = max(FailsafeAction.WARN, without_takeover)
         else:
             self.action = max(urgent, self._hold_first(now_s, waiting, params))
+
+        is_return = FailsafeAction.RETURN in (self.action, self.delayed)
+        if is_return and inputs.requested_mode in (Mode.LAND, Mode.RTL):
+            self.action = FailsafeAction.WARN
+            self.delayed = FailsafeAction.NONE
 
         if self.action is FailsafeAction.NONE:
             return False

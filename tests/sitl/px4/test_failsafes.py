@@ -165,6 +165,42 @@ def test_a_user_who_requests_a_mode_during_an_action_takes_over(
     assert failsafe.action is FailsafeAction.HOLD
 
 
+@pytest.mark.parametrize(
+    ("mode", "exceptions", "is_lost"),
+    [
+        (Mode.LAND, 0, False),
+        (Mode.LOITER, 0, True),
+        (Mode.LOITER, 2, False),
+        (Mode.TAKEOFF, 2, False),
+        (Mode.OFFBOARD, 2, True),
+        (Mode.OFFBOARD, 4, False),
+        (Mode.MISSION, 1, False),
+        (Mode.RTL, 7, True),
+    ],
+)
+def test_a_lost_ground_station_does_not_matter_to_a_landing_and_to_the_modes_of_com_dll_except(
+    mode: Mode, exceptions: int, is_lost: bool
+) -> None:
+    lost = replace(CALM, ground_silent_s=99.0, requested_mode=mode)
+    action = decided(lost, NAV_DLL_ACT=3, COM_DLL_EXCEPT=exceptions)
+    assert (action is FailsafeAction.LAND) is is_lost
+
+
+@pytest.mark.parametrize(
+    ("mode", "action"),
+    [
+        (Mode.LAND, FailsafeAction.WARN),
+        (Mode.RTL, FailsafeAction.WARN),
+        (Mode.LOITER, FailsafeAction.RETURN),
+    ],
+)
+def test_a_vehicle_that_lands_or_returns_already_is_only_warned_of_a_return(
+    mode: Mode, action: FailsafeAction
+) -> None:
+    critical = replace(CALM, battery=ChargeState.CRITICAL, requested_mode=mode)
+    assert decided(critical, COM_LOW_BAT_ACT=3) is action
+
+
 def test_a_mode_requested_before_an_action_takes_nothing_over() -> None:
     failsafe = Failsafe()
     failsafe.mode_requested()
