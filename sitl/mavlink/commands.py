@@ -107,6 +107,14 @@ def _received(message: MavlinkMessage) -> ReceivedCommand:
     return ReceivedCommand(numbers=(*first, *last), is_integer=is_integer)
 
 
+def _place(command: ReceivedCommand) -> tuple[float, float, float]:
+    """Return parameters 5 to 7 as latitude and longitude [deg] and altitude above the sea [m]."""
+    *_, latitude, longitude, altitude_m = command.numbers
+    if command.is_integer:
+        return latitude * 1e-7, longitude * 1e-7, altitude_m
+    return latitude, longitude, altitude_m
+
+
 # -- flying ----------------------------------------------------------------------------------------
 
 
@@ -165,12 +173,8 @@ def _reposition(link: CommandedLink, command: ReceivedCommand) -> Answer:
     if result is not CommandResult.ACCEPTED:
         return result, []
 
-    scale = 1.0
-    if command.is_integer:
-        scale = 1e-7
-    _, _, _, yaw_rad, latitude, longitude, altitude_m = command.numbers
-    latitude_deg = latitude * scale
-    longitude_deg = longitude * scale
+    _, _, _, yaw_rad, *_ = command.numbers
+    latitude_deg, longitude_deg, altitude_m = _place(command)
     if math.isinf(latitude_deg) or math.isinf(longitude_deg):
         latitude_deg = math.nan  # treat it as missing, because an infinite angle has no cosine
         longitude_deg = math.nan
@@ -208,13 +212,25 @@ def _change_speed(link: CommandedLink, command: ReceivedCommand) -> Answer:
 
 
 def _set_home(link: CommandedLink, command: ReceivedCommand) -> Answer:
-    # Home stays at the position of arming. A request for the present position, which ground
-    # stations send, is accepted.
     is_here = command[1] > 0.5
-    if not is_here:
+    latitude_deg, longitude_deg, altitude_m = _place(command)
+    is_on_earth = (
+        abs(latitude_deg) <= 90.0
+        and abs(longitude_deg) <= 180.0
+        and abs(altitude_m) < _MAX_ALTITUDE_M
+    )
+    if not is_here and not is_on_earth:
         return CommandResult.DENIED, []
     if not link.view.has_origin:
         return CommandResult.TEMPORARILY_REJECTED, []
+
+    if is_here:
+        position = link.emulator.estimator.local(link.index).position_ned_m
+    else:
+        position = link.view.to_local(latitude_deg, longitude_deg, altitude_m)
+    control = link.autopilot.mode_control
+    control.home_ned_m = np.array(position, dtype=float)
+    control.is_home_commanded = not is_here
     return CommandResult.ACCEPTED, []
 
 

@@ -81,7 +81,9 @@ class ModeControl:
         default_factory=lambda: _motors_off(np.array([1.0, 0.0, 0.0, 0.0]))
     )
     goal: PositionGoal | None = None  # goal of the position control; None while it is not used
-    home_ned_m: Array = field(default_factory=lambda: np.zeros(3))  # (3,) position of arming
+    home_ned_m: Array = field(default_factory=lambda: np.zeros(3))  # (3,) set at arming
+    # Whether a command has set home to a position. Arming then leaves it there.
+    is_home_commanded: bool = False
     # Down coordinate at which a commanded take-off ends; None: MIS_TAKEOFF_ALT above its start.
     takeoff_down_m: float | None = None
     # Commanded horizontal speed of an automatic mode, until the mode ends; None: MPC_XY_CRUISE.
@@ -99,11 +101,11 @@ class ModeControl:
     _sticks: Axes | None = None  # sticks of a pilot at this tick; None while none are received
 
     def armed(self, now_s: float, inputs: AutopilotInputs | None, params: Parameters) -> None:
-        """Reset the control at arming, and set home to the present position."""
+        """Reset the control at arming, and set home here unless a command has set it elsewhere."""
         self._armed_time_s = now_s
         self._control.reset()
         self._hover_thrust_frac = params["MPC_THR_HOVER"]
-        if inputs is not None:
+        if inputs is not None and not self.is_home_commanded:
             self.home_ned_m = inputs.position_ned_m.copy()
         self.entered(inputs)
 

@@ -94,6 +94,35 @@ def test_home_is_where_it_was_armed_and_heights_count_from_there() -> None:
     assert place["relative_alt"] == pytest.approx(place["alt"] - home["altitude"], abs=2.0)
 
 
+def test_home_is_set_by_command_to_the_vehicle_or_to_a_position_that_arming_keeps() -> None:
+    emu, client = in_hold()
+    pilot = emu.autopilots[0]
+    pilot.mode_control.hold_at(np.array([4.0, 0.0, -4.0]))
+    run_for(emu, 8.0)
+    assert client.command(179, 1, *[math.inf] * 6) == [ACCEPTED]
+    here = emu.estimator.local(0).position_ned_m
+    assert pilot.mode_control.home_ned_m.tolist() == pytest.approx(list(here), abs=0.01)
+
+    latitude, longitude, altitude_m = client.link.view.to_global((-5.0, 3.0, -1.0))
+    answers = client.send(
+        "COMMAND_INT",
+        command=179,
+        target_system=1,
+        target_component=1,
+        x=round(latitude * 1e7),
+        y=round(longitude * 1e7),
+        z=altitude_m,
+    )
+    assert [m.fields["result"] for m in answers] == [ACCEPTED]
+    assert client.command(21) == [ACCEPTED]
+    until(emu, lambda: not pilot.is_armed, 30.0)
+    assert client.command(400, 1) == [ACCEPTED]
+    assert pilot.mode_control.home_ned_m.tolist() == pytest.approx([-5.0, 3.0, -1.0], abs=0.1)
+
+    for place in ((math.nan, math.nan, math.nan), (47.0, 8.0, math.nan), (91.0, 8.0, 0.0)):
+        assert client.command(179, 0, 0, 0, math.nan, *place) == [2]  # DENIED
+
+
 def test_both_battery_messages_report_minus_one_ampere() -> None:
     seen = {m.name: m.fields for m in Client(emulator()).collect(3.0)}
     status = seen["SYS_STATUS"]
