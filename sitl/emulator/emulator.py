@@ -523,6 +523,13 @@ class Emulator:
             has_velocity=has_velocity and uses_velocity,
         )
 
+    def reset_parameters(self, index: int) -> None:
+        """Reset an autopilot's parameters to PX4's defaults and those of the simulation."""
+        params = self.autopilots[index].params
+        params.values.update(params.defaults)
+        params.values.update(_simulation_parameters(self.specs[index], self.origin))
+        self.parameters_changed(index)
+
     def parameters_changed(self, index: int) -> None:
         """Copy the values of an autopilot's parameters to the parts that use them."""
         params = self.autopilots[index].params

@@ -75,7 +75,8 @@ class ReceivedCommand:
         return round(value)
 
 
-Answer = tuple[CommandResult, list[bytes]]
+# Result, and further messages; None where PX4 sends no acknowledgement.
+Answer = tuple[CommandResult | None, list[bytes]]
 Handler = Callable[[CommandedLink, ReceivedCommand], Answer]
 
 
@@ -88,6 +89,8 @@ def handle(link: CommandedLink, message: MavlinkMessage) -> list[bytes]:
         return [link.ack(message, number, CommandResult.UNSUPPORTED)]
 
     result, messages = handler(link, _received(message))
+    if result is None:
+        return messages
     answers = [link.ack(message, number, result)]
     if number == _DO_SET_MODE and version.mode_acks > 1:
         # The MAVLink receiver of PX4 always accepts at once, then the commander sends the result.
@@ -246,8 +249,18 @@ def _accept(link: CommandedLink, command: ReceivedCommand) -> Answer:
 
 
 def _store(link: CommandedLink, command: ReceivedCommand) -> Answer:
+    # Parameters stay until the end of the emulator, so nothing is loaded (0) or saved (1), and
+    # sensors have no calibration to reset (3).
+    resets = (2, 4)
+    unchanged = (0, 1, 3)
     if link.autopilot.is_armed:
         return CommandResult.TEMPORARILY_REJECTED, []
+
+    requested = int(command[1])
+    if requested in resets:
+        link.emulator.reset_parameters(link.index)
+    elif requested not in unchanged:
+        return None, []
     return CommandResult.ACCEPTED, []
 
 
@@ -313,7 +326,7 @@ COMMANDS: dict[int, Handler] = {
     185: _terminate,  # DO_FLIGHTTERMINATION
     189: _accept,  # DO_LAND_START: the landing of a mission, which does nothing without a mission
     192: _reposition,  # DO_REPOSITION
-    245: _store,  # PREFLIGHT_STORAGE: parameters stay until the end of the emulator
+    245: _store,  # PREFLIGHT_STORAGE
     246: _reboot,  # PREFLIGHT_REBOOT_SHUTDOWN
     300: _start_mission,  # MISSION_START
     400: _arm,  # COMPONENT_ARM_DISARM

@@ -294,6 +294,35 @@ def test_a_reboot_on_command_keeps_the_parameters_and_is_denied_to_an_armed_vehi
     assert emu.autopilots[0].params["COM_OF_LOSS_T"] == 0.5
 
 
+@pytest.mark.parametrize(
+    ("number", "results", "is_reset"),
+    [
+        (0, [ACCEPTED], False),
+        (1, [ACCEPTED], False),
+        (2, [ACCEPTED], True),
+        (3, [ACCEPTED], False),
+        (4, [ACCEPTED], True),
+        (5, [], False),
+    ],
+)
+def test_parameters_are_reset_on_command_except_those_of_the_simulation(
+    number: int, results: list[int], is_reset: bool
+) -> None:
+    emu = emulator((0.0, 0.0, 0.0), (3.0, 0.0, 0.0))
+    client = Client(emu, 1)
+    params = emu.autopilots[1].params
+    params.values["COM_OF_LOSS_T"] = 3.0
+    params.values["EKF2_GPS_CTRL"] = 0
+    emu.parameters_changed(1)
+    answers = client.send(
+        "COMMAND_LONG", command=245, target_system=2, target_component=1, param1=float(number)
+    )
+    assert [m.fields["result"] for m in answers] == results
+    assert (params["COM_OF_LOSS_T"] == params.defaults["COM_OF_LOSS_T"]) is is_reset
+    assert bool(emu.estimator.has_gps[1]) is is_reset
+    assert params["MAV_SYS_ID"] == 2
+
+
 def test_a_ground_station_that_knows_the_parameters_stops_the_list() -> None:
     client = Client(emulator())
     client.send("PARAM_REQUEST_LIST", target_system=1)
