@@ -129,8 +129,8 @@ def _limited_rates(rate_rad_s: list[float], type_mask: int) -> Array:
 def from_local(fields: Mapping[str, Any], *, now_s: float, yaw_rad: float) -> Setpoint | str:
     """Return the setpoint of a SET_POSITION_TARGET_LOCAL_NED, or the key of PX4's refusal.
 
-    The setpoint does not control ignored and NaN axes. In BODY_NED positions are ignored, and
-    velocities turn with the heading.
+    The setpoint does not control ignored and NaN axes. In BODY_NED positions are ignored, as are a
+    velocity and an acceleration of which an axis is ignored; the others turn with the heading.
     """
     frame = int(fields["coordinate_frame"])
     if frame not in (LOCAL_NED, BODY_NED):
@@ -143,8 +143,8 @@ def from_local(fields: Mapping[str, Any], *, now_s: float, yaw_rad: float) -> Se
 
     if frame == BODY_NED:
         position = np.full(3, math.nan)
-        velocity = _turned(velocity, yaw_rad)
-        acceleration = _turned(acceleration, yaw_rad)
+        velocity = _turned(velocity, mask >> 3, yaw_rad)
+        acceleration = _turned(acceleration, mask >> 6, yaw_rad)
     return _setpoint(fields, mask, position, velocity, acceleration, now_s)
 
 
@@ -180,8 +180,13 @@ def _axes(fields: Mapping[str, Any], names: tuple[str, str, str], mask: int) -> 
     return np.array(values)
 
 
-def _turned(vector: Array, yaw_rad: float) -> Array:
-    """Return a vector (3,) of the body's frame, turned by the heading to NED."""
+def _turned(vector: Array, mask: int, yaw_rad: float) -> Array:
+    """Return a vector (3,) of the body's frame, turned by the heading to NED.
+
+    It is NaN if one of the lowest three bits of the mask ignores an axis.
+    """
+    if mask & 0b111:
+        return np.full(3, math.nan)
     c = math.cos(yaw_rad)
     s = math.sin(yaw_rad)
     ahead, right, down = vector

@@ -723,6 +723,29 @@ def test_a_setpoint_in_an_unknown_frame_or_of_nothing_is_refused_in_words() -> N
     assert emu.autopilots[0].setpoint is None
 
 
+@pytest.mark.parametrize(
+    ("frame", "mask", "is_taken"),
+    [
+        (8, 0b1101_1110_0111, False),  # a velocity without its third axis
+        (8, 0b1101_0011_1111, False),  # an acceleration without its third axis
+        (8, 0b1101_1100_0111, True),
+        (1, 0b1101_1110_0111, True),
+    ],
+)
+def test_a_velocity_or_acceleration_in_the_body_frame_is_taken_only_with_all_its_axes(
+    frame: int, mask: int, is_taken: bool
+) -> None:
+    emu = emulator()
+    client = Client(emu)
+    client.send(
+        "SET_POSITION_TARGET_LOCAL_NED", target_system=1, coordinate_frame=frame, type_mask=mask
+    )
+    px4 = emu.autopilots[0]
+    assert (px4.setpoint is not None) is is_taken
+    said = [text.text for text in px4.journal.texts.newest]
+    assert said == ([] if is_taken else ["SET_POSITION_TARGET_LOCAL_NED invalid\t"])
+
+
 def test_a_velocity_in_the_body_frame_turns_with_the_heading_and_a_yaw_rate_turns_it() -> None:
     emu = emulator()
     client = Client(emu)
