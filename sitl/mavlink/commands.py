@@ -131,11 +131,15 @@ def _enter(mode: Mode, text: str | None = None) -> Handler:
 
 
 def _take_off(link: CommandedLink, command: ReceivedCommand) -> Answer:
-    *_, altitude_m = command.numbers  # above the sea, since PX4 ignores the frame
-    down_m = math.nan
+    # The altitude is one above the sea, since PX4 ignores the frame.
+    latitude_deg, longitude_deg, altitude_m = _place(command)
+    goal = np.full(3, math.nan)
+    if math.isfinite(latitude_deg) and math.isfinite(longitude_deg):
+        north_m, east_m, _ = link.view.to_local(latitude_deg, longitude_deg, 0.0)
+        goal[:2] = north_m, east_m
     if abs(altitude_m) < _MAX_ALTITUDE_M:
-        down_m = link.view.origin_altitude_m - altitude_m
-    return link.autopilot.request_takeoff(link.view.now_s, down_m), []
+        goal[2] = link.view.origin_altitude_m - altitude_m
+    return link.autopilot.request_takeoff(link.view.now_s, goal), []
 
 
 def _arm(link: CommandedLink, command: ReceivedCommand) -> Answer:

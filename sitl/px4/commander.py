@@ -36,7 +36,7 @@ from sitl.px4.failsafes import (
 )
 from sitl.px4.journal import REASONS, Journal
 from sitl.px4.land_detector import LandDetector
-from sitl.px4.mode_control import TICK_S, ModeControl
+from sitl.px4.mode_control import MAX_TAKEOFF_M, TICK_S, ModeControl
 from sitl.px4.modes import MODES, CommandResult, LandedState, Mode, ModeCondition, SystemStatus
 from sitl.px4.parameters import Parameters
 from sitl.px4.signals import Actuation, AutopilotInputs, Setpoint, SetpointKind
@@ -272,21 +272,20 @@ class EmulatedPx4:
         self._select_mode(now_s)
         return CommandResult.ACCEPTED
 
-    def request_takeoff(self, now_s: float, down_m: float) -> CommandResult:
+    def request_takeoff(self, now_s: float, goal_ned_m: Array) -> CommandResult:
         """Take off as requested by MAV_CMD_NAV_TAKEOFF, on the ground or in the air.
 
         Args:
             now_s: present time.
-            down_m: local down coordinate to climb to; NaN: MIS_TAKEOFF_ALT above the start. A
-                vehicle that is higher stays at its height.
+            goal_ned_m: local position (3,) to fly to. NaN horizontally: above the start; NaN
+                vertically: MIS_TAKEOFF_ALT above the start. A vehicle that is higher stays at its
+                height.
         """
         result = self.request(now_s, Mode.TAKEOFF)
         if result is not CommandResult.ACCEPTED:
             return result
 
-        self.mode_control.takeoff_down_m = None
-        if math.isfinite(down_m):
-            self.mode_control.takeoff_down_m = down_m
+        self.mode_control.takeoff_ned_m = goal_ned_m
         if self.mode is Mode.TAKEOFF:
             self.mode_control.entered(self._inputs)  # a second take-off starts here
         if self.is_armed:
@@ -406,7 +405,9 @@ class EmulatedPx4:
         )
         if has_taken_off:
             goal_ned_m = self.mode_control.takeoff_goal_ned_m(inputs, self.params)
-            self.mode_control.takeoff_down_m = None
+            if math.dist(goal_ned_m[:2], inputs.position_ned_m[:2]) > MAX_TAKEOFF_M:
+                goal_ned_m[:2] = math.nan
+            self.mode_control.takeoff_ned_m = np.full(3, math.nan)
             self._request_mode(Mode.LOITER)
             self._select_mode(now_s)
             if self.mode is Mode.LOITER:
@@ -451,8 +452,8 @@ class EmulatedPx4:
             self._follow(self.setpoint)
 
     def _say_takeoff_height(self, now_s: float) -> None:
-        down_m = self.mode_control.takeoff_down_m
-        if down_m is None:
+        down_m = self.mode_control.takeoff_ned_m[2]
+        if math.isnan(down_m):
             height_m = self.params["MIS_TAKEOFF_ALT"]
             self.journal.say(now_s, "takeoff height", height=height_m)
         elif self._inputs is not None and down_m > self._inputs.position_ned_m[2]:
@@ -467,7 +468,7 @@ class EmulatedPx4:
         reason_text, number = REASONS[reason]
         self.journal.say(now_s, "disarmed", number, why=reason_text)
 
-        self.mode_control.takeoff_down_m = None
+        self.mode_control.takeoff_ned_m = np.full(3, math.nan)
         self._select_mode(now_s)
         self.mode_control.disarmed()
 

@@ -33,6 +33,8 @@ _MIN_RAMP_S = 0.1  # lower limit of the duration of that ramp
 _TAKEOFF_REACHED_M = 0.1
 _TAKEOFF_NEAR_M = 0.4
 _TAKEOFF_LATE_S = 6.5
+_TAKEOFF_BESIDE_M = 2.0  # horizontal distance from its goal at which it ends
+MAX_TAKEOFF_M = 1e4  # horizontal distance from which on the goal of a take-off is not flown to
 
 _MAX_TILT_DEG = 89.0  # upper limit of the tilt, whatever MPC_TILTMAX_AIR allows
 _RTL_NEAR_M = 0.5  # horizontal distance from home at which a return becomes a landing
@@ -84,8 +86,9 @@ class ModeControl:
     home_ned_m: Array = field(default_factory=lambda: np.zeros(3))  # (3,) set at arming
     # Whether a command has set home to a position. Arming then leaves it there.
     is_home_commanded: bool = False
-    # Down coordinate at which a commanded take-off ends; None: MIS_TAKEOFF_ALT above its start.
-    takeoff_down_m: float | None = None
+    # Goal of a commanded take-off. NaN horizontally: above its start. NaN vertically:
+    # MIS_TAKEOFF_ALT above its start.
+    takeoff_ned_m: Array = field(default_factory=_NO_POSITION.copy)
     # Commanded horizontal speed of an automatic mode, until the mode ends; None: MPC_XY_CRUISE.
     cruise_m_s: float | None = None
     has_lost_attitude: bool = False  # whether the attitude control has failed until a restart
@@ -138,8 +141,7 @@ class ModeControl:
         The vehicle therefore does not move with the jump.
         """
         self.home_ned_m = self.home_ned_m + shift_ned_m
-        if self.takeoff_down_m is not None:
-            self.takeoff_down_m += float(shift_ned_m[2])
+        self.takeoff_ned_m = self.takeoff_ned_m + shift_ned_m
         if self._entry is not None:
             moved = self._entry.position_ned_m + shift_ned_m
             self._entry = replace(self._entry, position_ned_m=moved)
@@ -147,12 +149,12 @@ class ModeControl:
             self._hold_ned_m = self._hold_ned_m + shift_ned_m
 
     def takeoff_goal_ned_m(self, inputs: AutopilotInputs, params: Parameters) -> Array:
-        """Return the position (3,) at which a take-off ends: above its start, never below it."""
-        north_m, east_m, start_down_m = self._start(inputs).position_ned_m
-        down_m = self.takeoff_down_m
-        if down_m is None:
-            down_m = start_down_m - params["MIS_TAKEOFF_ALT"]
-        return np.array([north_m, east_m, min(down_m, start_down_m)])
+        """Return the position (3,) at which a take-off ends, which is never below its start."""
+        start = self._start(inputs).position_ned_m
+        default = start - np.array([0.0, 0.0, params["MIS_TAKEOFF_ALT"]])
+        goal = np.where(np.isfinite(self.takeoff_ned_m), self.takeoff_ned_m, default)
+        goal[2] = min(goal[2], start[2])
+        return goal
 
     def terminate(self) -> None:
         """Stop the motors, even if the vehicle is armed."""
@@ -218,9 +220,15 @@ class ModeControl:
     def _take_off(self, inputs: AutopilotInputs, params: Parameters) -> None:
         start = self._start(inputs)
         position = self.takeoff_goal_ned_m(inputs, params)
+        if not params.version.takes_off_sideways:
+            position[:2] = start.position_ned_m[:2]
+
         climbing_s = inputs.time_s - self._armed_time_s - _SPOOL_S
         is_above = position[2] < start.position_ned_m[2]
-        if climbing_s < 0.0 or (inputs.on_ground and not is_above):
+        # PX4 climbs along a straight line, which does not leave the ground to a goal far away.
+        away_m = math.dist(position[:2], start.position_ned_m[:2])
+        leaves_ground = is_above and away_m < MAX_TAKEOFF_M
+        if climbing_s < 0.0 or (inputs.on_ground and not leaves_ground):
             self._idle(start.yaw_rad)
             return
 
@@ -232,8 +240,12 @@ class ModeControl:
         self._fly(inputs, PositionGoal(position, _ZERO, start.yaw_rad), params, up_m_s=up_m_s)
 
     def _has_reached_takeoff_height(self, inputs: AutopilotInputs, params: Parameters) -> bool:
-        _, _, goal_down_m = self.takeoff_goal_ned_m(inputs, params)
-        left_m = abs(float(inputs.position_ned_m[2]) - float(goal_down_m))
+        goal = self.takeoff_goal_ned_m(inputs, params)
+        away_m = math.dist(goal[:2], inputs.position_ned_m[:2])
+        if params.version.takes_off_sideways and away_m > _TAKEOFF_BESIDE_M:
+            return False
+
+        left_m = abs(float(inputs.position_ned_m[2]) - float(goal[2]))
         # Slow estimate errors can hold off the last centimetres for seconds.
         is_late = inputs.time_s - self._armed_time_s >= _TAKEOFF_LATE_S
         if is_late:

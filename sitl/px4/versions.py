@@ -22,6 +22,7 @@ class Version:
     counts_ignored_thrust: bool
     survives_no_rotation: bool
     flies_manual_modes_without_sticks: bool
+    takes_off_sideways: bool
     shows_termination: bool
     has_one_throttle_text: bool
     landed_offboard_s: float

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import math
 import struct
 
 import numpy as np
@@ -27,7 +28,7 @@ def flown() -> Emulator:
     emu.keep_logs()
     run_for(emu, 5.0)
     px4 = emu.autopilots[0]
-    px4.request_takeoff(emu.time_s, -2.5)
+    px4.request_takeoff(emu.time_s, np.array([math.nan, math.nan, -2.5]))
     px4.request_arm(emu.time_s, True, 0.0)
     assert px4.is_armed
     run_for(emu, 6.0)

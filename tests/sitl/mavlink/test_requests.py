@@ -607,6 +607,39 @@ def test_a_take_off_climbs_to_the_requested_altitude_or_to_the_default(
     assert -float(emu.estimator.position_ned_m[0, 2]) == pytest.approx(height_m, abs=0.4)
 
 
+@pytest.mark.parametrize(("px4", "is_sideways"), [("1.16", True), ("1.18", False)])
+def test_a_take_off_goes_to_its_latitude_and_longitude_in_the_climb_or_after_it(
+    px4: str, is_sideways: bool
+) -> None:
+    emu = emulator(px4=px4)
+    client = Client(emu)
+    run_for(emu, 5.0)
+    place = client.link.view.to_global((6.0, 0.0, -4.0))
+    assert client.command(22, *[math.nan] * 4, *place) == [ACCEPTED]
+    assert client.command(400, 1) == [ACCEPTED]
+    until(emu, lambda: emu.autopilots[0].mode is Mode.LOITER, 15.0)
+    north = float(emu.world.vehicles.states.position_ned_m[0, 0])
+    assert (north > 3.0) is is_sideways
+    run_for(emu, 6.0)
+    north, _, down = emu.world.vehicles.states.position_ned_m[0].tolist()
+    assert (north, down) == pytest.approx((6.0, -4.0), abs=1.0)
+
+
+@pytest.mark.parametrize(("px4", "height_m"), [("1.16", 0.0), ("1.18", 4.0)])
+def test_a_take_off_with_zeros_for_a_place_stays_on_the_ground_or_climbs_straight(
+    px4: str, height_m: float
+) -> None:
+    emu = emulator(px4=px4)
+    client = Client(emu)
+    run_for(emu, 5.0)
+    assert client.command(22, *[0.0] * 6, emu.origin.altitude_m + 4.0) == [ACCEPTED]
+    assert client.command(400, 1) == [ACCEPTED]
+    run_for(emu, 9.0)
+    north, east, down = emu.world.vehicles.states.position_ned_m[0].tolist()
+    assert math.hypot(north, east) < 1.0
+    assert down == pytest.approx(-height_m, abs=0.6)
+
+
 def test_a_take_off_to_an_altitude_below_the_ground_stays_on_the_ground() -> None:
     emu = emulator()
     client = Client(emu)
