@@ -255,9 +255,11 @@ class Emulator:
     def reboot(self, index: int) -> None:
         """Restart an autopilot, on the ground or in the air.
 
-        It keeps its parameters and the state of its battery. Its faults and its pilot remain.
+        It keeps its parameters and the state of its battery. Its faults and its pilot remain. The
+        number of the vehicle is that of the simulation again, as PX4's own simulators start with.
         """
         old = self.autopilots[index]
+        old.params.values["MAV_SYS_ID"] = self.specs[index].system_id
         new = EmulatedPx4(
             params=old.params,
             boot_time_s=self.clock_s(index),

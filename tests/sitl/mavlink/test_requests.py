@@ -294,6 +294,16 @@ def test_a_reboot_on_command_keeps_the_parameters_and_is_denied_to_an_armed_vehi
     assert emu.autopilots[0].params["COM_OF_LOSS_T"] == 0.5
 
 
+def test_a_vehicle_keeps_its_number_and_a_restart_shows_it_again() -> None:
+    emu = emulator()
+    client = Client(emu)
+    run_for(emu, 5.0)
+    emu.autopilots[0].params.values["MAV_SYS_ID"] = 7
+    assert client.command(246, 1) == [ACCEPTED]
+    assert emu.autopilots[0].params["MAV_SYS_ID"] == 1
+    assert {message.system_id for message in client.collect(1.0)} == {1}
+
+
 @pytest.mark.parametrize(
     ("number", "results", "is_reset"),
     [
