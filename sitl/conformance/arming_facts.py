@@ -10,6 +10,7 @@ from sitl.conformance.hover import grounded
 from sitl.conformance.measurements import NOT_MEASURED, sent_or_not
 from sitl.conformance.vehicle_client import (
     ARM,
+    FORCE,
     MAV_RESULT_ACCEPTED,
     MODE_NUMBERS,
     NO_TEXT,
@@ -22,13 +23,19 @@ from sitl.conformance.vehicle_client import (
 _TEXTS_END_S = 5.2
 MODES_ON_GROUND = facts("arming", "modes_on_ground")
 TEXTS = facts("arming", "texts")
+BY_HAND = facts("arming", "by_hand")
 ARMED = facts("arming", "armed")
+# Largest position of a stick in MANUAL_CONTROL, and the rate of the sticks.
+_FULL_STICK = 1000
+_STICKS_PERIOD_S = 0.05
 
 
 def run(client: VehicleClient, report: FactReport) -> None:
     """Request refused actions as a companion and as a ground station, then arm and wait."""
     if report.wants("mode.*", "text.*", "event.*", "arm.denied"):
         _refusals(client, report)
+    if report.wants(*(fact.name for fact in BY_HAND)):
+        _by_hand(client, report)
     if report.wants(*(fact.name for fact in ARMED)):
         _armed(client, report)
 
@@ -114,6 +121,42 @@ def _set_mode_message(client: VehicleClient, report: FactReport) -> None:
     report.add("mode.set-mode-message", ", ".join(answers) or SILENCE)
 
 
+def _by_hand(client: VehicleClient, report: FactReport) -> None:
+    """Arm in the modes of a pilot, with different positions of the throttle."""
+    grounded(client)
+    client.greet(as_ground_station=True)
+    client.set_mode("MANUAL")
+    client.next_heartbeat()
+    report.add("arm.no-sticks", client.command(ARM, 1.0))
+
+    since_s = client.now_s
+    report.add("arm.throttle-centred", _arm_with_throttle(client, _FULL_STICK // 2))
+    client.wait(0.5)
+    report.add("arm.throttle-text", client.quote("Arming denied: ", since_s))
+    report.add("arm.throttle-low", _arm_with_throttle(client, 0))
+
+    client.set_mode("POSCTL")
+    client.next_heartbeat()
+    report.add("arm.posctl-throttle-full", _arm_with_throttle(client, _FULL_STICK))
+    client.vision_duty.act = None
+    client.vision_duty.period_s = 0.02
+
+
+def _arm_with_throttle(client: VehicleClient, throttle: int) -> str:
+    """Send sticks with a throttle, arm, disarm again; return the answer to the arming."""
+
+    def send() -> None:
+        client.send("MANUAL_CONTROL", target=client.system_id, z=throttle)
+
+    # the duty for vision poses is free here, so it sends the sticks
+    client.vision_duty.act = send
+    client.vision_duty.period_s = _STICKS_PERIOD_S
+    client.wait(1.0)
+    answer = client.command(ARM, 1.0)
+    client.command(ARM, 0.0, FORCE)
+    return answer
+
+
 def _armed(client: VehicleClient, report: FactReport) -> None:
     """Arm on the ground, and report the answers until PX4 disarms by itself."""
     grounded(client)
@@ -149,4 +192,4 @@ def _armed(client: VehicleClient, report: FactReport) -> None:
     client.next_heartbeat()
 
 
-FACT_GROUP = FactGroup("arming on the ground", (*MODES_ON_GROUND, *TEXTS, *ARMED), run)
+FACT_GROUP = FactGroup("arming on the ground", (*MODES_ON_GROUND, *TEXTS, *BY_HAND, *ARMED), run)

@@ -31,7 +31,9 @@ _IGNORE_THRUST = 64
 _RATES = 128
 _IGNORE_ALL_BUT_POSITION = 0b0000_1001_1111_1000
 _IGNORE_ALL_BUT_VELOCITY = 0b0000_1001_1100_0111
+_IGNORE_ALL_BUT_TWO_VELOCITIES = 0b0000_1101_1110_0111
 _LOCAL_NED = 1
+_BODY_NED = 8
 
 _FULL_STICK = 1000.0
 _STICKS_HZ = 20.0
@@ -63,6 +65,8 @@ def run(client: VehicleClient, report: FactReport) -> None:
         _other_sender(client, report, hover)
     if report.wants("setpoint.position*", "setpoint.velocity"):
         _positions(client, report, hover)
+    if report.wants("setpoint.body-velocity-text"):
+        _body_velocity(client, report)
     if report.wants("setpoint.steep*"):
         _steep(client, report, hover)
 
@@ -188,6 +192,20 @@ def _positions(client: VehicleClient, report: FactReport, hover: Hover) -> None:
     positions = client.received.of("LOCAL_POSITION_NED", client.now_s - 1.0)
     report.add("setpoint.velocity", mean(packet.message.vy for packet in positions))
     _recover(client, hover)
+
+
+def _body_velocity(client: VehicleClient, report: FactReport) -> None:
+    since_s = client.now_s
+    client.send(
+        "SET_POSITION_TARGET_LOCAL_NED",
+        target_system=client.system_id,
+        target_component=1,
+        coordinate_frame=_BODY_NED,
+        type_mask=_IGNORE_ALL_BUT_TWO_VELOCITIES,
+        vx=1.0,
+    )
+    client.wait(0.5)
+    report.add("setpoint.body-velocity-text", client.quote("SET_POSITION", since_s))
 
 
 def _steep(client: VehicleClient, report: FactReport, hover: Hover) -> None:

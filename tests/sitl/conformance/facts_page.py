@@ -31,10 +31,11 @@ judges it by the version that it reports (`--px4` says another); it
 turns the motors only of a vehicle that knows its own ground truth, which only a simulated one does.
 
 All were measured with the command, on v1.16.0, on the branch of release 1.17 of October 2025 (v1.17.0-alpha1) and on
-that of release 1.18 of August 2026 (v1.18.0-rc1); nothing here was only read in PX4's source. An empty place under a
-newer version: as in the version before. Bounds are wide enough for what a real PX4 itself scatters. The emulator in
-simulated time, seed 1; a second value is that of the first newer version of which other things are expected, a third
-that of the next. Written by `python -m tests.sitl.conformance.facts_page`.
+that of release 1.18 of August 2026 (v1.18.0-rc1); nothing here was only read in PX4's source. The facts of arming by
+hand, of commands in hold and of a velocity in BODY_NED were measured on v1.16.0 and v1.18.0-rc1 alone. An empty place
+under a newer version: as in the version before. Bounds are wide enough for what a real PX4 itself scatters. The
+emulator flew PX4's own quadrotor in simulated time, seed 1; a vehicle of a fleet file steps and lasts as its type. A
+second value is that of the first newer version of which other things are expected, a third that of the next. Written by `python -m tests.sitl.conformance.facts_page`.
 
 {agree} of {all} facts agree, counted once for each version.{differ}
 """  # noqa: E501  lines of a page
