@@ -402,7 +402,7 @@ class Failsafe:
 
             if not trigger.allows_takeover or action > FailsafeAction.DESCEND:
                 without_takeover = max(without_takeover, action)
-            if trigger.waits and FailsafeAction.WARN < action < FailsafeAction.DISARM:
+            if trigger.waits and FailsafeAction.HOLD < action < FailsafeAction.DISARM:
                 waiting = max(waiting, action)
             else:
                 urgent = max(urgent, action)

@@ -92,6 +92,14 @@ def test_a_patient_action_waits_in_hold_and_an_urgent_one_does_not() -> None:
     assert decided(lost, COM_OBL_RC_ACT=4) is FailsafeAction.LAND
 
 
+def test_a_hold_waits_for_nothing_and_is_not_announced_for_some_seconds() -> None:
+    params = Parameters()
+    params.values.update(GF_MAX_HOR_DIST=5.0, GF_ACTION=2)
+    failsafe = Failsafe()
+    assert failsafe.step(0.0, replace(CALM, from_home_m=(6.0, 0.0)), params)
+    assert (failsafe.action, failsafe.delayed) == (FailsafeAction.HOLD, FailsafeAction.NONE)
+
+
 def test_the_most_severe_of_several_actions_is_taken() -> None:
     both = replace(CALM, has_offboard_signal=False, attitude_failed=True)
     assert decided(both, COM_OBL_RC_ACT=4) is FailsafeAction.LAND
