@@ -123,6 +123,7 @@ def _land_unheard(client: VehicleClient, report: FactReport) -> None:
     client.next_heartbeat(2)
     report.add("fence.takeover", f"{client.mode} {client.status}")
 
+    client.params.set("GF_MAX_HOR_DIST", 0.0)  # drifting past the fence again would end the landing
     client.params.set("COM_DL_LOSS_T", _LOSS_S)
     client.params.set("NAV_DLL_ACT", 1)
     client.heartbeat_duty.act = None
