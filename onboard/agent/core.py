@@ -356,6 +356,7 @@ class AgentCore:
                 has_position=own.age_s < POSITION_KNOWN_S or own.is_reckoned,
                 snapshot=self._snapshot,
                 thrust_share=self._setpoints.sent_thrust_frac / self.control.hover_frac,
+                lift_share=self._setpoints.sent_lift_frac / self.control.hover_frac,
                 other_clocks=self._other_clocks(now_ns),
                 period_s=self._period_s,
                 is_blind=own.is_reckoned,

@@ -51,6 +51,11 @@ class SetpointOutput:
         # time, attitude and throttle of the setpoint before the last one
         self._before: tuple[int, Wxyz, float] = (0, self.quaternion_wxyz, 0.0)
 
+    @property
+    def sent_lift_frac(self) -> float:
+        """Vertical part of the last throttle sent."""
+        return self.sent_thrust_frac * body_up(self.quaternion_wxyz).z
+
     def commands(self, view: FlightView, control: ControlStep) -> list[Command]:
         """Return the command with this tick's setpoint; empty if none may be sent."""
         step = self._flight.step

@@ -20,12 +20,18 @@ import math
 
 from msgspec import Struct
 
+from onboard.config.fleet_config import Vehicle
+from onboard.constants import GRAVITY_M_S2
+from onboard.control.vertical_limits import baseline_m_s2
 from onboard.flight.types import FlightView
 from onboard.frames import body_up
 
 AGREED_S = 0.35  # both signs must hold for this time
 
-_LIGHT_SHARE = 0.8  # less than this share of the hover thrust counts as little thrust
+# Less lift than this share of the hover thrust is little. A vehicle with little lift reserve may
+# accelerate only little, also downwards. So for it this share of that acceleration is enough.
+_LIGHT_SHARE = 0.8
+_LIGHT_OF_LIMIT = 0.8
 _STILL_M = 0.02  # a vehicle is still if its height changes by less within AGREED_S
 _STILL_PX4_M_S = 0.15  # without a mocap the height is noisier, so the vertical speed counts
 LOW_M = 0.06  # below this height above the ground, the landing gear may touch it
@@ -76,15 +82,25 @@ class ContactSigns(Struct, frozen=True):
     pushing_ns: int = 0  # its thrust is much more than its weight, and it does not move along
 
 
+def light_share(hover_thrust_frac: float) -> float:
+    """Return the share of the hover thrust below which a vehicle's lift is little.
+
+    Args:
+        hover_thrust_frac: throttle at which the vehicle hovers.
+    """
+    largest_g = baseline_m_s2(hover_thrust_frac) / GRAVITY_M_S2
+    return max(_LIGHT_SHARE, 1.0 - _LIGHT_OF_LIMIT * largest_g)
+
+
 def observe(
-    signs: ContactSigns, view: FlightView, *, has_mocap: bool, sinks_blind: bool
+    signs: ContactSigns, view: FlightView, vehicle: Vehicle, *, sinks_blind: bool
 ) -> ContactSigns:
     """Return the signs of contact at this tick.
 
     Args:
         signs: signs of contact at the last tick.
         view: what the flight sees at this tick.
-        has_mocap: whether a mocap measures the height, to within millimetres.
+        vehicle: the vehicle; a mocap measures its height to within millimetres.
         sinks_blind: whether the vehicle descends without poses; single poses may still come.
     """
     now_ns = view.now_ns
@@ -92,7 +108,7 @@ def observe(
     _, _, sinking_m_s = view.snapshot.velocity_local_ned_m_s
 
     is_blind = view.is_blind or sinks_blind
-    if has_mocap and not is_blind:
+    if vehicle.mocap_required and not is_blind:
         is_still = abs(height_m - signs.height_m) < _STILL_M
         still_height_m = signs.height_m if is_still else height_m
     else:
@@ -101,7 +117,7 @@ def observe(
             is_still = sinking_m_s < _BLIND_SINKS_M_S
         still_height_m = height_m
 
-    is_light = view.thrust_share < _LIGHT_SHARE
+    is_light = view.lift_share < light_share(vehicle.hover_thrust_frac)
     is_slow = abs(sinking_m_s) < _LIGHT_SLOW_M_S
     along_m_s = math.hypot(*view.velocity_enu_m_s[:2])
     _, _, up_share = body_up(view.attitude_wxyz)
@@ -132,7 +148,7 @@ def is_agreed(signs: ContactSigns, view: FlightView, ground_z_m: float, is_late:
 
     _, _, z_m = view.position_enu_m
     height_m = z_m - ground_z_m
-    is_low = _UNDER_GROUND_M < height_m < _STANDS_BELOW_M and view.thrust_share < _HOVERS_SHARE
+    is_low = _UNDER_GROUND_M < height_m < _STANDS_BELOW_M and view.lift_share < _HOVERS_SHARE
     if (is_light or is_low) and (is_still or is_reported):
         return True
 

@@ -202,7 +202,7 @@ def advance(flight: FlightContext, view: FlightView) -> None:
     flight.contact = contact.observe(
         flight.contact,
         view,
-        has_mocap=flight.vehicle.mocap_required,
+        flight.vehicle,
         sinks_blind=flight.step is FlightStep.SINKING,
     )
 

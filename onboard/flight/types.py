@@ -147,6 +147,7 @@ class FlightView(Struct, frozen=True):
     has_position: bool  # whether the position is known, from poses or by dead reckoning
     snapshot: Snapshot  # newest reports of PX4
     thrust_share: float = 1.0  # thrust of the last setpoint, divided by the hover thrust
+    lift_share: float = 1.0  # vertical part of that thrust, divided by the hover thrust
     # clocks of the other vehicles of the same show; None: they are not compared at this tick
     other_clocks: tuple[OtherClock, ...] | None = None
     period_s: float = TICK_S  # time since the last tick

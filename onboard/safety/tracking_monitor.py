@@ -21,6 +21,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field
 
+from onboard.frames import body_up
 from onboard.tuples import Wxyz
 from onboard.vectors import Vec3
 
@@ -149,8 +150,8 @@ class TrackingMonitor:
             climb_m_s: vertical velocity, up.
             dt_s: time since the last call.
         """
-        commanded = _thrust_direction(commanded_wxyz)
-        measured = _thrust_direction(measured_wxyz)
+        commanded = body_up(commanded_wxyz)
+        measured = body_up(measured_wxyz)
         lag_s = max(self.lag_s, _SHORTEST_LAG_S)
         squared_miss = min(
             self._at_once.squared_miss(commanded, measured, lag_s, dt_s),
@@ -169,16 +170,6 @@ class TrackingMonitor:
         self.is_attitude_lost = self.missed_s > _MISS_FOR_S or self.is_upset
         self.is_saturated = self._full_s > _FULL_FOR_S
         self.is_sinking = self._sinking_s > _SINKING_FOR_S
-
-
-def _thrust_direction(attitude_wxyz: Wxyz) -> Vec3:
-    """Return the direction of thrust, which is the last column of the rotation, ENU."""
-    w, x, y, z = attitude_wxyz
-    return Vec3(
-        x=2.0 * (x * z + w * y),
-        y=2.0 * (y * z - w * x),
-        z=1.0 - 2.0 * (x * x + y * y),
-    )
 
 
 def _followed(stages: list[float], value: float, most: float, keep: float) -> float:

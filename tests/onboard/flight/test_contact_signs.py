@@ -10,13 +10,17 @@ import pytest
 from msgspec.structs import replace
 
 from onboard.autopilot import Landed, Snapshot
+from onboard.constants import GRAVITY_M_S2
+from onboard.control.vertical_limits import baseline_m_s2
 from onboard.flight import contact
 from onboard.flight.contact import ContactSigns
 from onboard.flight.types import FlightView
+from tests.onboard.agent.rig import fleet
 
 _BEFORE_NS = 5_000_000_000
 _NOW_NS = 100_000_000_000
 _MS = 1_000_000
+_VEHICLE = fleet().vehicles["mav0"]
 
 
 def _view(
@@ -24,6 +28,7 @@ def _view(
     *,
     sinks_m_s: float = 1.0,
     thrust_share: float = 1.0,
+    lift_share: float | None = None,
     is_reported: bool = False,
     is_blind: bool = False,
 ) -> FlightView:
@@ -39,6 +44,7 @@ def _view(
         has_position=True,
         snapshot=snapshot,
         thrust_share=thrust_share,
+        lift_share=thrust_share if lift_share is None else lift_share,
         is_blind=is_blind,
     )
 
@@ -49,10 +55,12 @@ def _observed(
     has_mocap: bool = True,
     sinks_blind: bool = False,
     height_m: float = 2.0,
+    hover_thrust_frac: float = 0.5,
 ) -> ContactSigns:
     """The signs of a tick, when all of them held before."""
     before = ContactSigns(height_m, _BEFORE_NS, _BEFORE_NS, _BEFORE_NS, _BEFORE_NS)
-    return contact.observe(before, view, has_mocap=has_mocap, sinks_blind=sinks_blind)
+    vehicle = replace(_VEHICLE, mocap_required=has_mocap, hover_thrust_frac=hover_thrust_frac)
+    return contact.observe(before, view, vehicle, sinks_blind=sinks_blind)
 
 
 def _lasted(**since_ms: float) -> ContactSigns:
@@ -97,6 +105,25 @@ def test_without_poses_it_is_still_unless_it_sinks(
 @pytest.mark.parametrize(("thrust_share", "light_ns"), [(0.79, _BEFORE_NS), (0.8, _NOW_NS)])
 def test_it_is_light_below_four_fifths_of_the_thrust(thrust_share: float, light_ns: int) -> None:
     assert _observed(_view(thrust_share=thrust_share)).light_ns == light_ns
+
+
+@pytest.mark.parametrize(
+    ("hover_thrust_frac", "lift_share", "light_ns"),
+    [
+        (0.75, 0.89, _BEFORE_NS),
+        (0.75, 0.90, _NOW_NS),
+        (0.8, 0.915, _BEFORE_NS),
+        (0.8, 0.925, _NOW_NS),
+    ],
+)
+def test_a_vehicle_with_little_lift_reserve_is_light_while_it_sinks_as_hard_as_it_may(
+    hover_thrust_frac: float, lift_share: float, light_ns: int
+) -> None:
+    # it leans against the wind, so its whole thrust is more than its lift
+    view = _view(thrust_share=1.1, lift_share=lift_share)
+    assert _observed(view, hover_thrust_frac=hover_thrust_frac).light_ns == light_ns
+    hardest = 1.0 - baseline_m_s2(hover_thrust_frac) / GRAVITY_M_S2
+    assert hardest < contact.light_share(hover_thrust_frac) - 0.01
 
 
 @pytest.mark.parametrize(

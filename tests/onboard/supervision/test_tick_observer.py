@@ -118,7 +118,9 @@ class Observed:
         }
         snapshot = Snapshot(**{**reported, **self.snapshot})
         view = FlightView(**{"now_ns": now_ns, "snapshot": snapshot, **self.view})
-        signs = contact.observe(self.flight.contact, view, has_mocap=True, sinks_blind=False)
+        signs = contact.observe(
+            self.flight.contact, view, FLEET.vehicles["mav0"], sinks_blind=False
+        )
         self.flies(contact=signs)
         own = OwnEstimate(
             state=None,

@@ -34,6 +34,19 @@ def by_satellites(paper: FleetConfig) -> FleetConfig:
     return replace(paper, fleet=field, law=LawConfig(), vehicles=vehicles, formations={})
 
 
+def test_a_vehicle_with_little_lift_reserve_notices_the_ground(
+    lockstep, by_satellites: FleetConfig
+) -> None:
+    heavy = replace(by_satellites.vehicles["mav0"], hover_thrust_frac=0.8)
+    fleet = replace(by_satellites, vehicles={"mav0": heavy})
+    with lockstep(fleet, seed=3) as flight:
+        flight.takeoff(2.0)
+        ordered_s = flight.time_s
+        (result,) = flight.wait_for(flight.client.order("land mav0", 60.0)).values()
+        assert result.is_done
+        assert flight.time_s - ordered_s < 15.0
+
+
 @pytest.mark.parametrize("seed", [3, *(pytest.param(s, marks=pytest.mark.long) for s in (1, 2, 4))])
 def test_they_take_off_and_hover_without_a_failsafe(
     lockstep, by_satellites: FleetConfig, seed: int
