@@ -10,6 +10,7 @@ import math
 from collections import deque
 from dataclasses import dataclass
 from functools import lru_cache
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -52,6 +53,13 @@ class ClosePair:
     is_flying: bool  # whether at least one of them flies
 
 
+class _Drained(NamedTuple):
+    """What drains a battery; a trend counts only while it stays the same."""
+
+    boot_id: int  # of the vehicle's agent
+    is_airborne: bool
+
+
 @dataclass(frozen=True, slots=True)
 class Drain:
     """Trend of a battery."""
@@ -86,8 +94,8 @@ class History:
         self._land_frac = land_frac
         # name -> number of points of its trail so far, and x, y [m] of the last point
         self._ends: dict[str, tuple[int, float, float]] = {}
-        # name -> boot id of its agent, and times [s] with charges
-        self._charges: dict[str, tuple[int, deque[tuple[float, float]]]] = {}
+        # name -> what drains its battery, and times [s] with charges
+        self._charges: dict[str, tuple[_Drained, deque[tuple[float, float]]]] = {}
         self._sampled_s = -math.inf
         self._added_ns = -1
         self._compared_ns = -_PACE_NS
@@ -201,18 +209,19 @@ class History:
                 self.oldest = name
 
             if math.isfinite(telemetry.battery_frac) and telemetry.battery_frac >= 0.0:
-                self._add_charge(name, telemetry.boot_id, now_ns * 1e-9, telemetry.battery_frac)
+                by = _Drained(telemetry.boot_id, view.is_airborne)
+                self._add_charge(name, by, now_ns * 1e-9, telemetry.battery_frac)
 
         self.periods_ms.append(period_ms)
         self.ages_ms.append(age_ms)
 
-    def _add_charge(self, name: str, boot_id: int, now_s: float, charge_frac: float) -> None:
-        boot, samples = self._charges.get(name, (boot_id, deque(maxlen=_BATTERY_SAMPLES)))
+    def _add_charge(self, name: str, by: _Drained, now_s: float, charge_frac: float) -> None:
+        before, samples = self._charges.get(name, (by, deque(maxlen=_BATTERY_SAMPLES)))
         _, last_frac = samples[-1] if samples else (now_s, charge_frac)
-        if boot != boot_id or charge_frac > last_frac + _REFILLED_FRAC:
-            samples = deque(maxlen=_BATTERY_SAMPLES)  # the agent or the battery was changed
+        if before != by or charge_frac > last_frac + _REFILLED_FRAC:
+            samples = deque(maxlen=_BATTERY_SAMPLES)  # another load, or another battery
         samples.append((now_s, charge_frac))
-        self._charges[name] = boot_id, samples
+        self._charges[name] = by, samples
 
         self.drains.pop(name, None)
         first_s, _ = samples[0]

@@ -434,6 +434,19 @@ async def test_a_battery_says_how_long_it_lasts_until_it_has_to_land() -> None:
     assert "v000" not in history.drains, "another battery has another trend"
 
 
+async def test_the_time_that_a_battery_lasts_does_not_count_the_time_on_the_ground() -> None:
+    client = SteadyClient(crowd(1))
+    history = History(land_frac=0.2)
+    for second in range(150):
+        flown_s = max(0, second - 120)
+        charge_frac = 1.0 - 0.2 * flown_s / 60.0
+        client.clock_ns += 1_000_000_000
+        client.hear("v000", battery_frac=charge_frac, boot_id=3, is_airborne=flown_s > 0)
+        history.add(client.state, client.now_ns())
+
+    assert history.drains["v000"].left_min == pytest.approx((charge_frac - 0.2) / 0.2, rel=0.05)
+
+
 @pytest.mark.parametrize("size", [(80, 24), (160, 40)])
 async def test_px4s_own_disarmed_report_replaces_the_old_values_of_a_silent_agent(
     fleet: FleetConfig, size: tuple[int, int]
