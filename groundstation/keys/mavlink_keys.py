@@ -8,7 +8,8 @@ from pathlib import Path
 from groundstation.keys.key_folder import make_key_folder, write_files
 from groundstation.keys.secured_fleet import refuse_example
 from groundstation.starter.fleet_edit import checked_edit, write_text
-from onboard.config.fleet import FleetConfig, load_fleet
+from onboard.config.fleet import ConfigError, FleetConfig, load_fleet
+from onboard.config.validation import PX4_WITHOUT_SIGNING
 from onboard.security.mavlink_key import KEY_BYTES, key_file, read_key
 
 
@@ -28,6 +29,14 @@ def sign_mavlink(path: str) -> FleetConfig:
     """
     fleet = load_fleet(path)
     refuse_example(fleet)
+
+    for name, vehicle in fleet.vehicles.items():
+        if vehicle.px4_version in PX4_WITHOUT_SIGNING:
+            raise ConfigError(
+                f"--mavlink: '{name}' flies PX4 v{vehicle.px4_version}, which cannot sign MAVLink. "
+                'Fly v1.18, and write px4_version = "1.18" in its table or its type; without '
+                'px4_version it counts as "1.17". Nothing was changed.'
+            )
 
     unsigned = [name for name, vehicle in fleet.vehicles.items() if not vehicle.mavlink_signing]
     tables = {name: {"mavlink_signing": True} for name in unsigned}

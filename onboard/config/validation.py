@@ -99,7 +99,7 @@ _NODE_WORDS = ("ground", "watcher", "recorder", "sitl")
 # `kill all` stops the whole fleet.
 _ORDER_WORD = re.compile(r"all|by|every|in|nearest|turned|yaw")
 
-_WITHOUT_SIGNING = ("1.16", "1.17")  # versions of PX4 that do not sign MAVLink
+PX4_WITHOUT_SIGNING = ("1.16", "1.17")  # versions of PX4 that do not sign MAVLink
 
 
 def check_fleet(config: FleetConfig, *, needs_folders: bool) -> None:
@@ -371,7 +371,7 @@ def _vehicle_problems(config: FleetConfig, vehicle: Vehicle) -> Iterator[str]:
 
     yield from _endpoint_problems(vehicle)
     yield from _px4_param_problems(vehicle)
-    if vehicle.mavlink_signing and vehicle.px4_version in _WITHOUT_SIGNING:
+    if vehicle.mavlink_signing and vehicle.px4_version in PX4_WITHOUT_SIGNING:
         yield (
             f"'vehicles.{name}.mavlink_signing' is true, but PX4 v{vehicle.px4_version} "
             "('px4_version') can neither sign nor check. Fly v1.18 and write "

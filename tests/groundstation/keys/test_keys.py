@@ -141,6 +141,16 @@ def test_a_disk_that_fills_while_a_key_is_written_leaves_no_part_of_a_key(folder
     assert _contents(folder).keys() == before.keys() | {"mav1.key", "mav2.mavlink.key"}
 
 
+def test_signed_mavlink_is_refused_for_a_px4_that_cannot_sign_with_the_line_to_write(
+    folder: Path,
+) -> None:
+    path = folder / "fleet.toml"
+    before = _contents(folder)
+    with pytest.raises(ConfigError, match=r'PX4 v1\.17.* write px4_version = "1\.18"'):
+        sign_mavlink(str(path))
+    assert _contents(folder) == before
+
+
 def test_no_vehicle_signs_its_mavlink_before_all_keys_are_made(folder: Path) -> None:
     path = folder / "fleet.toml"
     text = path.read_text(encoding="utf-8")
