@@ -7,7 +7,8 @@ from onboard.config.wind_limit import tilt_acceleration_m_s2
 
 # The wind pushes a vehicle from its lift-off until its tilt balances the push: a time until it
 # notices the push, then some lags until it is tilted. Fitted to lift-offs of single vehicles with
-# lags of 0.15 and 0.27 s (docs/wind.md), within 0.1 m.
+# lags of 0.15 and 0.27 s that climb with 1 m/s by a mocap, within 0.1 m. Others are blown farther
+# (docs/wind.md).
 _NOTICED_S = 0.2
 _TILTING_LAGS = 1.5
 
