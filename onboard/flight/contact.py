@@ -52,8 +52,8 @@ _STUCK_M_S = 0.3  # it does not move horizontally below this speed
 _STUCK_BELOW_M = 0.5  # its goal is at least this much higher
 
 # Without a mocap PX4's velocity may err by more than _STILL_PX4_M_S. After _LIGHT_LONG_S with
-# little thrust, a vehicle in the air would sink at 3 m/s. A vehicle slower than _LIGHT_SLOW_M_S has
-# landed.
+# little thrust, a vehicle in the air would sink at 3 m/s, and one with little lift reserve after
+# longer. A vehicle slower than _LIGHT_SLOW_M_S has landed.
 _LIGHT_LONG_S = 1.5
 _LIGHT_SLOW_M_S = 0.7
 
@@ -80,6 +80,9 @@ class ContactSigns(Struct, frozen=True):
     reported_ns: int = 0  # PX4 reports the ground
     slow_ns: int = 0  # its vertical speed is much less than in a fall with little thrust
     pushing_ns: int = 0  # its thrust is much more than its weight, and it does not move along
+    # The times for which little lift must last are longer by this factor for a vehicle that may
+    # sink with little acceleration only. In the air it would gain the same speed within them.
+    patience: float = 1.0
 
 
 def light_share(hover_thrust_frac: float) -> float:
@@ -117,7 +120,8 @@ def observe(
             is_still = sinking_m_s < _BLIND_SINKS_M_S
         still_height_m = height_m
 
-    is_light = view.lift_share < light_share(vehicle.hover_thrust_frac)
+    little = light_share(vehicle.hover_thrust_frac)
+    is_light = view.lift_share < little
     is_slow = abs(sinking_m_s) < _LIGHT_SLOW_M_S
     along_m_s = math.hypot(*view.velocity_enu_m_s[:2])
     _, _, up_share = body_up(view.attitude_wxyz)
@@ -129,6 +133,7 @@ def observe(
         reported_ns=signs.reported_ns if view.is_on_ground else now_ns,
         slow_ns=signs.slow_ns if is_slow else now_ns,
         pushing_ns=signs.pushing_ns if is_pushing else now_ns,
+        patience=(1.0 - _LIGHT_SHARE) / (1.0 - little),
     )
 
 
@@ -143,13 +148,14 @@ def is_agreed(signs: ContactSigns, view: FlightView, ground_z_m: float, is_late:
     """
     since_ns = view.now_ns - round(1e9 * AGREED_S)
     is_still = signs.still_ns < since_ns
-    is_light = signs.light_ns < since_ns
     is_reported = signs.reported_ns < since_ns
 
     _, _, z_m = view.position_enu_m
     height_m = z_m - ground_z_m
     is_low = _UNDER_GROUND_M < height_m < _STANDS_BELOW_M and view.lift_share < _HOVERS_SHARE
-    if (is_light or is_low) and (is_still or is_reported):
+    if is_low and (is_still or is_reported):
+        return True
+    if _is_light_at_rest(signs, view):
         return True
 
     has_stalled = view.now_ns - signs.still_ns > 1e9 * _STALLED_S
@@ -163,15 +169,21 @@ def is_agreed_by_thrust(signs: ContactSigns, view: FlightView) -> bool:
         signs: signs of contact at this tick.
         view: what the flight sees at this tick.
     """
-    since_ns = view.now_ns - round(1e9 * AGREED_S)
-    is_light = signs.light_ns < since_ns
-    is_still = signs.still_ns < since_ns
-    is_reported = signs.reported_ns < since_ns
-    if is_light and (is_still or is_reported):
+    if _is_light_at_rest(signs, view):
         return True
 
-    long_ago_ns = view.now_ns - round(1e9 * _LIGHT_LONG_S)
+    long_ago_ns = view.now_ns - round(1e9 * signs.patience * _LIGHT_LONG_S)
     return signs.light_ns < long_ago_ns and signs.slow_ns < long_ago_ns
+
+
+def _is_light_at_rest(signs: ContactSigns, view: FlightView) -> bool:
+    """Return whether a vehicle has little lift and does not sink, or PX4 reports the ground."""
+    agreed_ns = round(1e9 * AGREED_S)
+    long_ago_ns = view.now_ns - round(signs.patience * agreed_ns)
+    is_light = signs.light_ns < long_ago_ns
+    is_still = signs.still_ns < long_ago_ns
+    is_reported = signs.reported_ns < view.now_ns - agreed_ns
+    return is_light and (is_still or is_reported)
 
 
 def is_stuck(signs: ContactSigns, view: FlightView, goal_z_m: float) -> bool:

@@ -7,6 +7,8 @@ from msgspec.structs import replace
 
 from onboard.config.fleet import FleetConfig, Origin
 from onboard.config.law import LawConfig
+from sitl.emulator.emulator import Environment
+from sitl.physics.wind import WindSettings
 
 
 @pytest.fixture
@@ -45,6 +47,33 @@ def test_a_vehicle_with_little_lift_reserve_notices_the_ground(
         (result,) = flight.wait_for(flight.client.order("land mav0", 60.0)).values()
         assert result.is_done
         assert flight.time_s - ordered_s < 15.0
+
+
+@pytest.mark.parametrize(
+    ("hover_thrust_frac", "has_mocap", "wind_m_s"),
+    [(0.85, False, 0.0), (0.84, True, 0.0), (0.8, False, 3.0)],
+)
+def test_a_climb_that_turns_into_a_landing_does_not_end_in_the_air(
+    lockstep,
+    by_satellites: FleetConfig,
+    hover_thrust_frac: float,
+    has_mocap: bool,
+    wind_m_s: float,
+) -> None:
+    heavy = replace(
+        by_satellites.vehicles["mav0"],
+        hover_thrust_frac=hover_thrust_frac,
+        mocap_required=has_mocap,
+    )
+    fleet = replace(by_satellites, vehicles={"mav0": heavy})
+    gusty = Environment(WindSettings((wind_m_s, 0.0, 0.0), wind_m_s / 3.0))
+    with lockstep(fleet, seed=1, environment=gusty) as flight:
+        flight.ready()
+        flight.start_soon(flight.client.order("takeoff mav0 8", 60.0))
+        flight.run(9.0)  # it climbs, at a height of about 3 m
+        (result,) = flight.wait_for(flight.client.order("land mav0", 60.0)).values()
+        assert result.is_done
+        assert max(touchdown.speed_m_s for touchdown in flight.touchdowns) < 0.8
 
 
 @pytest.mark.parametrize("seed", [3, *(pytest.param(s, marks=pytest.mark.long) for s in (1, 2, 4))])
