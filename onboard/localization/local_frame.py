@@ -87,6 +87,8 @@ class LocalFrame:
     _offset_enu_m: Xyz | None = None  # fleet frame minus local frame; None while not known
     _last: _LocalPosition | None = None  # newest local position
     _has_flown: bool = False
+    # Height of the ground on which it has stood since its last flight [m]; None: it has not yet.
+    _stands_on_m: float | None = None
     # PX4's origin on Earth that counts: latitude, longitude [deg], altitude [m]
     _px4_origin: Xyz | None = None
     _restarts: int = 0  # how often PX4 had restarted at the newest local position
@@ -120,6 +122,7 @@ class LocalFrame:
 
         if snapshot.is_armed:
             self._has_flown = True
+            self._stands_on_m = None
         is_parked = not snapshot.is_armed and snapshot.landed is Landed.ON_GROUND
 
         anchored_m = self._anchored_offset_m(local.position_m, snapshot.global_origin)
@@ -227,20 +230,31 @@ class LocalFrame:
         local_x, local_y, local_z = local.position_m
         at_m = (local_x + x, local_y + y)
         flown_m = local_z + flown_z
-        _, _, ground_m = self.start_enu_m
-        if self.ground_at is not None:
-            other_m = self.ground_at(*at_m)
-            if abs(flown_m - other_m) < abs(flown_m - ground_m):
-                z += other_m - ground_m
-                ground_m = other_m
+        if self._stands_on_m is None:
+            self._stands_on_m = self._likely_ground_m(at_m, flown_m)
+        _, _, start_m = self.start_enu_m
+        z += self._stands_on_m - start_m
 
         away_m = math.dist(at_m, self.start_enu_m[:2])
         reported_m = _HEIGHT_SIGMAS * snapshot.height_accuracy_m
         error_m = min(max(reported_m, _MIN_HEIGHT_ERROR_M), _MAX_HEIGHT_ERROR_M)
-        higher_m = abs(flown_m - ground_m)
+        higher_m = abs(flown_m - self._stands_on_m)
         if away_m > _SAME_GROUND_WITHIN_M and higher_m > error_m:
             z = flown_z
         return x, y, z
+
+    def _likely_ground_m(self, at_m: tuple[float, float], flown_m: float) -> float:
+        """Return the height [m] of the ground that a vehicle has landed on.
+
+        Args:
+            at_m: where it stands, in the fleet frame.
+            flown_m: height at which its flight has ended.
+        """
+        _, _, start_m = self.start_enu_m
+        if self.ground_at is None:
+            return start_m
+        here_m = self.ground_at(*at_m)
+        return min((start_m, here_m), key=lambda ground_m: abs(flown_m - ground_m))
 
     def _is_origin_right(self, offset_m: Xyz, anchored_m: Xyz, snapshot: Snapshot) -> bool:
         """Return whether the offset may return to the one from PX4's present origin, in the air.

@@ -275,6 +275,21 @@ def test_a_vehicle_that_lands_where_the_ground_is_lower_by_the_fleet_file_stands
     assert position[2] == pytest.approx(kept_m, abs=0.01)
 
 
+def test_a_vehicle_that_stands_on_another_roof_stays_there_while_its_position_wanders() -> None:
+    def ground_at(x_m: float, y_m: float) -> float:
+        return 2.0 if math.hypot(x_m - 20.0, y_m) < 1.0 else 0.0
+
+    frame = LocalFrame((0.0, 0.0, 0.0), ORIGIN, ground_at)
+    at = place(0.0, 0.0)
+    frame.take(parked(0.0, (0.0, 0.0, 0.0), global_origin=at))
+    for tick in range(1, 200):
+        frame.take(flying(0.1 * tick, (0.0, 0.1 * tick, -0.01 * tick), global_origin=at))
+
+    for tick, east_m in enumerate((19.5, 18.9, 19.5)):
+        position = frame.take(parked(30.0 + tick, (0.0, east_m, -2.0), global_origin=at))
+        assert position == pytest.approx((east_m, 0.0, 2.0), abs=0.01)
+
+
 def test_an_error_of_px4s_height_is_forgotten_after_a_landing() -> None:
     assert landed_at(20.0, 2.0)[2] == pytest.approx(0.0)
     assert landed_at(20.0, 2.5, height_accuracy_m=1.0)[2] == pytest.approx(0.0)
