@@ -70,7 +70,10 @@ def ground_by_spots_m(
 def ground_under_m(
     fleet: FleetConfig, x_m: NDArray[np.float64] | float, y_m: NDArray[np.float64] | float
 ) -> NDArray[np.float64]:
-    """Return the height [m] of the ground under points, or of the geofence's floor if it is higher.
+    """Return the height [m] of what a body above points may touch, for the limits of goals.
+
+    It is the ground, or the geofence's floor if that is higher. Within a body's diameter of a
+    take-off spot it is at least as high as the spot, because the body may reach to its table.
 
     Args:
         fleet: the fleet file.
@@ -78,7 +81,12 @@ def ground_under_m(
         y_m: coordinates to the north, of the same shape.
     """
     low_m, _ = fleet.fleet.geofence_m.z
-    return np.maximum(ground_by_spots_m(fleet, x_m, y_m), low_m)
+    heights_m = np.maximum(ground_by_spots_m(fleet, x_m, y_m), low_m)
+    for name in fleet.enabled_names:
+        spot_x, spot_y, spot_m = fleet.vehicles[name].start_enu_m
+        is_near = np.hypot(x_m - spot_x, y_m - spot_y) <= fleet.fleet.body_diameter_m
+        heights_m = np.where(is_near, np.maximum(heights_m, spot_m), heights_m)
+    return heights_m
 
 
 def least_height_m(vehicle: Vehicle) -> float:
