@@ -75,10 +75,21 @@ class LawInputs(NamedTuple):
     def heard(self, neighbour: LawNeighbour) -> Neighbour:
         """Return the entry of ``received`` of a neighbour.
 
+        A neighbour that is in one place by its word and in another by the motion capture has two
+        entries, and is twice among ``neighbours``.
+
         Args:
             neighbour: one of ``neighbours``.
         """
-        return next(entry for entry in self.received if entry.table_index == neighbour.table_index)
+        x_m = self.predicted.position_enu_m.x - neighbour.e_m.x
+        y_m = self.predicted.position_enu_m.y - neighbour.e_m.y
+
+        def beside_m(entry: Neighbour) -> float:
+            position_m = entry.predicted_position_enu_m
+            return math.hypot(position_m.x - x_m, position_m.y - y_m)
+
+        same = [entry for entry in self.received if entry.table_index == neighbour.table_index]
+        return min(same, key=beside_m)
 
     def limited(self, x_m_s2: float, y_m_s2: float) -> Thrust:
         """Return the flyable thrust that is nearest to a horizontal thrust.

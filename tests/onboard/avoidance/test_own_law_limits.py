@@ -62,6 +62,13 @@ def test_a_law_is_given_the_neighbours_in_range_the_nearest_first() -> None:
     assert [inputs.heard(one) for one in inputs.neighbours] == [near, far]
 
 
+def test_a_law_is_given_the_right_one_of_two_entries_of_a_neighbour() -> None:
+    said = neighbour_of((2.0, 0.0, 1.0), table_index=4)
+    seen = neighbour_of((-1.5, 0.0, 1.0), table_index=4, is_cooperative=False)
+    inputs = _inputs(neighbours=(said, seen))
+    assert [inputs.heard(one) for one in inputs.neighbours] == [seen, said]
+
+
 @pytest.mark.parametrize(
     ("answer", "words"),
     [
