@@ -119,6 +119,8 @@ def _pass_fence(client: VehicleClient, report: FactReport) -> None:
 
 def _land_unheard(client: VehicleClient, report: FactReport) -> None:
     """Land out of the failsafe of the fence, and fall silent as a ground station."""
+    client.params.set("GF_MAX_HOR_DIST", 2.5)  # now it is surely beyond, and does not drift past it
+    client.wait(1.0)
     client.command(LAND)
     client.next_heartbeat(2)
     report.add("fence.takeover", f"{client.mode} {client.status}")

@@ -101,7 +101,7 @@ class View:
 
     @property
     def home_ned_m(self) -> Vector:
-        """Position of the last arming; zeros before the first."""
+        """Position of home, set at the last arming or by a command; zeros before."""
         north, east, down = self.autopilot.mode_control.home_ned_m.tolist()
         return north, east, down
 

@@ -76,7 +76,7 @@ class FailsafeInputs(Struct, frozen=True):
     has_offboard_signal: bool  # False when OFFBOARD is requested without fresh setpoints
     battery: ChargeState  # charge of the battery
     attitude_failed: bool  # whether the tilt was beyond FD_FAIL_R or FD_FAIL_P
-    from_home_m: tuple[float, float]  # horizontal and vertical distance from the point of arming
+    from_home_m: tuple[float, float]  # horizontal and vertical distance from home
     ground_silent_s: float  # time since the last heartbeat of a ground station
     requested_mode: Mode = Mode.LOITER
     has_sticks: bool = False  # whether the sticks of a pilot are received
@@ -417,7 +417,8 @@ class Failsafe:
             self.action = max(urgent, self._hold_first(now_s, waiting, params))
 
         is_return = FailsafeAction.RETURN in (self.action, self.delayed)
-        if is_return and inputs.requested_mode in (Mode.LAND, Mode.RTL):
+        is_milder = self.action <= FailsafeAction.RETURN
+        if is_return and is_milder and inputs.requested_mode in (Mode.LAND, Mode.RTL):
             self.action = FailsafeAction.WARN
             self.delayed = FailsafeAction.NONE
 

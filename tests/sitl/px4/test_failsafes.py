@@ -209,6 +209,17 @@ def test_a_vehicle_that_lands_or_returns_already_is_only_warned_of_a_return(
     assert decided(critical, COM_LOW_BAT_ACT=3) is action
 
 
+def test_a_waiting_return_does_not_delay_the_termination_of_a_landing() -> None:
+    both = replace(
+        CALM, battery=ChargeState.CRITICAL, attitude_failed=True, requested_mode=Mode.LAND
+    )
+    params = Parameters()
+    params.values.update(COM_LOW_BAT_ACT=3, CBRK_FLIGHTTERM=0)
+    failsafe = Failsafe()
+    failsafe.step(0.0, both, params)
+    assert failsafe.action is FailsafeAction.TERMINATE
+
+
 def test_a_mode_requested_before_an_action_takes_nothing_over() -> None:
     failsafe = Failsafe()
     failsafe.mode_requested()
