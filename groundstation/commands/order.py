@@ -82,7 +82,7 @@ def _print_json(results: Results) -> None:
 
 def _print_lines(results: Results) -> None:
     for result in results.values():
-        line = f"{result.vehicle}: {result.phase}. {result.sentence}".rstrip()
+        line = f"{result.vehicle}: {result.phase}. {result.reason}".rstrip()
         stream = sys.stdout if result.is_done else sys.stderr
         print(fitted(plain_line(line), stream), file=stream)
 

@@ -341,7 +341,7 @@ class OrderEntry:
             self._log_result(result)
 
     def _log_result(self, result: VehicleResult) -> None:
-        sentence = result.sentence or result.phase
+        sentence = result.reason or result.phase
         self._panels.events.add(sentence, PHASE_SIGNS[result.phase], vehicle=result.vehicle)
 
     # -- keys --------------------------------------------------------------------------------------

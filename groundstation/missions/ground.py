@@ -739,5 +739,5 @@ def step_result(step: str, duration_s: float, results: Results) -> StepResult:
         step=step,
         duration_s=round(duration_s, 2),
         vehicles={name: result.phase for name, result in results.items()},
-        sentences={name: result.sentence for name, result in results.items()},
+        sentences={name: result.reason for name, result in results.items()},
     )

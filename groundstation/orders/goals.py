@@ -272,7 +272,7 @@ def _slot_goals(
     for name in facts.names:
         if name not in slots:
             known = ", ".join(slots) or "none"
-            refusals[name] = f"{name} has no slot in formation '{held.name}' (slots: {known})."
+            refusals[name] = f"{name}: it has no slot in formation '{held.name}' (slots: {known})."
             continue
 
         east_m, north_m, up_m = slots[name]
@@ -324,7 +324,7 @@ def _destination(view: VehicleView | None) -> Xyz | None:
 
 
 def _no_position(names: list[str], known: Mapping[str, Xyz]) -> dict[str, str]:
-    return {name: f"{name} does not report where it is." for name in names if name not in known}
+    return {name: f"{name}: it does not report where it is." for name in names if name not in known}
 
 
 _GOALS_BY_KIND: dict[type[Intent], Callable[[Any, GoalFacts], Goals]] = {

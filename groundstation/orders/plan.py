@@ -381,12 +381,12 @@ def _may_be_ordered(name: str, intent: Intent, fleet: FleetConfig) -> bool:
 def _unknown(name: str, fleet: FleetConfig) -> str:
     if name in fleet.vehicles:
         return (
-            f"{name} is not enabled in the fleet file: it may be brought down only. "
+            f"{name}: it is not enabled in the fleet file, and may be brought down only. "
             "Set enabled = true to fly it."
         )
     return (
-        f"{name[:40]} is not a vehicle of fleet '{fleet.fleet.name}': "
-        f"it has {', '.join(fleet.enabled_names)}."
+        f"{name[:40]}: it is not a vehicle of fleet '{fleet.fleet.name}', which has "
+        f"{', '.join(fleet.enabled_names)}."
     )
 
 

@@ -96,7 +96,7 @@ class OrderCard:
                 {
                     "vehicle": result.vehicle,
                     "phase": result.phase,
-                    "sentence": plain_line(result.sentence)[:_MAX_TEXT],
+                    "sentence": plain_line(result.reason)[:_MAX_TEXT],
                 }
                 for result in self.result.results.values()
             ]

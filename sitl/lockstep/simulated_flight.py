@@ -209,7 +209,7 @@ class OtherGround:
 
         for answer in (await result.wait()).values():
             if not answer.is_done:
-                self._tell(order, f"{answer.vehicle} {answer.phase}: {answer.sentence}")
+                self._tell(order, answer.words)
 
     def _tell(self, order: TimedOrder, outcome: str) -> None:
         """Publish an event of the first ground, because only that ground's events are recorded."""

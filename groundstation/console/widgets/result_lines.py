@@ -91,10 +91,7 @@ def _answers(order: OrderResult, width: int) -> list[tuple[str, str]]:
 def _failure(result: VehicleResult) -> Text:
     sign, colour = theme.PHASE_SIGNS.get(result.phase, ("?", WARN))
 
-    reason = clean(result.sentence, 200) or result.phase
-    if not reason.startswith(result.vehicle):
-        reason = f"{result.vehicle}: {reason}"
-
-    words = (f"   {sign} {reason} ", theme.style(colour))
+    reason = clean(result.reason, 200) or result.phase
+    words = (f"   {sign} {result.vehicle}: {reason} ", theme.style(colour))
     advice = (_ADVICE[result.phase], theme.style(FAINT))
     return Text.assemble(words, advice)
