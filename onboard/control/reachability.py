@@ -25,7 +25,7 @@ def no_way(around: Surroundings, vehicle_name: str, begin_enu_m: Xyz, goal_enu_m
     where_from = f"cannot be reached from ({begin_x:.2f}, {begin_y:.2f}, {begin_z:.2f})"
 
     # The vehicle changes its height on its whole way, so it sinks into a fence below it.
-    if is_above_fence(around, begin_enu_m, goal_z):
+    if _is_above_fence(around, begin_enu_m, goal_z):
         beside = (goal_x, goal_y, begin_z)
         words = _no_way_at_once(around, vehicle_name, beside, goal_enu_m)
         if words:
@@ -57,19 +57,6 @@ def no_way(around: Surroundings, vehicle_name: str, begin_enu_m: Xyz, goal_enu_m
     return words
 
 
-def is_above_fence(around: Surroundings, position_enu_m: Xyz, low_m: float) -> bool:
-    """Return whether a fence to stay out of ends below a position, and not below a height.
-
-    Args:
-        around: static things around the vehicle.
-        position_enu_m: the position [m], ENU.
-        low_m: the height, which is lower.
-    """
-    x, y, z = position_enu_m
-    below = [edge for edge in around.still if low_m <= edge.high_m < z]
-    return is_beyond(Vec2(float(x), float(y)), below)
-
-
 def is_below_fence(around: Surroundings, position_enu_m: Xyz, high_m: float) -> bool:
     """Return whether a fence to stay out of begins above a position, and not above a height.
 
@@ -81,6 +68,19 @@ def is_below_fence(around: Surroundings, position_enu_m: Xyz, high_m: float) -> 
     x, y, z = position_enu_m
     above = [edge for edge in around.still if z < edge.low_m <= high_m]
     return is_beyond(Vec2(float(x), float(y)), above)
+
+
+def _is_above_fence(around: Surroundings, position_enu_m: Xyz, low_m: float) -> bool:
+    """Return whether a fence to stay out of ends below a position, and not below a height.
+
+    Args:
+        around: static things around the vehicle.
+        position_enu_m: the position [m], ENU.
+        low_m: the height, which is lower.
+    """
+    x, y, z = position_enu_m
+    below = [edge for edge in around.still if low_m <= edge.high_m < z]
+    return is_beyond(Vec2(float(x), float(y)), below)
 
 
 def _no_way_at_once(
