@@ -21,8 +21,8 @@ import math
 from collections.abc import Iterable, Sequence
 from typing import Any, NamedTuple
 
+from onboard.config.earth import Origin, latitude_longitude_deg
 from onboard.config.fleet import FleetConfig
-from onboard.config.fleet_config import Origin
 from onboard.config.ground import floor_m
 
 Point = tuple[float, float]  # east, north [m]
@@ -31,7 +31,6 @@ Outline = tuple[Point, ...]  # counter-clockwise; the first point is not repeate
 GUST_OF_MEAN = 1.25  # wind with gusts over mean wind, as in wind limits (docs/wind.md)
 GRAVITY_M_S2 = 9.81
 _CORNERS_OF_CIRCLE = 32
-_EARTH_RADIUS_M = 6_371_000.0  # PX4's sphere
 _STEP_S = 0.005  # step of the integration of a fall
 _LONGEST_FALL_S = 600.0
 
@@ -231,36 +230,7 @@ def _feature(name: str, outline: Outline, height_m: float, origin: Origin | None
         if origin is None:
             ring.append([round(east_m, 3), round(north_m, 3)])
         else:
-            longitude_deg, latitude_deg = longitude_latitude_deg(origin, east_m, north_m)
+            latitude_deg, longitude_deg = latitude_longitude_deg(origin, east_m, north_m)
             ring.append([round(longitude_deg, 8), round(latitude_deg, 8)])
     geometry = {"type": "Polygon", "coordinates": [ring]}
     return {"type": "Feature", "properties": properties, "geometry": geometry}
-
-
-def longitude_latitude_deg(origin: Origin, east_m: float, north_m: float) -> Point:
-    """Return longitude and latitude of a position, by PX4's azimuthal equidistant projection.
-
-    Args:
-        origin: origin of the fleet's frame.
-        east_m: distance east of the origin.
-        north_m: distance north of the origin.
-    """
-    angle = math.hypot(east_m, north_m) / _EARTH_RADIUS_M
-    if angle == 0.0:
-        return (origin.longitude_deg, origin.latitude_deg)
-
-    latitude_0 = math.radians(origin.latitude_deg)
-    east = east_m / _EARTH_RADIUS_M
-    north = north_m / _EARTH_RADIUS_M
-    sine = math.sin(angle)
-    cosine = math.cos(angle)
-    latitude = math.asin(
-        cosine * math.sin(latitude_0) + north * sine * math.cos(latitude_0) / angle
-    )
-    longitude_difference = math.atan2(
-        east * sine,
-        angle * math.cos(latitude_0) * cosine - north * math.sin(latitude_0) * sine,
-    )
-    longitude_deg = origin.longitude_deg + math.degrees(longitude_difference)
-    longitude_deg = (longitude_deg + 180.0) % 360.0 - 180.0
-    return (longitude_deg, math.degrees(latitude))

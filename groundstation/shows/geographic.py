@@ -19,11 +19,11 @@ import numpy as np
 from groundstation.paths.path_files import LONGEST_LINE, MAX_LINES
 from groundstation.paths.pieces import fitted
 from onboard.arrays import Array
+from onboard.config.earth import east_north_m
 from onboard.config.file_reading import CSV_FILE, read_text
 from onboard.config.fleet import ConfigError, Origin
 from onboard.control.path import LONGEST_S, Path
 
-_EARTH_RADIUS_M = 6_371_000.0  # radius of PX4's sphere
 # content of a column -> its possible names, in small letters and without other signs
 _KINDS = {
     "time": ("t", "time", "timestamp", "timefromstart", "seconds"),
@@ -102,41 +102,11 @@ def path_of_places(places: Places, origin: Origin) -> Path:
         places: positions of the drone.
         origin: origin of the show.
     """
-    east_m, north_m = east_north_m(origin, places.latitudes_deg, places.longitudes_deg)
+    on_earth = zip(places.latitudes_deg, places.longitudes_deg, strict=True)
+    east_north = [east_north_m(origin, latitude, longitude) for latitude, longitude in on_earth]
     up_m = places.altitudes_m - origin.altitude_m
-    return fitted(
-        places.times_s, np.column_stack([east_m, north_m, up_m, np.zeros(len(places.times_s))])
-    )
-
-
-def east_north_m(
-    origin: Origin, latitudes_deg: Array, longitudes_deg: Array
-) -> tuple[Array, Array]:
-    """Return metres east and north of an origin, by PX4's azimuthal equidistant projection.
-
-    Args:
-        origin: the origin.
-        latitudes_deg: latitudes of the positions.
-        longitudes_deg: longitudes of the positions, which may lie on both sides of the date line.
-    """
-    latitude_0 = math.radians(origin.latitude_deg)
-    latitude = np.radians(latitudes_deg)
-    longitude_difference = np.radians(longitudes_deg - origin.longitude_deg)
-
-    # the angle between origin and position, as seen from the centre of the Earth
-    cosine = math.sin(latitude_0) * np.sin(latitude) + (
-        math.cos(latitude_0) * np.cos(latitude) * np.cos(longitude_difference)
-    )
-    angle = np.arccos(np.clip(cosine, -1.0, 1.0))
-    # angle / sin(angle) is 1 at the origin, where it would be 0 / 0
-    stretch = np.where(angle > 1e-7, angle / np.maximum(np.sin(angle), 1e-12), 1.0)
-
-    # east and north of the position on the unit sphere, before the stretch
-    east = np.cos(latitude) * np.sin(longitude_difference)
-    north = math.cos(latitude_0) * np.sin(latitude) - (
-        math.sin(latitude_0) * np.cos(latitude) * np.cos(longitude_difference)
-    )
-    return _EARTH_RADIUS_M * (stretch * east), _EARTH_RADIUS_M * (stretch * north)
+    yaw_rad = np.zeros(len(places.times_s))
+    return fitted(places.times_s, np.column_stack([east_north, up_m, yaw_rad]))
 
 
 def _columns(first_line: str) -> dict[str, tuple[int, float]]:

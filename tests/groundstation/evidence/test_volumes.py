@@ -14,12 +14,10 @@ from groundstation.evidence.volumes import (
     distance_outside_m,
     fall_time_s,
     geojson,
-    longitude_latitude_deg,
     volumes,
     widened,
 )
-from groundstation.shows.geographic import east_north_m
-from onboard.config.fleet_config import Origin
+from onboard.config.earth import Origin, east_north_m
 from tests.groundstation.evidence.campaigns import SQUARE
 
 INSIDE = (1.0, 1.0)
@@ -126,7 +124,8 @@ def test_with_an_origin_it_has_longitudes_and_latitudes_that_lead_back(
     properties = written["features"][1]["properties"]
     assert properties["top_above_sea_m"] == pytest.approx(489.4 + properties["height_m"], abs=0.01)
 
-    longitude, latitude = longitude_latitude_deg(origin, 120.0, -350.0)
-    assert -180.0 <= longitude <= 180.0
-    east_m, north_m = east_north_m(origin, np.array([latitude]), np.array([longitude]))
-    assert (east_m[0], north_m[0]) == pytest.approx((120.0, -350.0), abs=1e-3)
+    geography = shapes(fleet).geography
+    ring = written["features"][0]["geometry"]["coordinates"][0][:-1]
+    assert all(-180.0 <= longitude <= 180.0 for longitude, _ in ring)
+    led_back = [east_north_m(origin, latitude, longitude) for longitude, latitude in ring]
+    np.testing.assert_allclose(led_back, geography, atol=2e-3)
