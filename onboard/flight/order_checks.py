@@ -197,7 +197,13 @@ def goal_conflict(goal: Xyz, others: Mapping[str, Telemetry], limits: FleetSecti
 def _refusal_to_take_over(order: Order, flight: FlightContext, facts: OrderFacts) -> str | None:
     """Return the reason against a hold that takes over after a failed flight, or None."""
     not_ready = facts.not_ready_in_air()
-    refused = takeover.refusal(facts.view, not_ready, facts.distances_m, facts.fleet)
+    refused = takeover.refusal(
+        view=facts.view,
+        not_ready=not_ready,
+        distances_m=facts.distances_m,
+        fleet=facts.fleet,
+        vehicle=flight.vehicle,
+    )
     if refused is not None and flight.was_killed:
         return _refusal_of_step(order, flight)
     return refused

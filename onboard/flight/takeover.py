@@ -11,9 +11,11 @@ import math
 from collections.abc import Mapping
 
 from onboard.autopilot import Landed
-from onboard.config.fleet import FleetConfig
+from onboard.config.fleet import FleetConfig, Vehicle
 from onboard.config.flight_space import flight_space_of
+from onboard.config.ground import ground_by_spots_m
 from onboard.flight.types import FlightView
+from onboard.safety.limits import DOWN_HEIGHT_M
 
 HOLD = "HOLD"  # name of PX4's mode
 
@@ -33,6 +35,7 @@ RULES = (
     "loop",
 )
 MOVING_M_S = 0.5  # a faster vehicle is not taken over
+_MAY_STAND_M = 0.5  # without a mocap, a lower vehicle may stand: PX4's height has an error
 
 
 def refusal(
@@ -40,6 +43,7 @@ def refusal(
     not_ready: tuple[str, ...],
     distances_m: Mapping[str, float],
     fleet: FleetConfig,
+    vehicle: Vehicle,
 ) -> str | None:
     """Return the reason why the vehicle cannot be taken over now, or None.
 
@@ -48,6 +52,7 @@ def refusal(
         not_ready: reasons of the rules in RULES that are not passed.
         distances_m: separation from each other vehicle.
         fleet: the fleet file.
+        vehicle: this vehicle in it.
     """
     snapshot = view.snapshot
     if not snapshot.is_armed or snapshot.landed is Landed.ON_GROUND:
@@ -66,6 +71,15 @@ def refusal(
     if not view.has_position or not flight_space_of(fleet).contains(view.position_enu_m):
         return (
             "Its position is not known, or lies outside the geofence: land it with the transmitter."
+        )
+
+    x_m, y_m, z_m = view.position_enu_m
+    height_m = z_m - float(ground_by_spots_m(fleet, x_m, y_m))
+    may_stand_below_m = DOWN_HEIGHT_M if vehicle.mocap_required else _MAY_STAND_M
+    if height_m < may_stand_below_m:  # PX4 has perhaps not noticed the ground before its hold
+        return (
+            f"It may stand on the ground, by its height of {height_m:.2f} m: land it, or let its "
+            "pilot climb and switch to hold, and order hold again."
         )
 
     speed_m_s = math.hypot(*view.velocity_enu_m_s)

@@ -510,6 +510,8 @@ _FLYING = {"is_armed": True, "mode": "HOLD", "landed": Landed.IN_AIR}
         ({}, {"not_ready_in_air": lambda: ("The first.", "The second.")}, "The first."),
         ({"has_position": False}, {}, "Its position is not known"),
         ({"position_enu_m": (4.1, 0.0, 1.0)}, {}, "outside the geofence"),
+        ({"position_enu_m": (1.0, 0.0, 0.13)}, {}, ""),
+        ({"position_enu_m": (1.0, 0.0, 0.01)}, {}, "may stand on the ground"),
         ({"velocity_enu_m_s": (0.3, 0.4, 0.0)}, {}, ""),
         ({"velocity_enu_m_s": (0.3, 0.41, 0.0)}, {}, "still moves at 0.5 m/s"),
         ({}, {"distances_m": {"mav1": 0.8}}, ""),
@@ -521,6 +523,14 @@ def test_a_vehicle_in_the_air_is_taken_over_from_px4s_hold_at_rest_and_apart_fro
 ) -> None:
     seen = _facts(_view(**{**_FLYING, **view}), **facts)
     _check(_refused(_order("hold"), _flight(FlightStep.FAILED), seen), words)
+
+
+@pytest.mark.parametrize(("height_m", "words"), [(0.49, "may stand on the ground"), (0.51, "")])
+def test_a_low_vehicle_without_a_mocap_is_not_taken_over(height_m: float, words: str) -> None:
+    by_satellites = replace(_VEHICLE, mocap_required=False)
+    seen = _facts(_view(**_FLYING, position_enu_m=(1.0, 0.0, height_m)))
+    flight = _flight(FlightStep.FAILED, vehicle=by_satellites)
+    _check(_refused(_order("hold"), flight, seen), words)
 
 
 def test_a_takeover_that_is_refused_after_a_kill_says_that_it_was_killed() -> None:
