@@ -36,7 +36,7 @@ from onboard.safety.tracking_monitor import TrackingMonitor
 from onboard.supervision.neighbour_monitor import NeighbourMonitor
 from onboard.supervision.offboard_monitor import OffboardMonitor
 from onboard.supervision.tick_context import TickContext
-from onboard.supervision.tick_facts import SlowFacts, TickFacts
+from onboard.supervision.tick_facts import ModeLoss, SlowFacts, TickFacts
 from onboard.supervision.wind_monitor import WindMonitor
 from onboard.types import LawStatus
 
@@ -119,14 +119,6 @@ class TickObserver:
         height_m = z_m - flight.ground_z_m
         height_above_lowest_ground_m = z_m - self._lowest_ground_m
 
-        # own motion
-        self._update_position_age(view)
-        self._update_tracking(view, context, height_m)
-        self._update_wind(context)
-        jumped_onto = ""  # name of the vehicle whose position it has jumped to
-        if own.jumps >= _SWAP_JUMPS:
-            jumped_onto = self._jumped_onto(now_ns)
-
         # PX4
         self._autopilot.update(
             now_ns,
@@ -138,6 +130,17 @@ class TickObserver:
         has_landed_report = view.has_landed_report
         is_on_ground = has_landed_report and view.was_on_ground
         mode_loss = self._offboard.update(now_ns, snapshot, flight, is_on_ground=is_on_ground)
+
+        # own motion
+        self._update_position_age(view)
+        if mode_loss is ModeLoss.NONE:
+            self._update_tracking(view, context, height_m)
+        else:  # the vehicle does not fly the setpoints
+            self._tracking.reset()
+        self._update_wind(context)
+        jumped_onto = ""  # name of the vehicle whose position it has jumped to
+        if own.jumps >= _SWAP_JUMPS:
+            jumped_onto = self._jumped_onto(now_ns)
 
         # geofence
         fence = _WITHOUT_POSITION

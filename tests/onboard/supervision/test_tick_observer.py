@@ -351,6 +351,21 @@ def test_a_lost_attitude_counts_when_a_heartbeat_since_then_says_that_no_pilot_f
     assert not observed.observer.reports.is_heartbeat_wanted
 
 
+def test_an_attitude_is_not_lost_if_the_heartbeat_says_that_px4_flies_no_setpoints() -> None:
+    observed = Observed()
+    observed.run(1.0)
+    observed.sends_heartbeats = False
+    observed.view["attitude_wxyz"] = leaning(30.0)
+    assert not observed.run(0.8).is_attitude_lost
+
+    observed.sends_heartbeats = True
+    observed.snapshot["mode"] = "POSCTL"
+    facts = observed.tick()
+    assert facts.mode_loss is not ModeLoss.NONE
+    assert not facts.is_attitude_lost
+    assert not observed.observer.reports.is_heartbeat_wanted
+
+
 def test_a_lost_attitude_counts_without_a_heartbeat_when_none_comes_any_more() -> None:
     observed = Observed()
     observed.run(1.0)
