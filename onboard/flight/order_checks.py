@@ -55,6 +55,7 @@ class OrderFacts(NamedTuple):
     fleet: FleetConfig
     surroundings: Surroundings  # static things around the vehicle
     others: Mapping[str, Telemetry]  # newest telemetry of each other vehicle
+    last_places_enu_m: Mapping[str, Xyz]  # where each of them was by its newest valid state
     distances_m: Mapping[str, float]  # separation from each other vehicle
     not_ready: tuple[str, ...]  # reasons of the preflight check against a take-off
     # computes the reasons against a takeover in the air; a function, because computing them is
@@ -391,7 +392,7 @@ def _refusal_to_move(order: Order, flight: FlightContext, facts: OrderFacts) -> 
     if order.yaw_deg is not None and not math.isfinite(order.yaw_deg):
         return "A heading needs a finite number of degrees, counterclockwise from east."
 
-    goal_text = "(" + ", ".join(f"{value:.2f}" for value in goal) + ") m"
+    goal_text = _goal_text(goal)
     if not limits.geofence_m.contains(goal):
         return f"Goal {goal_text} lies outside the geofence."
     wrong_place = flight_space_of(facts.fleet).refusal(goal)
@@ -415,19 +416,37 @@ def _refusal_to_move(order: Order, flight: FlightContext, facts: OrderFacts) -> 
         if words:
             return f"Goal {goal_text} {words}."
 
+    return _refusal_by_neighbours(goal, facts)
+
+
+def _goal_text(goal: Xyz) -> str:
+    return "(" + ", ".join(f"{value:.2f}" for value in goal) + ") m"
+
+
+def _refusal_by_neighbours(goal: Xyz, facts: OrderFacts) -> str | None:
+    """Return the reason against a goal too near to a neighbour on the ground or that lands."""
+    _, _, goal_z_m = goal
+    limits = facts.fleet.fleet
     for name, other in facts.others.items():
         # A flying neighbour may just have been ordered elsewhere. A neighbour that lands or is on
         # the ground stays where it is.
         if other.is_airborne and other.state != "landing":
             continue
 
-        x, y, z = other.position_enu_m
+        # one that has lost its position stays where it was last
+        place_enu_m = facts.last_places_enu_m.get(name)
+        if other.is_position_valid:
+            place_enu_m = other.position_enu_m
+        if place_enu_m is None:
+            continue
+
+        x, y, z = place_enu_m
         if other.is_airborne:
             z = min(z, goal_z_m)  # a landing neighbour occupies the whole column below it
         distance_m = separation_m((x, y, z), goal, limits.height_share)
-        if other.is_position_valid and distance_m < limits.safety_distance_m:
+        if distance_m < limits.safety_distance_m:
             return (
-                f"Goal {goal_text} is {distance_m:.2f} m from {name}, "
+                f"Goal {_goal_text(goal)} is {distance_m:.2f} m from {name}, "
                 f"which is {other.state}: choose another goal."
             )
     return None

@@ -554,6 +554,15 @@ class NeighbourTable:
         """Return each neighbour's newest telemetry, by name, in the order of the fleet file."""
         return {name: self._telemetry[name] for name in self.names if name in self._telemetry}
 
+    def last_places_enu_m(self) -> dict[str, Xyz]:
+        """Return where each known neighbour was by its newest valid state [m], however old."""
+        places = {}
+        for name, index in self.indices.items():
+            if self.arrays.flags[KNOWN, index]:
+                x, y, z = self.arrays.numbers[index, :3].tolist()
+                places[name] = (x, y, z)
+        return places
+
     def other_hashes(self, own_hash: str, now_ns: int) -> dict[str, str]:
         """Return the configuration hashes that differ from ours.
 

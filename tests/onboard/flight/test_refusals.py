@@ -68,6 +68,7 @@ def _facts(view: FlightView | None = None, **changes: Any) -> OrderFacts:
         "fleet": _FLEET,
         "surroundings": OPEN_SPACE,
         "others": {},
+        "last_places_enu_m": {},
         "distances_m": {},
         "not_ready": (),
         "not_ready_in_air": lambda: (),
@@ -445,6 +446,17 @@ def test_a_goal_keeps_its_distance_from_who_stays_on_the_ground_or_lands(
     config: FleetConfig, others: dict[str, Telemetry], words: str
 ) -> None:
     facts = _facts(fleet=config, others=others)
+    _check(_refused(_order("move", position_enu_m=_GOAL), _flight(), facts), words)
+
+
+@pytest.mark.parametrize(
+    ("last_x_m", "words"), [(1.8, ""), (1.79, "0.79 m from mav1, which is landed")]
+)
+def test_a_goal_keeps_its_distance_from_who_stands_without_a_position(
+    last_x_m: float, words: str
+) -> None:
+    others = _other(0.0, 0.0, is_airborne=False, is_position_valid=False, state="landed")
+    facts = _facts(others=others, last_places_enu_m={"mav1": (last_x_m, 0.0, 0.0)})
     _check(_refused(_order("move", position_enu_m=_GOAL), _flight(), facts), words)
 
 
