@@ -20,15 +20,17 @@ import msgspec
 import numpy as np
 
 from groundstation.fleet.places import out_of_service, place_of
-from groundstation.fleet.state import FleetState
+from groundstation.fleet.state import FleetState, VehicleView
 from groundstation.fleet.stoppable import stoppable
 from groundstation.orders.goals import GoalFacts, goals_of
 from groundstation.orders.held_formation import HeldFormation, held_after, held_slots
 from groundstation.orders.intents import (
     LONGEST_EVERY_S,
     LONGEST_MOVE_S,
+    BringHome,
     Formation,
     Goto,
+    Home,
     Intent,
     Move,
     Rotate,
@@ -111,6 +113,7 @@ def plan_order(
 
     intent = _without_disabled(intent, state)
     intent = _without_bystanders(intent, state)
+    intent = _without_lost_on_ground(intent, state)
     intent = _without_slotless(intent, fleet, state, held)
     if isinstance(intent, Swap) and state is not None:
         intent = with_place(intent, state)
@@ -243,6 +246,27 @@ def _without_bystanders(intent: Intent, state: FleetState | None) -> Intent:
     if not names:
         return intent
     return for_fewer(intent, names)
+
+
+def _without_lost_on_ground(intent: Intent, state: FleetState | None) -> Intent:
+    """Return an order that sends all home without the vehicles that stand without a position.
+
+    Such a vehicle cannot fly, and would refuse the order for all others as well.
+    """
+    if state is None or not isinstance(intent, (Home, BringHome)) or not intent.is_everybody:
+        return intent
+
+    names = tuple(name for name in intent.names if not _stands_lost(state.vehicles.get(name)))
+    if not names:
+        return intent
+    return for_fewer(intent, names)
+
+
+def _stands_lost(view: VehicleView | None) -> bool:
+    telemetry = None if view is None else view.telemetry
+    if telemetry is None:
+        return False
+    return not telemetry.is_airborne and not telemetry.is_position_valid
 
 
 def _without_slotless(

@@ -82,6 +82,21 @@ async def test_all_are_brought_home_from_where_they_are_and_not_from_the_ends_of
         assert order.then_land
 
 
+@pytest.mark.parametrize("line", ["home", "bring home"])
+async def test_one_that_stands_without_a_position_keeps_nobody_from_going_home(
+    flying: Any, bus: Any, fleet: FleetConfig, line: str
+) -> None:
+    bus.tell("mav1", state="landed", is_airborne=False, is_position_valid=False)
+    await asyncio.sleep(0.1)
+    planned = flying.plan(parse(line, fleet))
+    assert not planned.refusals
+    assert sorted(planned.orders) == ["mav0", "mav2"]
+
+    bus.tell("mav2", is_position_valid=False)  # in the air
+    await asyncio.sleep(0.1)
+    assert "mav2" in flying.plan(parse(line, fleet)).refusals
+
+
 def test_without_a_state_bring_home_is_judged_by_the_fleet_file(fleet: FleetConfig) -> None:
     planned = plan_order(
         parse("bring home all 1.2", fleet),
