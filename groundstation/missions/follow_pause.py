@@ -1,7 +1,8 @@
 """The pause of vehicles that follow another vehicle.
 
 The order `pause` lets vehicles that follow a leader hold where they are. The weakest battery limits
-the pause: pause_watch.py brings all followers home while that battery has enough charge for it.
+the pause, be it the leader's or a follower's: pause_watch.py brings all of them that fly home while
+that battery has enough charge for it.
 """
 
 from __future__ import annotations
@@ -32,11 +33,13 @@ class FollowPause:
 
     Args:
         ground: sends the mission's orders, and shows the mission's lines and title to the user.
+        leader: name of the vehicle that they follow.
         names: names of the followers.
     """
 
-    def __init__(self, ground: FollowGround, names: tuple[str, ...]) -> None:
+    def __init__(self, ground: FollowGround, leader: str, names: tuple[str, ...]) -> None:
         self.has_brought_home = False
+        self._leader = leader
         self._names = names
         self._ground = ground
         self._watch = PauseWatch(ground)
@@ -60,7 +63,7 @@ class FollowPause:
             telemetry = self._ground.client.state.vehicles[name].telemetry
             if telemetry is not None and telemetry.follows:
                 self._have_followed.add(name)
-        return self._watch.weakest_battery(self._names)
+        return self._watch.weakest_battery(self._in_air())
 
     def stopped(self) -> dict[str, Telemetry]:
         """Return the vehicles that have followed and were stopped: name -> telemetry.
@@ -116,7 +119,7 @@ class FollowPause:
                 self._watch.show(reserve)
                 if reserve is not None and reserve.is_used_up:
                     self.has_brought_home = True
-                    intent, results = await self._watch.bring_home(self._names, reserve, _HOME_S)
+                    intent, results = await self._watch.bring_home(self._in_air(), reserve, _HOME_S)
                     raise OrderFailed(intent, results)
 
                 await asyncio.sleep(_LOOK_S)
@@ -125,3 +128,9 @@ class FollowPause:
             self._watch.hide()
 
         return ground.client.now_ns() - begin_ns
+
+    def _in_air(self) -> tuple[str, ...]:
+        """Return the names of those that fly: the leader and the followers."""
+        vehicles = self._ground.client.state.vehicles
+        names = (self._leader, *self._names)
+        return tuple(name for name in names if vehicles[name].is_airborne)

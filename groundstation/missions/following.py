@@ -98,7 +98,7 @@ class _Following:
         self._offsets = dict(offsets)  # of the vehicles that still follow
         self._holding = tuple(offsets)  # vehicles that hold in the end
         self._failed: Results = {}  # vehicles that follow no longer, though nobody has ordered so
-        self._pause = FollowPause(ground, self._holding)
+        self._pause = FollowPause(ground, leader, self._holding)
         self._left_out_before = frozenset(ground.left_out)
 
         self._begin_ns = self._client.now_ns()

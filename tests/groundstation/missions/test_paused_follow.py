@@ -67,6 +67,22 @@ async def test_a_pause_of_followers_ends_at_home_while_the_weakest_battery_still
     assert home.then_land
 
 
+async def test_the_leaders_battery_ends_a_pause_and_all_that_fly_go_home(
+    flying: Any, bus: Any
+) -> None:
+    offsets = {"mav1": (0.0, 2.0, 0.0), "mav2": (0.0, 4.0, 0.0)}
+    follow = asyncio.create_task(flying.follow("mav0", 60.0, offsets=offsets))
+    await asyncio.sleep(0.1)
+    await flying.pause()
+    bus.tell("mav2", state="landed", is_airborne=False, is_position_valid=False)
+    bus.tell("mav0", battery_frac=0.21)
+    with pytest.raises(OrderFailed) as failed:
+        await asyncio.wait_for(follow, 5.0)
+    assert sorted(failed.value.results) == ["mav0", "mav1"]
+    assert kinds_of(bus, "mav0")[-1] == kinds_of(bus, "mav1")[-1] == "move"
+    assert kinds_of(bus, "mav2")[-1] != "move"
+
+
 async def test_a_pause_by_another_ground_stops_the_followers_and_the_next_leg_of_their_leader(
     flying: Any, bus: Any
 ) -> None:
