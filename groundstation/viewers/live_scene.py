@@ -42,7 +42,7 @@ class LiveScene:
         self._fleet = fleet
         points = round(TRAIL_S / TRAIL_STEP_S)
         self._trails: dict[str, deque[PointEnu]] = {
-            name: deque(maxlen=points) for name in (*fleet.enabled_names, *fleet.people)
+            name: deque(maxlen=points) for name in (*fleet.vehicles, *fleet.people)
         }
         self._trailed_ns = 0  # time at which the trails were last extended
 
@@ -56,10 +56,7 @@ class LiveScene:
         """
         known: dict[str, PointEnu] = {}  # positions of the vehicles that have one now
         lost: dict[str, PointEnu] = {}  # last positions of the vehicles that have none now
-        for name in self._fleet.enabled_names:
-            view = state.vehicles.get(name)
-            if view is None:
-                continue
+        for name, view in state.vehicles.items():
             position = view.position_enu_m(now_ns)
             sighting = view.sighting
             if position is not None and all(map(math.isfinite, position)):
@@ -74,7 +71,8 @@ class LiveScene:
         }
         self._extend_trails({**known, **seen}, now_ns)
 
-        numbers = {name: number for number, name in enumerate(self._fleet.enabled_names)}
+        # the enabled vehicles come first, then the disabled ones that were heard
+        numbers = {name: number for number, name in enumerate(state.vehicles)}
         poses = {
             name: (position, _attitude(state.vehicles[name], now_ns))
             for name, position in known.items()

@@ -73,6 +73,19 @@ def test_a_trail_follows() -> None:
     assert trails
 
 
+def test_a_disabled_vehicle_is_shown_once_it_is_heard() -> None:
+    fleet = crowd(3, "mav{}", 8.0)
+    off = msgspec.structs.replace(fleet.vehicles["mav1"], enabled=False)
+    client = SteadyClient(msgspec.structs.replace(fleet, vehicles={**fleet.vehicles, "mav1": off}))
+    client.hear("mav0")
+    scene = LiveScene(client.fleet)
+    assert [one.id for one in scene_of(client, scene)["/scene"].entities] == ["mav0"]
+
+    client.hear("mav1")
+    entities = scene_of(client, scene)["/scene"].entities
+    assert [one.id for one in entities] == ["mav0", "mav1"]
+
+
 def test_a_vehicle_whose_position_was_never_known_is_left_out() -> None:
     client = SteadyClient(crowd(2, "mav{}", 8.0))
     client.hear("mav0")
