@@ -49,6 +49,7 @@ from groundstation.orders.intents import (
 from groundstation.orders.plan import PlannedOrder, plan_order
 from groundstation.orders.reachable_goals import shortest_leg_s, shortest_move_s, way_m
 from onboard.config.fleet import ConfigError, FleetConfig
+from onboard.config.ground import ground_by_spots_m
 from onboard.control.climb_duration import climb_duration_s
 from onboard.control.path import Path, point_at
 from onboard.tuples import Xyz
@@ -339,7 +340,7 @@ def _with_order(
     planned = plan_order(intent, fleet, None, held=course_fleet.held, author="check", now_ns=0)
     refuse_disabled(planned.orders, fleet)
     goals = {
-        name: _position_after(written, course_fleet.positions[name], order.position_enu_m)
+        name: _position_after(fleet, written, course_fleet.positions[name], order.position_enu_m)
         for name, order in planned.orders.items()
     }
     course_step = replace(course_step, planned=planned)
@@ -393,14 +394,14 @@ def _with_planned_fields(intent: Intent, fleet: FleetConfig, course_fleet: _Cour
     return intent
 
 
-def _position_after(step: Intent, position: Xyz, ordered: Xyz | None) -> Xyz:
+def _position_after(fleet: FleetConfig, step: Intent, position: Xyz, ordered: Xyz | None) -> Xyz:
     """Return the position of a vehicle after an order; `ordered` is the goal in the order."""
     x, y, z = position if ordered is None else ordered
     if isinstance(step, Takeoff):
         x, y, _ = position
         return (x, y, step.height_m)
     if isinstance(step, Land | Home):
-        return (x, y, 0.0)
+        z = float(ground_by_spots_m(fleet, x, y))
     return (x, y, z)
 
 

@@ -16,6 +16,7 @@ from groundstation.orders.reachable_goals import unreachable
 from groundstation.paths.checks import path_findings
 from onboard.config.fleet import ConfigError, FleetConfig
 from onboard.config.flight_space import flight_space_of
+from onboard.control.raised_ground import ground_in_the_way
 from onboard.estimation.accuracies import ACCURACIES
 from onboard.feasibility.finding import Finding, at_least, at_most, worst, worst_first
 from onboard.feasibility.fleet_checks import ErrorClass, error_class, fleet_findings, spot_findings
@@ -198,10 +199,14 @@ def _speed_finding(
 def _unreachable_findings(
     fleet: FleetConfig, course_step: CourseStep, step_name: str
 ) -> Iterator[Finding]:
-    """Yield the finding about goals to which there is no way around obstacles and fences."""
+    """Yield the finding about goals to which obstacles, fences or raised ground leave no way."""
+    ends_on_ground = isinstance(course_step.step, Land | Home)
     without_way = {}
     for name, goal in course_step.goals.items():
-        words = unreachable(fleet, name, course_step.positions[name], goal)
+        begin = course_step.positions[name]
+        words = unreachable(fleet, name, begin, goal)
+        if not words and not ends_on_ground:
+            words = ground_in_the_way(fleet, fleet.vehicles[name], begin, goal)
         if words:
             without_way[name] = words
     if not without_way:

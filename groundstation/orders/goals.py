@@ -41,6 +41,7 @@ from groundstation.orders.intents import (
 from groundstation.orders.reachable_goals import shortest_leg_s
 from onboard.config.fleet import FleetConfig, Vehicle
 from onboard.config.ground import ground_under_m, least_height_m
+from onboard.control.raised_ground import height_over_ground_m
 from onboard.tuples import Xyz
 
 _MIN_FLIGHT_S = 3.0  # shortest duration of a flight home
@@ -143,6 +144,7 @@ def _home(intent: Home, facts: GoalFacts) -> Goals:
             lowest_m = float(ground_under_m(facts.fleet, x, y)) + least_height_m(vehicle)
             _, _, present_height_m = destinations[name]
             height_m = max(present_height_m, lowest_m)
+            height_m = _height_of_way_home_m(facts, name, (x, y, height_m))
         goals[name] = (x, y, height_m)
     return Goals(intent, goals)
 
@@ -180,6 +182,7 @@ def _bring_home(intent: BringHome, facts: GoalFacts) -> Goals:
             lowest_m = float(ground_under_m(facts.fleet, x, y)) + least_m
             _, _, present_height_m = positions[name]
             height_m = max(present_height_m, lowest_m)
+            height_m = _height_of_way_home_m(facts, name, (x, y, height_m))
         goals[name] = (x, y, height_m)
 
     if not intent.duration_s:
@@ -190,6 +193,25 @@ def _bring_home(intent: BringHome, facts: GoalFacts) -> Goals:
         )
         intent = replace(intent, duration_s=math.ceil(10.0 * max(_MIN_FLIGHT_S, longest_s)) / 10.0)
     return Goals(intent, goals)
+
+
+def _height_of_way_home_m(facts: GoalFacts, name: str, goal_enu_m: Xyz) -> float:
+    """Return the height of a goal at home to which the way passes over raised ground [m].
+
+    It is the goal's own height if there is no such height below the fence's top.
+    """
+    _, _, height_m = goal_enu_m
+    view = None if facts.state is None else facts.state.vehicles.get(name)
+    if view is None or view.telemetry is None:  # it is not known where the way begins
+        return height_m
+
+    vehicle = facts.fleet.vehicles[name]
+    here_enu_m = view.telemetry.position_enu_m
+    over_m = height_over_ground_m(facts.fleet, vehicle, here_enu_m, goal_enu_m)
+    _, top_m = facts.fleet.fleet.geofence_m.z
+    if over_m > top_m:
+        return height_m
+    return over_m
 
 
 def _flight_s(begin_enu_m: Xyz, end_enu_m: Xyz, vehicle: Vehicle) -> float:

@@ -52,6 +52,7 @@ from onboard.config.flight_space import flight_space_of
 from onboard.config.ground import ground_under_m, least_height_m
 from onboard.config.pair_separation import separation_m
 from onboard.config.toml_reading import convert
+from onboard.control.raised_ground import ground_in_the_way
 from onboard.tuples import Xyz
 
 ORDER_LIFE_S = 2.0  # time from an order to its deadline
@@ -510,7 +511,10 @@ def _way_refusal(name: str, goal: Xyz, fleet: FleetConfig, state: FleetState | N
     if telemetry is None or not telemetry.is_position_valid:
         return None
 
-    words = unreachable(fleet, name, telemetry.position_enu_m, goal)
+    here_enu_m = telemetry.position_enu_m
+    words = unreachable(fleet, name, here_enu_m, goal)
+    if not words:
+        words = ground_in_the_way(fleet, fleet.vehicles[name], here_enu_m, goal)
     if not words:
         return None
     return f"{name}: the goal {_goal_text(goal)} {words}. Choose another one."

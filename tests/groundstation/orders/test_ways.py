@@ -7,6 +7,7 @@ import tomllib
 from pathlib import Path
 
 import pytest
+from msgspec.structs import replace
 
 from groundstation.mission_files.loading import mission_from_mapping
 from groundstation.mission_files.mission_findings import mission_findings
@@ -97,3 +98,32 @@ def test_times_of_climbs_count_the_little_lift_of_a_heavy_vehicle() -> None:
     home = parse(f"bring home all {climb_m}", heavy)
     planned = plan_order(home, heavy, None, held=HeldFormation(None), author="test", now_ns=0)
     assert planned.orders["mav0"].duration_s == pytest.approx(climb_s, abs=0.1)
+
+
+def test_a_step_through_a_roof_is_refused_and_the_way_home_to_it_is_not() -> None:
+    flown = fleet(has_wall=False)
+    on_roof = replace(flown.vehicles["mav0"], start_enu_m=(0.0, 0.0, 1.0))
+    roof = replace(flown, vehicles={"mav0": on_roof})
+    steps = [
+        {"do": "takeoff", "height_m": 2.0},
+        {"do": "goto", "goals": {"mav0": [0.0, 1.3, 2.0]}},
+        {"do": "goto", "goals": {"mav0": [0.0, 1.3, 0.5]}},
+        {"do": "home"},
+    ]
+    assert _unreached(roof, steps) == []
+
+    # straight from above the roof to beside it
+    (sentence,) = _unreached(roof, [steps[0], steps[2], steps[3]])
+    assert "the raised ground of a take-off spot is in the way" in sentence
+
+    # a landing on the roof stands on it, and the next take-off begins there
+    assert _unreached(roof, [steps[0], {"do": "land"}, *steps]) == []
+
+
+def _unreached(flown: FleetConfig, steps: list[dict[str, object]]) -> list[str]:
+    mission = mission_from_mapping({"schema": 1, "step": steps}, path="roof.toml", fleet=flown)
+    return [
+        finding.sentence
+        for finding in mission_findings(mission)
+        if finding.name.startswith("reach") and finding.status == "refused"
+    ]

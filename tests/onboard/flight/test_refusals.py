@@ -424,7 +424,12 @@ def test_a_goal_over_a_raised_spot_is_above_that_spot(
     raised = replace(_FLEET.vehicles["mav1"], start_enu_m=(1.5, 0.0, 2.0))
     hill = replace(_FLEET, vehicles={**_FLEET.vehicles, "mav1": raised})
     order = _order("move", position_enu_m=goal_enu_m, then_land=then_land)
-    _check(_refused(order, _flight(), _facts(fleet=hill)), words)
+    high = _view(position_enu_m=(0.0, 0.0, 2.2))
+    _check(_refused(order, _flight(), _facts(high, fleet=hill)), words)
+
+    from_below = _refused(order, _flight(), _facts(fleet=hill))
+    is_over_spot = goal_enu_m[0] > 0.0
+    assert ("raised ground" in from_below or "above the ground" in from_below) is is_over_spot
 
 
 @pytest.mark.parametrize(

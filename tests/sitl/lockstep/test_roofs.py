@@ -93,6 +93,50 @@ def test_from_a_roof_it_lands_in_the_yard_and_again_on_the_roof(
     assert len(flight.touchdowns) == 2
 
 
+@pytest.mark.parametrize("line", ["home mav0", "bring home mav0"])
+def test_home_from_the_yard_leads_over_the_edge_of_the_roof(
+    lockstep: Any, roof: Any, line: str
+) -> None:
+    flight = lockstep(roof, seed=0)
+    flight.takeoff(3.2)
+    goes_to(flight, (-1.0, 0.0, 3.2))
+    goes_to(flight, (-1.0, 0.0, 0.8))
+    heights_m: list[float] = []
+
+    def look() -> None:
+        *at, up_m = flight.state.vehicles["mav0"].truth.position_enu_m
+        if math.dist(at, _SPOT) < 1.0:
+            heights_m.append(up_m)
+        if flight.simulation.emulator.autopilots[0].is_armed:
+            flight.at(flight.time_s + 0.02, look)
+
+    flight.at(flight.time_s + 0.02, look)
+    (result,) = flight.order(line).values()
+    assert result.is_done, result.sentence
+    assert min(heights_m) > _ROOF_M - 0.02
+    stands_at(flight, _SPOT, _ROOF_M, 0.3)
+
+
+@pytest.mark.parametrize(
+    ("begin", "goal"),
+    [
+        ((*_SPOT, 3.2), (-2.0, 0.0, 0.8)),  # from above the roof, onto its edge
+        ((-2.2, 0.0, 0.8), (*_SPOT, 3.2)),  # into its side
+    ],
+)
+def test_no_straight_way_through_the_roof_is_flown(
+    lockstep: Any, roof: Any, begin: tuple[float, float, float], goal: tuple[float, float, float]
+) -> None:
+    flight = lockstep(roof, seed=0)
+    flight.takeoff(3.2)
+    begin_x, begin_y, _ = begin
+    goes_to(flight, (begin_x, begin_y, 3.2))
+    goes_to(flight, begin)
+    (result,) = flight.order("move mav0 {:g} {:g} {:g}".format(*goal)).values()
+    assert result.phase == "refused"
+    assert "the raised ground of a take-off spot is in the way" in result.sentence
+
+
 def test_a_vehicle_from_a_roof_flies_and_lands_below_it(lockstep: Any, roof: Any) -> None:
     flight = lockstep(roof, seed=0)
     flight.takeoff(3.2)
