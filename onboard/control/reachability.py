@@ -46,12 +46,17 @@ def no_way(around: Surroundings, vehicle_name: str, begin_enu_m: Xyz, goal_enu_m
     if not words:
         return ""
 
-    # A fence that ends below the goal is in the way only while the vehicle climbs.
-    above = (begin_x, begin_y, goal_z)
-    may_climb = goal_z > begin_z and not _no_way_at_once(around, vehicle_name, begin_enu_m, above)
-    if may_climb and not _no_way_at_once(around, vehicle_name, above, goal_enu_m):
+    # A fence that ends below the goal, or begins above it, is in the way only on the way up or down.
+    at_goal_height = (begin_x, begin_y, goal_z)
+    leads_to_height = not _no_way_at_once(around, vehicle_name, begin_enu_m, at_goal_height)
+    if leads_to_height and not _no_way_at_once(around, vehicle_name, at_goal_height, goal_enu_m):
+        change = "climb"
+        ways = "up to a lower"
+        if goal_z < begin_z:
+            change = "descent"
+            ways = "down to a greater"
         return (
-            f"{where_from}: a fence is in the way up to a lower height; after a climb to "
+            f"{where_from}: a fence is in the way {ways} height; after a {change} to "
             f"{goal_z:.2f} m it can"
         )
     return words

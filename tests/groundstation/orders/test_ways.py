@@ -104,7 +104,7 @@ def test_a_step_through_a_roof_is_refused_and_the_way_home_to_it_is_not() -> Non
     flown = fleet(has_wall=False)
     on_roof = replace(flown.vehicles["mav0"], start_enu_m=(0.0, 0.0, 1.0))
     roof = replace(flown, vehicles={"mav0": on_roof})
-    steps = [
+    steps: list[dict[str, object]] = [
         {"do": "takeoff", "height_m": 2.0},
         {"do": "goto", "goals": {"mav0": [0.0, 1.3, 2.0]}},
         {"do": "goto", "goals": {"mav0": [0.0, 1.3, 0.5]}},
