@@ -193,7 +193,10 @@ BLIND = (
         effect=effects.sink),
     Row((S.PATH,), E.TICK, when=p.is_blind, to=S.COASTING,
         effect=effects.sink, ends=("failed", sentences.NO_POSE)),
-    Row((S.LIFTOFF, S.DESCENT), E.TICK, when=p.is_blind, to=S.SINKING, effect=effects.sink),
+    Row((S.LIFTOFF,), E.TICK, when=p.is_blind, to=S.SINKING, effect=effects.sink,
+        reason=sentences.NO_POSE_AT_LIFTOFF,
+        says=("warning", "landing", sentences.NO_POSE_AT_LIFTOFF)),
+    Row((S.DESCENT,), E.TICK, when=p.is_blind, to=S.SINKING, effect=effects.sink),
 
     Row((S.COASTING,), E.TICK, when=p.sees_again_on_leg, to=S.LEG, effect=effects.resume),
     Row((S.COASTING,), E.TICK, when=p.sees_again_in_climb, to=S.CLIMB, effect=effects.resume),

@@ -19,6 +19,7 @@ FLIES_WITHOUT_AGENT = (
 )
 DISARMED = "PX4 is disarmed."
 NO_POSE = "Its position is not known any more, so it left the path."
+NO_POSE_AT_LIFTOFF = "Its position was lost at the lift-off: landing."
 LANDED = "Landed and disarmed."
 STANDS = "It stands on the ground already, disarmed."
 STANDS_AT_HOME = "It stands at its take-off spot already, disarmed."

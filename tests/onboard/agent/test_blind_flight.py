@@ -217,6 +217,20 @@ def test_a_start_whose_poses_stop_at_lift_off_ends_on_the_ground() -> None:
     assert rig.count(agent_commands.Px4Land) == 0
 
 
+def test_poses_that_stop_for_a_moment_at_lift_off_are_the_reason_of_the_landing() -> None:
+    rig = ready_rig()
+    rig.order("takeoff", height_m=1.0, order_id="up")
+    while rig.core.flight.step is not FlightStep.LIFTOFF:
+        rig.step()
+    rig.has_mocap = False
+    rig.run(0.3)
+    rig.has_mocap = True
+    rig.until("landed")
+    told = [event.sentence for event in rig.events]
+    assert told.count("Its position was lost at the lift-off: landing.") == 2  # event, and end
+    assert rig.outcomes()["up"] == "failed"
+
+
 def test_from_the_first_moment_that_it_seems_to_stand_it_says_that_it_does_not_move() -> None:
     rig = lost()
     while rig.position[2] > rig.floor_m:
