@@ -25,7 +25,12 @@ from groundstation.recording.reader import (
     indexes_by_time,
     is_number,
 )
-from groundstation.recording.recorded_flight import IN_FLIGHT, PATH_GAP_S, at_times, has_lifted
+from groundstation.recording.recorded_flight import (
+    PATH_GAP_S,
+    at_times,
+    is_off_ground,
+    lift_off_index,
+)
 from onboard.arrays import Array, IntArray
 from onboard.config.flight_space import Outline
 from onboard.config.pair_separation import separations_m
@@ -38,6 +43,7 @@ GRID_S = 0.02
 _LONGEST_START_NS = 600_000_000_000  # longest time from a record's start to its first vehicle
 _LEAD_S = 1.0  # time before the start that is shown
 _SLOT_STEP_M = 0.05  # largest distance of two goals that are the same slot
+_IN_FLIGHT = ("flying", "holding")  # states of an agent whose vehicle may move to a goal
 
 # kept vectors of each topic, with their sizes
 _VECTORS = {
@@ -185,13 +191,19 @@ def from_samples(
         name: truth for name, truth in by_topic["truth"].items() if name in ticks and truth.size > 1
     }
 
-    start_ns = _start_ns(truths, ticks)
+    telemetry = by_topic["telemetry"]
+    is_up = {
+        name: _is_up(truths.get(name, own_ticks), telemetry.get(name))
+        for name, own_ticks in ticks.items()
+    }
+    start_ns = _start_ns(truths, ticks, is_up)
     tracks = tuple(
         _track(
             name,
             ticks=ticks[name],
             truth=truths.get(name),
-            telemetry=by_topic["telemetry"].get(name),
+            telemetry=telemetry.get(name),
+            is_up=is_up[name],
             start_ns=start_ns,
         )
         for name in ticks
@@ -223,6 +235,7 @@ class _Series(NamedTuple):
     stamps_ns: IntArray  # (n,)
     vectors: dict[str, Array]  # field -> (n, size); NaN where missing, null or of another size
     marks: Array  # (n,): see _mark
+    is_up: Array  # (n,): see _said_up
 
     @property
     def size(self) -> int:
@@ -238,6 +251,7 @@ class _Collected:
         self._stamps_ns = array("q")
         self._numbers = {field: array("d") for field in _VECTORS[topic]}
         self._marks = array("d")
+        self._is_up = array("d")
 
     def add(self, sample: Sample) -> None:
         """Add a sample."""
@@ -245,6 +259,7 @@ class _Collected:
         for field, size in _VECTORS[self._topic].items():
             self._numbers[field].extend(_vector(sample.values.get(field), size))
         self._marks.append(_mark(self._topic, sample.values))
+        self._is_up.append(_said_up(sample.values))
 
     def series(self) -> _Series:
         """Return the samples that are of one flight."""
@@ -266,6 +281,7 @@ class _Collected:
                 for field, numbers in self._numbers.items()
             },
             marks=np.insert(np.array(self._marks)[kept], gaps, np.nan),
+            is_up=np.insert(np.array(self._is_up)[kept], gaps, np.nan),
         )
 
 
@@ -296,21 +312,25 @@ def _mark(topic: str, values: Mapping[str, Any]) -> float:
     """Return what a sample says beside its vectors.
 
     Of telemetry: 1 if the vehicle moves to a goal, else 0. Of a pose: 1 if the body is tracked,
-    else 0. Of truth and ticks: 1 if the vehicle is off the ground, 0 if it is on the ground, NaN if
-    the sample does not say it.
+    else 0. Of others: NaN.
     """
-    state = values.get("state")
-    is_in_flight = isinstance(state, str) and state in IN_FLIGHT
     if topic == "telemetry":
+        state = values.get("state")
+        is_in_flight = isinstance(state, str) and state in _IN_FLIGHT
         return float(is_in_flight and values.get("order_kind") == "move")
     if topic == POSES:
         return float(bool(values.get("is_tracked")))
+    return math.nan
 
+
+def _said_up(values: Mapping[str, Any]) -> float:
+    """Return 1 if truth or telemetry says that a vehicle is up, 0 if it is not, else NaN."""
     is_on_ground = values.get("is_on_ground")
     if isinstance(is_on_ground, bool):
         return float(not is_on_ground)
-    if is_in_flight:
-        return 1.0
+    is_airborne = values.get("is_airborne")
+    if isinstance(is_airborne, bool):
+        return float(is_airborne)
     return math.nan
 
 
@@ -324,7 +344,9 @@ def _grid(tracks: tuple[Track, ...]) -> Array:
     return np.arange(begin_s, end_s, GRID_S)
 
 
-def _start_ns(truths: Mapping[str, _Series], ticks: Mapping[str, _Series]) -> int:
+def _start_ns(
+    truths: Mapping[str, _Series], ticks: Mapping[str, _Series], is_up: Mapping[str, Array]
+) -> int:
     """Return the stamp at which the first vehicle leaves the ground.
 
     The state "taking off" does not serve for this: it begins earlier, when the motors start. If no
@@ -334,9 +356,9 @@ def _start_ns(truths: Mapping[str, _Series], ticks: Mapping[str, _Series]) -> in
     for name, own_ticks in ticks.items():
         path = truths.get(name, own_ticks)
         height_m = path.vectors["position_enu_m"][:, 2]
-        lifted = np.flatnonzero(has_lifted(height_m))
-        if lifted.size:
-            lifted_ns.append(int(path.stamps_ns[lifted[0]]))
+        index = lift_off_index(is_up[name] > 0.0, height_m)
+        if index is not None:
+            lifted_ns.append(int(path.stamps_ns[index]))
 
     if lifted_ns:
         return min(lifted_ns)
@@ -349,6 +371,7 @@ def _track(
     ticks: _Series,
     truth: _Series | None,
     telemetry: _Series | None,
+    is_up: Array,
     start_ns: int,
 ) -> Track:
     """Return one vehicle's track from its samples."""
@@ -371,20 +394,28 @@ def _track(
         flown_deg=_roll_pitch_deg(own["attitude_quaternion_enu_flu_wxyz"]),
         path_time_s=_times(path.stamps_ns, start_ns),
         path_enu_m=path.vectors["position_enu_m"],
-        is_up=_is_up(path),
+        is_up=is_up,
         is_truth=truth is not None,
         slots_enu_m=slots_enu_m,
     )
 
 
-def _is_up(path: _Series) -> Array:
+def _is_up(path: _Series, telemetry: _Series | None) -> Array:
     """Return where a vehicle is off the ground (m,): 1, else 0.
 
-    Ground truth says it. Else the height above the first position counts, and so does the agent's
-    state, because a record may begin in flight.
+    Ground truth says it, or else the telemetry, as ``is_off_ground`` describes.
     """
-    has_left = has_lifted(path.vectors["position_enu_m"][:, 2])
-    return np.where(np.isnan(path.marks), has_left, path.marks)
+    begin_ns = int(path.stamps_ns[0])
+    telemetry_s = np.zeros(0)
+    is_airborne = np.zeros(0)
+    if telemetry is not None:
+        telemetry_s = _times(telemetry.stamps_ns, begin_ns)
+        is_airborne = telemetry.is_up
+
+    path_s = _times(path.stamps_ns, begin_ns)
+    height_m = path.vectors["position_enu_m"][:, 2]
+    has_left = is_off_ground(telemetry_s, is_airborne, path_s, height_m)
+    return np.where(np.isnan(path.is_up), has_left, path.is_up)
 
 
 def _walks(

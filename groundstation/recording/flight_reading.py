@@ -62,6 +62,7 @@ MAX_PAUSE_S = 600.0
 TOPICS = frozenset(("tick", "telemetry", "truth", "state", "preflight")) | ORDER_TOPICS
 
 _Number = float | None
+_Flag = bool | None
 _Vec2 = tuple[_Number, _Number] | None
 _Vec3 = tuple[_Number, _Number, _Number] | None
 _Vec4 = tuple[_Number, _Number, _Number, _Number] | None
@@ -112,6 +113,7 @@ class _TelemetryRow(msgspec.Struct, gc=False):
     refused_messages: _Number = None
     dropped_messages: _Number = None
     late_messages: _Number = None
+    is_airborne: _Flag = None
     state: str = ""
     mode: str = ""
     order_kind: str = ""
@@ -134,7 +136,7 @@ class _StateRow(msgspec.Struct, gc=False):
     is_cooperative: bool = True
 
 
-_SIZES = {_Number: 1, _Vec2: 2, _Vec3: 3, _Vec4: 4, bool: 1}
+_SIZES = {_Number: 1, _Flag: 1, _Vec2: 2, _Vec3: 3, _Vec4: 4, bool: 1}
 
 
 def _number_fields(row: type[msgspec.Struct]) -> dict[str, int]:

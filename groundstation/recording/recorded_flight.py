@@ -11,7 +11,6 @@ vehicles has no ground truth.
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -24,7 +23,6 @@ from onboard.bus.schema import Event, PreflightReport
 from onboard.config.fleet import FleetConfig
 
 LIFTED_M = 0.05  # a vehicle this far above its first position has left the ground
-IN_FLIGHT = ("flying", "holding")  # states of an agent whose vehicle is in the air
 PATH_GAP_S = 0.5  # a longer time without a position is a gap of a path, which no line crosses
 
 
@@ -82,6 +80,7 @@ class TelemetryRows:
     loop_lateness_p99_ms: Array  # (n,)
     mocap_delay_s: Array  # (n,)
     hover_thrust_frac: Array  # (n,)
+    is_airborne: Array  # (n,), 0 or 1; NaN if the message does not say it
 
     # counted since the agent's start, (n,) each
     late_ticks: Array
@@ -155,8 +154,7 @@ class VehicleFlight:
     def is_up(self) -> NDArray[np.bool_]:
         """Whether the vehicle is off the ground (n,), at each time of ``path``.
 
-        Ground truth says it. Else the height above the first position counts, and so does the
-        state in the last telemetry, because a record may begin in flight.
+        Ground truth says it, or else the telemetry, as ``is_off_ground`` describes.
         """
         if self.has_truth:
             on_ground: NDArray[np.bool_] = self.truth.is_on_ground > 0.5
@@ -164,9 +162,17 @@ class VehicleFlight:
 
         times_s, positions_enu_m = self.path
         telemetry = self.telemetry
-        flies = np.array([state in IN_FLIGHT for state in telemetry.states], np.float64)
-        is_flying = at_times(telemetry.time_s, flies, times_s, max_gap_s=math.inf) > 0.5
-        return has_lifted(positions_enu_m[:, 2]) | is_flying
+        height_m = positions_enu_m[:, 2]
+        return is_off_ground(telemetry.time_s, telemetry.is_airborne, times_s, height_m)
+
+    @property
+    def lift_off_s(self) -> float | None:
+        """Time at which the vehicle leaves the ground; None if it stays there."""
+        times_s, positions_enu_m = self.path
+        index = lift_off_index(self.is_up, positions_enu_m[:, 2])
+        if index is None:
+            return None
+        return float(times_s[index])
 
 
 @dataclass(frozen=True, slots=True)
@@ -213,15 +219,55 @@ class Flight:
         return min(begins_s, default=0.0)
 
 
-def has_lifted(height_m: Array) -> NDArray[np.bool_]:
-    """Return where a vehicle is above the ground on which it stood.
+def is_off_ground(
+    telemetry_s: Array, is_airborne: Array, times_s: Array, height_m: Array
+) -> NDArray[np.bool_]:
+    """Return where a vehicle without ground truth is off the ground.
+
+    The telemetry says it: a record may begin in flight, and a vehicle that a person carries does
+    not fly. Only in a record without telemetry, the height above the first position says it.
 
     Args:
-        height_m: heights (n,) in the order of time; NaN where not known.
+        telemetry_s: times (m,) of the vehicle's telemetry, rising [s].
+        is_airborne: what the telemetry says (m,): 1 in the air, 0 not, NaN not known.
+        times_s: times (n,) of the vehicle's path, rising [s].
+        height_m: heights (n,) of that path; NaN where not known.
 
     Returns:
-        Whether each height is more than LIFTED_M above the first one that is known (n,).
+        Whether the vehicle is off the ground at each time of its path (n,).
     """
+    is_known = np.isfinite(is_airborne)
+    if not is_known.any():
+        return _has_lifted(height_m)
+
+    # the last message before each time; before the first message, that one
+    last_index = np.searchsorted(telemetry_s[is_known], times_s, side="right") - 1
+    last_index = np.clip(last_index, 0, None)
+    is_up: NDArray[np.bool_] = is_airborne[is_known][last_index] > 0.5
+    return is_up
+
+
+def lift_off_index(is_up: NDArray[np.bool_], height_m: Array) -> int | None:
+    """Return the index at which a vehicle leaves the ground; None if it stays there.
+
+    Args:
+        is_up: whether the vehicle is off the ground (n,), in the order of time.
+        height_m: heights (n,); NaN where not known.
+
+    Returns:
+        The first index with a height of more than LIFTED_M above the ground; 0 if the record begins
+        in flight.
+    """
+    if is_up[:1].any():
+        return 0
+    lifted = np.flatnonzero(is_up & _has_lifted(height_m))
+    if not lifted.size:
+        return None
+    return int(lifted[0])
+
+
+def _has_lifted(height_m: Array) -> NDArray[np.bool_]:
+    """Return where each height is more than LIFTED_M above the first one that is known (n,)."""
     known_m = height_m[np.isfinite(height_m)]
     if not known_m.size:
         return np.zeros(height_m.shape, np.bool_)

@@ -27,7 +27,6 @@ from groundstation.recording.recorded_flight import (
     VehicleFlight,
     at_times,
     between_times,
-    has_lifted,
     largest_in_cells,
     largest_indexes,
 )
@@ -289,10 +288,9 @@ def _lift_off_s(flight: Flight) -> float:
     """Return the time at which the first vehicle leaves the ground; the start if none does."""
     lifted_s = []
     for vehicle in flight.vehicles.values():
-        times_s, positions_enu_m = vehicle.path
-        lifted = np.flatnonzero(has_lifted(positions_enu_m[:, 2]))
-        if lifted.size:
-            lifted_s.append(float(times_s[lifted[0]]))
+        lift_off_s = vehicle.lift_off_s
+        if lift_off_s is not None:
+            lifted_s.append(lift_off_s)
     return min(lifted_s, default=flight.begin_s)
 
 

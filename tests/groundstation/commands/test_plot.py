@@ -273,18 +273,42 @@ def test_time_marks_of_a_vehicle_that_is_not_known_at_first_have_their_times(
 
 
 def test_distances_of_a_record_that_begins_in_flight_count() -> None:
-    samples = [
-        Sample(
-            f"tick/{name}",
-            step * SECOND // 50,
-            {"position_enu_m": [x_m, 0.0, 1.0], "state": "holding"},
-        )
-        for step in range(50)
-        for name, x_m in (("mav0", 0.0), ("mav1", 0.5))
-    ]
+    # mav0 lands beside mav1, which stands
+    samples = []
+    for step in range(50):
+        for name, x_m, height_m in (("mav0", 0.0, 1.0 - step / 50), ("mav1", 0.5, 0.0)):
+            position_enu_m = [x_m, 0.0, height_m]
+            stamp_ns = step * SECOND // 50
+            samples.append(Sample(f"tick/{name}", stamp_ns, {"position_enu_m": position_enu_m}))
+            told = {"state": "landing", "is_airborne": height_m > 0.0}
+            samples.append(Sample(f"telemetry/{name}", stamp_ns, told))
+
     flight = from_samples(samples, title="test", safety_distance_m=0.8)
     assert flight is not None
     assert np.nanmin(flight.pairs[0].distance_m) == pytest.approx(0.5)
+    assert flight.take_off_s == 0.0
+
+
+def test_a_vehicle_that_a_person_carries_does_not_fly() -> None:
+    # mav0 is carried past mav1, and then takes off far from it
+    samples = []
+    for step in range(200):
+        is_flying = step >= 100
+        mav0_enu_m = [3.0, 0.0, 0.01 * (step - 100)] if is_flying else [0.03 * step, 0.0, 0.5]
+        if step == 0:
+            mav0_enu_m = [0.0, 0.0, 0.0]
+        stamp_ns = step * SECOND // 50
+        for name, position_enu_m, is_airborne in (
+            ("mav0", mav0_enu_m, is_flying),
+            ("mav1", [0.5, 0.0, 0.0], False),
+        ):
+            samples.append(Sample(f"tick/{name}", stamp_ns, {"position_enu_m": position_enu_m}))
+            samples.append(Sample(f"telemetry/{name}", stamp_ns, {"is_airborne": is_airborne}))
+
+    flight = from_samples(samples, title="test", safety_distance_m=0.8)
+    assert flight is not None
+    assert np.nanmin(flight.pairs[0].distance_m) == pytest.approx(2.5)
+    assert flight.take_off_s == pytest.approx(2.12)
 
 
 def test_time_counts_from_when_the_first_leaves_the_ground_and_not_from_its_motors_start(

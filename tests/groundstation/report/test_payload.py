@@ -53,12 +53,51 @@ def test_distances_of_a_record_that_begins_in_flight_count(tmp_path: Path) -> No
     assert np.nanmin(curves["0/is_up"]) == 1.0
 
 
-def test_without_truth_a_vehicle_is_up_from_its_first_height_on(tmp_path: Path) -> None:
-    told = []
-    for at_ns, topic, name, message in rows(has_truth=False, ground_m=0.6):
+@pytest.mark.parametrize(
+    ("state", "is_airborne", "distance_m"), [("landing", True, 0.9), ("landed", False, None)]
+)
+def test_without_truth_the_telemetry_says_who_flies_also_in_a_landing_and_when_carried(
+    tmp_path: Path, *, state: str, is_airborne: bool, distance_m: float | None
+) -> None:
+    # mav0 sinks from the first row on, or a person lifts it; mav1 stands
+    told: list[Row] = []
+    for at_ns, topic, name, message in rows(has_truth=False):
+        time_s = (at_ns - BEGIN_NS) / SECOND
+        x_m, y_m, _ = position(int(name == "mav1"), time_s)
+        place = (x_m, y_m, 0.0)
+        if name == "mav0":
+            place = (x_m, y_m, 1.0 - 0.1 * time_s if is_airborne else 0.1 * time_s)
+        changes: dict[str, object] = {"position_enu_m": place, "state": "ready"}
         if isinstance(message, Telemetry):
-            message = msgspec.structs.replace(message, state="landed")
+            changes["is_airborne"] = is_airborne and name == "mav0"
+        if name == "mav0":
+            changes["state"] = state
+        message = msgspec.structs.replace(message, **changes)
         told.append((at_ns, topic, name, message))
+    header, curves = opened(payload(read_flight(write(tmp_path, told)), made_by="test"))
+
+    assert (curves["0/is_up"] == float(is_airborne)).all()
+    assert (curves["1/is_up"] == 0.0).all()
+    found_m = [pair[2] for pair in header["pairs"]]
+    assert found_m == ([] if distance_m is None else [pytest.approx(distance_m, abs=0.001)])
+
+
+def test_a_vehicle_that_a_person_lifts_before_the_flight_has_not_lifted_off(
+    tmp_path: Path,
+) -> None:
+    told: list[Row] = []
+    for at_ns, topic, name, message in rows(has_truth=False):
+        if isinstance(message, Telemetry):
+            is_flying = at_ns - BEGIN_NS >= 3 * SECOND
+            message = msgspec.structs.replace(message, is_airborne=is_flying)
+        told.append((at_ns, topic, name, message))
+    flight = read_flight(write(tmp_path, told))
+
+    assert flight.vehicles["mav0"].lift_off_s == pytest.approx(3.0, abs=0.11)
+
+
+def test_without_telemetry_a_vehicle_is_up_from_its_first_height_on(tmp_path: Path) -> None:
+    told = [row for row in rows(has_truth=False, ground_m=0.6) if not isinstance(row[3], Telemetry)]
     _, curves = opened(payload(read_flight(write(tmp_path, told)), made_by="test"))
 
     height_m = curves["0/z"] - 0.6
