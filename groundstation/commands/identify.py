@@ -31,7 +31,7 @@ from groundstation.identification.identification_report import (
     IdentifiedVehicle,
     page,
     rows,
-    toml_of_types,
+    tomls,
     unknown_parameters,
 )
 from groundstation.identification.identified_flight import identify_flight
@@ -215,7 +215,7 @@ def _write(target: Path, vehicles: Sequence[IdentifiedVehicle]) -> None:
     # Imported here: only --write needs tomlkit.
     from groundstation.starter.fleet_edit import write_changes
 
-    for text in toml_of_types(vehicles).values():
+    for text in tomls(vehicles):
         write_changes(target, tomllib.loads(text))
     print(
         f"Written into {target}. Look at it with covey check {target};"

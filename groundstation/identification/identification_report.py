@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -20,6 +20,9 @@ _GAIN = 0.15
 _DRAG_KNOWN_1_S = 0.06  # half of drag's interval after a long flight in calm air
 _NOT_KNOWN = "not known well enough: fly longer"
 _WRITTEN_LAG_ERROR_S = 0.001  # the values are written with three decimals
+# the values of a vehicle, and those of its emulator, for which there is TOML
+_KEYS = {"hover_thrust_frac", "attitude_delay_s", "attitude_wn_rad_s", "attitude_zeta", "drag_1_s"}
+_SITL_KEYS = {"static_gain", "tilt_bias_deg"}
 
 
 @dataclass(frozen=True, slots=True)
@@ -28,6 +31,13 @@ class IdentifiedVehicle:
 
     vehicle: Vehicle
     identified: Identified
+    has_own_values: bool = False  # whether its own table sets such values, and not only its type
+
+
+def sets_values(own_table: Mapping[str, Any]) -> bool:
+    """Return whether the table of a vehicle, ``[vehicles.NAME]``, sets a value to identify."""
+    sitl_table = own_table.get("sitl", {})
+    return not (_KEYS.isdisjoint(own_table) and _SITL_KEYS.isdisjoint(sitl_table))
 
 
 def rows(flown: IdentifiedVehicle) -> list[dict[str, Any]]:
@@ -147,7 +157,7 @@ def _row(
 
 
 def page(flown: Sequence[IdentifiedVehicle]) -> str:
-    """Return tables of all vehicles, and TOML for each type."""
+    """Return tables of all vehicles, and TOML for the fleet file."""
     lines: list[str] = []
     for member in flown:
         vehicle = member.vehicle
@@ -165,23 +175,44 @@ def page(flown: Sequence[IdentifiedVehicle]) -> str:
                 f"{row['std']:>8.3f}   {interval:<18} {row['verdict']}"
             )
         lines.append("")
-    return "\n".join([*lines, "\n\n".join(toml_of_types(flown).values())])
+    return "\n".join([*lines, "\n\n".join(tomls(flown))])
 
 
-def toml_of_types(flown: Sequence[IdentifiedVehicle]) -> dict[str, str]:
-    """Return TOML for the fleet file, by the name of each flown type."""
+def tomls(flown: Sequence[IdentifiedVehicle]) -> list[str]:
+    """Return TOML for the fleet file: one text for each flown type, or for single vehicles.
+
+    A vehicle whose own table sets such values has its text, because they take precedence over its
+    type's. Vehicles of a type whose lags differ by more than the law tolerates have one each.
+    """
     types: dict[str, list[IdentifiedVehicle]] = {}
     for member in flown:
         types.setdefault(member.vehicle.type, []).append(member)
-    return {kind: type_toml(kind, members) for kind, members in types.items()}
+
+    texts: list[str] = []
+    for kind, members in types.items():
+        alike = [member for member in members if not member.has_own_values]
+        lags_s = [member.identified.lag_s.value for member in alike]
+        if alike and max(lags_s) - min(lags_s) > LAG_ERROR_S:
+            texts.append(
+                f"# the lags of {_names(alike)} differ by more than the law tolerates: each has its"
+                " own values"
+            )
+            alike = []
+
+        if alike:
+            texts.append(table_toml(f"types.{kind}" if kind else "defaults", alike))
+        for member in members:
+            if member not in alike:
+                texts.append(table_toml(f"vehicles.{member.vehicle.name}", [member]))
+    return texts
 
 
-def type_toml(kind: str, members: Sequence[IdentifiedVehicle]) -> str:
-    """Return TOML for ``[types.KIND]``: means over its vehicles, their intervals as comments."""
-    names = ", ".join(member.vehicle.name for member in members)
-    table = "defaults"
-    if kind:
-        table = f"types.{kind}"
+def _names(members: Sequence[IdentifiedVehicle]) -> str:
+    return ", ".join(member.vehicle.name for member in members)
+
+
+def table_toml(table: str, members: Sequence[IdentifiedVehicle]) -> str:
+    """Return TOML for a table: means over its vehicles, their intervals as comments."""
     models = [member.identified for member in members]
     lag_s = _mean([model.lag_s for model in models])
     wn = _mean([model.wn_rad_s for model in models])
@@ -200,7 +231,7 @@ def type_toml(kind: str, members: Sequence[IdentifiedVehicle]) -> str:
     written_lag_s = delay_s + 2.0 * written_zeta / wn_rad_s
 
     lines = [
-        f"# identified from {names}; 95 % intervals of the mean",
+        f"# identified from {_names(members)}; 95 % intervals of the mean",
         f"[{table}]",
         f"hover_thrust_frac = {hover.value:.3f}  # {hover.low:.3f} to {hover.high:.3f}",
         f"attitude_delay_s = {delay_s:.3f}  # L = delay + 2 zeta / wn = {lag_s.value:.3f} s, "
@@ -214,13 +245,6 @@ def type_toml(kind: str, members: Sequence[IdentifiedVehicle]) -> str:
         f"tilt_bias_deg = {tilt_deg:.1f}",
     ]
 
-    lags_s = [model.lag_s.value for model in models]
-    if max(lags_s) - min(lags_s) > LAG_ERROR_S:
-        lines.insert(
-            1,
-            "# their lags differ by more than the law tolerates: give each vehicle its own values "
-            "instead",
-        )
     if abs(written_lag_s - lag_s.value) > _WRITTEN_LAG_ERROR_S:
         lines.insert(
             1,

@@ -6,11 +6,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from groundstation.identification.identification_report import IdentifiedVehicle
+from groundstation.identification.identification_report import IdentifiedVehicle, sets_values
 from groundstation.identification.identify import identify
 from groundstation.identification.logged_stretch import TooLittleFlown
 from groundstation.identification.recorded_motion import logs_of
 from groundstation.recording.reader import record_path
+from onboard.config.file_reading import toml_values
 from onboard.config.fleet import ConfigError, FleetConfig, load_fleet
 
 
@@ -37,6 +38,7 @@ def identify_flight(folder: Path, fleet_path: str | None, name: str | None) -> I
     path = record_path(folder)
     fleet = load_fleet(fleet_path or path.parent / "fleet.toml", needs_folders=False)
     names = _names(fleet, name)
+    own_tables = toml_values(fleet.text, fleet.path)["vehicles"]
     logs = logs_of(path, fleet, names)
 
     result = IdentifiedFlight()
@@ -47,7 +49,13 @@ def identify_flight(folder: Path, fleet_path: str | None, name: str | None) -> I
             except TooLittleFlown as error:
                 result.refusals[vehicle_name] = str(error)
             else:
-                result.vehicles.append(IdentifiedVehicle(fleet.vehicles[vehicle_name], identified))
+                result.vehicles.append(
+                    IdentifiedVehicle(
+                        vehicle=fleet.vehicles[vehicle_name],
+                        identified=identified,
+                        has_own_values=sets_values(own_tables[vehicle_name]),
+                    )
+                )
         elif name is not None or not logs:
             # A vehicle that did not fly is reported only if it was named, or if none flew.
             result.refusals[vehicle_name] = "it did not fly in this record."

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import tomllib
 from dataclasses import replace
+from typing import Any
 
 import msgspec
 import pytest
@@ -11,7 +12,9 @@ import pytest
 from groundstation.identification.identification_report import (
     IdentifiedVehicle,
     rows,
-    type_toml,
+    sets_values,
+    table_toml,
+    tomls,
     unknown_parameters,
 )
 from groundstation.identification.identify import Estimate, Identified
@@ -23,7 +26,9 @@ def estimate(value: float) -> Estimate:
     return Estimate(value=value, std=0.01, low=value - 0.02, high=value + 0.02)
 
 
-def flown(fleet: FleetConfig, *, lag_s: float, wn_rad_s: float, zeta: float) -> IdentifiedVehicle:
+def flown(
+    fleet: FleetConfig, name: str = "mav0", *, lag_s: float, wn_rad_s: float, zeta: float
+) -> IdentifiedVehicle:
     identified = Identified(
         hover_thrust_frac=estimate(0.5),
         lag_s=estimate(lag_s),
@@ -38,7 +43,7 @@ def flown(fleet: FleetConfig, *, lag_s: float, wn_rad_s: float, zeta: float) -> 
         attitude_rms_deg=0.1,
         position_rms_m=0.001,
     )
-    return IdentifiedVehicle(vehicle=fleet.vehicles["mav0"], identified=identified)
+    return IdentifiedVehicle(vehicle=fleet.vehicles[name], identified=identified)
 
 
 @pytest.mark.parametrize(
@@ -57,7 +62,7 @@ def test_the_written_values_have_the_measured_lag_and_lie_within_their_bounds(
     fleet: FleetConfig, lag_s: float, wn_rad_s: float, zeta: float
 ) -> None:
     member = flown(fleet, lag_s=lag_s, wn_rad_s=wn_rad_s, zeta=zeta)
-    text = type_toml("quad", [member])
+    text = table_toml("types.quad", [member])
     values = tomllib.loads(text)["types"]["quad"]
     for key in ("attitude_delay_s", "attitude_wn_rad_s", "attitude_zeta"):
         low, high = VEHICLE_BOUNDS[key]
@@ -70,8 +75,52 @@ def test_the_written_values_have_the_measured_lag_and_lie_within_their_bounds(
 
 
 def test_a_lag_that_the_bounds_do_not_allow_is_said(fleet: FleetConfig) -> None:
-    text = type_toml("quad", [flown(fleet, lag_s=0.004, wn_rad_s=60.0, zeta=0.5)])
+    text = table_toml("types.quad", [flown(fleet, lag_s=0.004, wn_rad_s=60.0, zeta=0.5)])
     assert "allow no L of 0.004 s; these values have one of 0.007 s" in text
+
+
+def written(fleet: FleetConfig, lags_s: dict[str, float], *, own: str = "") -> dict[str, Any]:
+    """The values that are written for vehicles with these lags; ``own`` has values of its own."""
+    members = []
+    for name, lag_s in lags_s.items():
+        member = flown(fleet, name, lag_s=lag_s, wn_rad_s=9.0, zeta=0.7)
+        members.append(replace(member, has_own_values=name == own))
+    tables: dict[str, Any] = {}
+    for text in tomls(members):
+        tables |= tomllib.loads(text).get("types", {}) | tomllib.loads(text).get("vehicles", {})
+    return tables
+
+
+def test_vehicles_with_equal_lags_share_the_values_of_their_type(fleet: FleetConfig) -> None:
+    tables = written(fleet, {"mav0": 0.25, "mav1": 0.27})
+    assert list(tables) == [fleet.vehicles["mav0"].type]
+
+
+def test_vehicles_whose_lags_differ_have_values_of_their_own(fleet: FleetConfig) -> None:
+    tables = written(fleet, {"mav0": 0.20, "mav1": 0.30})
+    assert list(tables) == ["mav0", "mav1"]
+    delays_s = [table["attitude_delay_s"] for table in tables.values()]
+    assert delays_s[1] - delays_s[0] == pytest.approx(0.1, abs=0.002)
+
+
+def test_a_vehicle_with_values_of_its_own_gets_new_ones_there(fleet: FleetConfig) -> None:
+    assert list(written(fleet, {"mav1": 0.35}, own="mav1")) == ["mav1"]
+    tables = written(fleet, {"mav0": 0.25, "mav1": 0.35}, own="mav1")
+    assert list(tables) == [fleet.vehicles["mav0"].type, "mav1"]
+
+
+@pytest.mark.parametrize(
+    ("own_table", "expected"),
+    [
+        ({"attitude_delay_s": 0.1}, True),
+        ({"sitl": {"static_gain": 0.9}}, True),
+        ({"system_id": 2, "sitl": {}}, False),
+    ],
+)
+def test_a_vehicle_s_own_table_may_set_what_is_identified(
+    own_table: dict[str, Any], *, expected: bool
+) -> None:
+    assert sets_values(own_table) == expected
 
 
 @pytest.mark.parametrize(
