@@ -183,12 +183,16 @@ def from_samples(
     """
     by_topic = _series_by_topic(samples)
     ticks_by_name = by_topic["tick"]
-    names = sorted(ticks_by_name, key=natural_sort_key)
-    ticks = {name: ticks_by_name[name] for name in names if ticks_by_name[name].size > 1}
-    if not ticks:
+    ticking = {name for name, own_ticks in ticks_by_name.items() if own_ticks.size > 1}
+    if not ticking:
         return None
-    truths = {
-        name: truth for name, truth in by_topic["truth"].items() if name in ticks and truth.size > 1
+    truths = {name: truth for name, truth in by_topic["truth"].items() if truth.size > 1}
+
+    # A vehicle without ticks, whose agent did not run, has a path and distances, too.
+    without_ticks = _Collected("tick").series()
+    ticks = {
+        name: ticks_by_name.get(name, without_ticks)
+        for name in sorted(ticking | set(truths), key=natural_sort_key)
     }
 
     telemetry = by_topic["telemetry"]
@@ -230,7 +234,7 @@ def from_samples(
 
 
 class _Series(NamedTuple):
-    """Samples of one channel within the flight, at least one, in the order of time; NaN in gaps."""
+    """Samples of one channel within the flight, in the order of time; NaN in gaps."""
 
     stamps_ns: IntArray  # (n,)
     vectors: dict[str, Array]  # field -> (n, size); NaN where missing, null or of another size
@@ -362,7 +366,7 @@ def _start_ns(
 
     if lifted_ns:
         return min(lifted_ns)
-    return min(int(own_ticks.stamps_ns[0]) for own_ticks in ticks.values())
+    return min(int(own_ticks.stamps_ns[0]) for own_ticks in ticks.values() if own_ticks.size)
 
 
 def _track(

@@ -193,6 +193,20 @@ def test_distances_are_horizontal_and_only_counted_in_flight(tmp_path: Path) -> 
     assert closest[0].distance_m[closest[1]] == least
 
 
+def test_a_vehicle_whose_agent_did_not_run_is_drawn_by_its_truth(tmp_path: Path) -> None:
+    write_flight(tmp_path)
+    samples = [sample for sample in read(tmp_path, TOPICS) if sample.channel != "tick/mav0"]
+    flight = from_samples(samples, title="test", safety_distance_m=0.8)
+    assert flight is not None
+    whole = flight_of(tmp_path)
+    assert [track.name for track in flight.tracks] == ["mav0", "mav1", "mav2"]
+    for pair, whole_pair in zip(flight.pairs, whole.pairs, strict=True):
+        np.testing.assert_array_equal(pair.distance_m, whole_pair.distance_m)
+    with styled():
+        for module in (attitude, avoidance, plan_figure, tracking):
+            module.draw(flight)
+
+
 @pytest.mark.parametrize("has_truth", [True, False])
 @pytest.mark.parametrize("ground_m", [-3.0, 0.0, 0.5])
 def test_distances_count_above_the_ground_wherever_it_is(ground_m: float, has_truth: bool) -> None:
