@@ -38,9 +38,14 @@ class RecordedFlight(NamedTuple):
 def open_recorded(folder: Path) -> RecordedFlight:
     """Return a recorded flight that can be flown again.
 
+    Args:
+        folder: flight folder, or its MCAP file.
+
     Raises:
         ConfigError: the folder does not contain the settings, or it was not flown in lockstep.
     """
+    if folder.is_file():
+        folder = folder.parent
     settings = read_settings(folder)
     if not settings.is_lockstep:
         raise ConfigError(

@@ -52,3 +52,10 @@ def test_a_flight_in_real_time_is_refused_with_the_command_that_records_one_in_l
     write_settings(tmp_path, SimulationSettings(is_lockstep=False))
     with pytest.raises(ConfigError, match=r"record it with covey fly MISSION --lockstep\."):
         open_recorded(tmp_path)
+
+
+def test_a_flight_is_opened_by_its_record_as_by_its_folder(tmp_path: Path) -> None:
+    write_settings(tmp_path, SimulationSettings(is_lockstep=True))
+    for name in ("fleet.toml", "mission.toml", "flight.mcap"):
+        (tmp_path / name).touch()
+    assert open_recorded(tmp_path / "flight.mcap") == open_recorded(tmp_path)
