@@ -207,10 +207,11 @@ def _knowledge(
     if tick.law_status == _INACTIVE:
         yield f"{name}: its law let the thrust of the trajectory pass unchanged."
     else:
-        avoided = tick.active_neighbour
-        if not avoided:
-            avoided = "nobody"
-        yield (
+        text = (
             f"{name}: its law ({tick.law_status}) changed the thrust by"
-            f" {tick.intervention_m_s2:.1f} m/s², mostly for {avoided}."
+            f" {tick.intervention_m_s2:.1f} m/s²"
         )
+        # no neighbour: a person, an obstacle or a fence, or a law of one's own, which names nobody
+        if tick.active_neighbour:
+            text += f", mostly for {tick.active_neighbour}"
+        yield f"{text}."

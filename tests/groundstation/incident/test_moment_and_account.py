@@ -206,6 +206,25 @@ def test_the_true_distance_is_a_separation_like_the_one_that_the_vehicle_knew(
     )
 
 
+@pytest.mark.parametrize(("neighbour", "end"), [("mav1", ", mostly for mav1."), ("", ".")])
+def test_the_account_names_for_whom_the_law_acted_only_if_it_was_a_neighbour(
+    tmp_path: Path, fleet: FleetConfig, neighbour: str, end: str
+) -> None:
+    now_ns = 5 * SECOND
+    files = RecordFiles(
+        tmp_path, (tmp_path / "flight.mcap").open("wb"), begin_ns=now_ns, begin="a test"
+    )
+    own_tick = msgspec.structs.replace(tick(now_ns), active_neighbour=neighbour)
+    files.write(Topic.TICK, "mav0", own_tick, now_ns)
+    files.finish()
+    files.close()
+
+    moment = Moment(kind="distance", stamp_ns=now_ns, vehicles=("mav0", "mav1"), sentence="")
+    with contextlib.closing(Timeline(tmp_path)) as timeline:
+        account = account_of(timeline, fleet, moment, 5.0)
+    assert f"mav0: its law (saturated) changed the thrust by 1.0 m/s²{end}" in account.facts
+
+
 def test_a_folder_without_a_record_is_refused(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
