@@ -17,6 +17,7 @@ from __future__ import annotations
 
 import math
 import os
+import shlex
 import time
 from pathlib import Path
 from typing import Annotated
@@ -168,11 +169,13 @@ def _other_machine(folder: Path, same_campaign: dict[str, str]) -> OtherMachine:
 
 
 def _command(campaign: Campaign, out: Path) -> str:
-    words = ["covey evidence", campaign.fleet_path, campaign.mission_path]
-    words += [f"--wind {campaign.wind_m_s:g}", f"--rounds {campaign.rounds}", f"--out {out}"]
+    """Return the command as a shell takes it."""
+    words = ["covey", "evidence", campaign.fleet_path, campaign.mission_path]
+    words += ["--wind", f"{campaign.wind_m_s:g}", "--rounds", str(campaign.rounds)]
+    words += ["--out", str(out)]
     if campaign.only:
-        words.append(f"--only '{campaign.only}'")
-    return " ".join(words)
+        words += ["--only", campaign.only]
+    return shlex.join(words)
 
 
 class _Progress:

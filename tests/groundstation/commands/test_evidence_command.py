@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
+import shlex
 from pathlib import Path
 
 import msgspec
 import pytest
 
 from groundstation.cli import main
+from groundstation.commands.evidence import _command
 from groundstation.evidence.kept_flights import KeptFlights
 from groundstation.evidence.provenance import provenance
 from groundstation.mission_files.loading import load_mission
 from onboard.config.fleet import load_fleet
 from onboard.exit_status import EXIT_WRONG_INPUT
+from sitl.lockstep.campaign.evidence_campaign import Campaign
 from tests.groundstation.evidence.campaigns import evidence, flown
 
 
@@ -69,3 +72,17 @@ def test_the_evidence_of_another_campaign_is_not_compared(
     assert main(["evidence", "paper", "paper", *options]) == EXIT_WRONG_INPUT
     assert sentence in capsys.readouterr().err
     assert not (tmp_path / "out").exists()
+
+
+def test_the_command_in_the_evidence_is_one_that_a_shell_takes() -> None:
+    campaign = Campaign(
+        fleet_path="my fleets/a.toml",
+        mission_path="it's mine.py",
+        wind_m_s=3.0,
+        rounds=1,
+        only="motor dead",
+    )
+    assert shlex.split(_command(campaign, Path("ev dir"))) == [
+        *("covey", "evidence", "my fleets/a.toml", "it's mine.py", "--wind", "3"),
+        *("--rounds", "1", "--out", "ev dir", "--only", "motor dead"),
+    ]
