@@ -103,7 +103,8 @@ def write_csvs(folder: Path, out: Path, rate_hz: float = 10.0) -> tuple[list[Pat
         rate_hz: rate of the lines.
 
     Returns:
-        Paths of the files, and sentences about what is damaged or missing in the record.
+        Paths of the files, and sentences about what is damaged or missing in the record, and about
+        other CSVs in the folder.
 
     Raises:
         ConfigError: there is no record, or it has no positions; or a file of such a name is there
@@ -128,6 +129,12 @@ def write_csvs(folder: Path, out: Path, rate_hz: float = 10.0) -> tuple[list[Pat
     for path, own in zip(paths.values(), flown.values(), strict=True):
         if own.gaps_s:
             notes.append(_gap_note(path.name, own.gaps_s))
+    others = set(out.glob("*.csv")) - set(paths.values())
+    if others:
+        notes.append(
+            f"{out} also has CSVs that are not of this flight, for instance {min(others).name}."
+            " Delete them, or give another folder with --csv."
+        )
     return list(paths.values()), notes
 
 

@@ -46,6 +46,19 @@ def test_a_name_in_a_record_never_leads_out_of_the_folder(tmp_path: Path) -> Non
     assert list(tmp_path.rglob("*.csv")) == paths
 
 
+def test_csvs_of_another_flight_in_the_folder_are_told(tmp_path: Path) -> None:
+    for names in (("mav0", "mav1"), ("mav0",)):
+        folder = tmp_path / f"flight{len(names)}"
+        write(folder, [(Topic.TICK, name, tick(SECOND)) for name in names])
+        paths, notes = write_csvs(folder, tmp_path / "csv")
+
+    assert paths == [tmp_path / "csv" / "mav0.csv"]
+    assert notes == [
+        f"{tmp_path / 'csv'} also has CSVs that are not of this flight, for instance mav1.csv."
+        " Delete them, or give another folder with --csv."
+    ]
+
+
 def test_csvs_of_a_record_that_was_cut_off_say_so(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
