@@ -8,7 +8,15 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from groundstation.figures.data import FlightData, PairSeparation, Track
-from groundstation.figures.style import LIMIT, SOFT, colour, line_style, new_figure, panel_grid
+from groundstation.figures.style import (
+    LIMIT,
+    SOFT,
+    colour,
+    line_style,
+    new_figure,
+    panel_grid,
+    title_lines,
+)
 from onboard.arrays import Array
 
 MAX_PAIRS = 10  # with more pairs, one line for each vehicle shows its nearest neighbour
@@ -99,7 +107,8 @@ def _draw_distances(ax: Any, flight: FlightData) -> None:
     quantity = "horizontal distance between centres"
     if flight.height_share > 0.0:
         quantity = f"separation (a metre of height counts {flight.height_share:.2f} m)"
-    ax.set_title(f"{quantity}, while one of the two flies (by {flight.source})", loc="left")
+    title = f"{quantity}, while one of the two flies (by {flight.source})"
+    ax.set_title(title_lines(title, ax.figure.get_figwidth()), loc="left")
     ax.set_ylabel("distance [m]")
     ax.set_xlabel("time since take-off [s]")
 

@@ -21,7 +21,7 @@ SOFT = "#8a939c"
 LIMIT = "#B00020"
 _PANELS_IN_A_ROW = 4  # vehicles beside each other; more of them stand in rows below
 _LINE_STYLES: tuple[Any, ...] = ("-", (0, (6, 1.2)), (0, (2, 1)), (0, (1, 1)))
-_TITLE_LETTERS_PER_INCH = 10.0  # of its bold font
+_TITLE_LETTERS_PER_INCH = 9.0  # of its bold font
 _SETTINGS = Path(__file__).with_name("covey.mplstyle")
 # how a PNG, an SVG and a PDF begin, and what Matplotlib writes near the beginning of each
 _MARKS = (
@@ -55,9 +55,15 @@ def styled() -> AbstractContextManager[None]:
 def new_figure(width_in: float, height_in: float, title: str) -> Any:
     """Return an empty figure with its title, drawn without any window system."""
     figure = Figure(figsize=(width_in, height_in), layout="constrained")
-    lines = textwrap.fill(title, width=int(_TITLE_LETTERS_PER_INCH * width_in))
+    lines = title_lines(title, width_in)
     figure.suptitle(lines, fontsize=13, fontweight="bold", x=0.01, ha="left")
     return figure
+
+
+def title_lines(title: str, width_in: float) -> str:
+    """Return a title in as many lines as it needs in a figure of this width."""
+    letters = int(_TITLE_LETTERS_PER_INCH * width_in)
+    return textwrap.fill(title, width=letters, break_on_hyphens=False)
 
 
 def save(figure: Any, folder: Path, name: str) -> list[Path]:

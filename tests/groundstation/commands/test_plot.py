@@ -533,6 +533,27 @@ def test_a_large_fleet_is_in_the_order_of_its_numbers_and_on_a_page(tmp_path: Pa
     assert len(looks) == len(paths) == 12
 
 
+@pytest.mark.parametrize("vehicles", [1, 2])
+def test_the_titles_of_a_small_fleet_are_within_its_figures(vehicles: int) -> None:
+    samples = [
+        Sample(
+            f"tick/mav{index}", step * SECOND // 50, {"position_enu_m": [index, 0.0, 0.1 * step]}
+        )
+        for step in range(20)
+        for index in range(vehicles)
+    ]
+    flight = from_samples(samples, title="20260101-120000", safety_distance_m=0.8)
+    assert flight is not None
+
+    with styled():
+        for module in (attitude, avoidance, plan_figure, tracking):
+            figure = module.draw(flight)
+            figure.draw_without_rendering()
+            titles = [text for ax in figure.axes for text in (ax.title, ax._left_title)]
+            for text in (figure._suptitle, *titles):
+                assert text.get_window_extent().x1 <= figure.bbox.x1, text.get_text()
+
+
 def test_many_orders_to_one_slot_are_a_short_text_in_the_plan(tmp_path: Path) -> None:
     write_flight(tmp_path)
     flight = from_samples(read(tmp_path, TOPICS), title="to and fro", safety_distance_m=0.8)
