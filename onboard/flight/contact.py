@@ -3,9 +3,9 @@
 A vehicle stands on the ground if both are true:
 
     it is low and its thrust is less than its weight, or its thrust is much less;
-    it does not move vertically, or PX4 has recently reported the ground.
+    it does not move vertically, or PX4 reports the ground.
 
-Little thrust together with no vertical motion needs neither a height nor PX4. In the air, a vehicle
+A report from before the vehicle had little thrust counts only if it is low. Little thrust together with no vertical motion needs neither a height nor PX4. In the air, a vehicle
 with so little thrust would, within a third of a second, move more than "no vertical motion" allows.
 
 PX4's own height from satellites has an error of half a metre, so a low height is not a sign there.
@@ -177,12 +177,16 @@ def is_agreed_by_thrust(signs: ContactSigns, view: FlightView) -> bool:
 
 
 def _is_light_at_rest(signs: ContactSigns, view: FlightView) -> bool:
-    """Return whether a vehicle has little lift and does not sink, or PX4 reports the ground."""
+    """Return whether a vehicle has little lift and does not sink, or PX4 reports the ground.
+
+    PX4 reports the ground after a while with little thrust. A report from before, for instance the
+    last one before the lift-off, does not count.
+    """
     agreed_ns = round(1e9 * AGREED_S)
     long_ago_ns = view.now_ns - round(signs.patience * agreed_ns)
     is_light = signs.light_ns < long_ago_ns
     is_still = signs.still_ns < long_ago_ns
-    is_reported = signs.reported_ns < view.now_ns - agreed_ns
+    is_reported = signs.light_ns <= signs.reported_ns < view.now_ns - agreed_ns
     return is_light and (is_still or is_reported)
 
 

@@ -45,7 +45,9 @@ def test_a_goal_above_a_fence_is_refused_from_below_with_the_climb_that_leads_th
     assert no_way(around, "mav0", (2.5, 0.0, 2.6), (0.0, 0.0, 2.6)) == ""
 
 
-def test_a_goal_below_a_fence_is_refused_from_its_height_with_the_descent_that_leads_there() -> None:
+def test_a_goal_below_a_fence_is_refused_from_its_height_with_the_descent_that_leads_there() -> (
+    None
+):
     bridge = around_a_low_fence(height_m=(2.0, 4.0))
     assert no_way(bridge, "mav0", (2.6, 0.0, 3.0), (0.0, 0.0, 1.0)) == (
         "cannot be reached from (2.60, 0.00, 3.00): a fence is in the way down to a greater "

@@ -151,6 +151,7 @@ def test_the_report_of_the_ground_begins_anew_when_px4_stops_reporting_it() -> N
         (2.0, _lasted(light=351, still=350), False),
         (2.0, _lasted(light=351, reported=351), True),
         (2.0, _lasted(light=351, reported=350), False),
+        (2.0, _lasted(light=351, reported=352), False),  # a report from before
         (0.029, _lasted(still=351), True),
         (-0.059, _lasted(still=351), True),
         (-0.061, _lasted(still=351), False),
@@ -201,6 +202,7 @@ def test_a_vehicle_that_should_be_down_and_stands_low_for_long_is_down(
         (_lasted(light=351, still=350), False),
         (_lasted(light=351, reported=351), True),
         (_lasted(light=351, reported=350), False),
+        (_lasted(light=351, reported=352), False),
         (_lasted(light=1501, slow=1501), True),
         (_lasted(light=1500, slow=1501), False),
         (_lasted(light=1501, slow=1500), False),
