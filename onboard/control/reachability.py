@@ -46,7 +46,8 @@ def no_way(around: Surroundings, vehicle_name: str, begin_enu_m: Xyz, goal_enu_m
     if not words:
         return ""
 
-    # A fence that ends below the goal, or begins above it, is in the way only on the way up or down.
+    # A fence that ends below the goal, or begins above it, is in the way only while the height
+    # changes.
     at_goal_height = (begin_x, begin_y, goal_z)
     leads_to_height = not _no_way_at_once(around, vehicle_name, begin_enu_m, at_goal_height)
     if leads_to_height and not _no_way_at_once(around, vehicle_name, at_goal_height, goal_enu_m):

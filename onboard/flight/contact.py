@@ -5,7 +5,9 @@ A vehicle stands on the ground if both are true:
     it is low and its thrust is less than its weight, or its thrust is much less;
     it does not move vertically, or PX4 reports the ground.
 
-A report from before the vehicle had little thrust counts only if it is low. Little thrust together with no vertical motion needs neither a height nor PX4. In the air, a vehicle
+A report from before the vehicle had little thrust counts only if it is low.
+
+Little thrust together with no vertical motion needs neither a height nor PX4. In the air, a vehicle
 with so little thrust would, within a third of a second, move more than "no vertical motion" allows.
 
 PX4's own height from satellites has an error of half a metre, so a low height is not a sign there.
