@@ -409,13 +409,17 @@ class FleetConfig(msgspec.Struct, frozen=True):
     ) -> tuple[str, ...]:
         """Select vehicles by name or by index in the file.
 
+        Where vehicles are named by numbers, a number means the name: ``1-3`` means the vehicles
+        that are named 1, 2 and 3.
+
         Args:
             vehicles: ``a,b``, ``0-2`` or ``all``, or a list of these. None: all enabled vehicles.
             exclude: vehicles to leave out, in the same form.
         Returns:
             The names without duplicates, in the given order.
         Raises:
-            ConfigError: There is no vehicle with a given name or index, or a list or text is empty.
+            ConfigError: There is no vehicle with a given name or index, a span is not clear, or a
+                list or text is empty.
         """
         if vehicles is None:
             vehicles = "all"
@@ -447,7 +451,10 @@ class FleetConfig(msgspec.Struct, frozen=True):
         return tuple(dict.fromkeys(names))
 
     def _names_of_span(self, part: str) -> list[str]:
-        """Return the names of an index, ``3``, or of several, ``3-5``."""
+        """Return the names of a number, ``3``, or of several, ``3-5``.
+
+        The numbers are names if vehicles have such names, or else indices.
+        """
         order = list(self.vehicles)
         span = re.fullmatch(r"(?P<first>\d{1,6})(?:-(?P<last>\d{1,6}))?", part)
         if span is None:
@@ -460,6 +467,17 @@ class FleetConfig(msgspec.Struct, frozen=True):
         last = first
         if span["last"]:
             last = int(span["last"])
+
+        named = [name for name in order if name.isdecimal() and first <= int(name) <= last]
+        if named:
+            named.sort(key=int)
+            if [int(name) for name in named] != list(range(first, last + 1)):
+                raise ConfigError(
+                    f"'{part}' is not clear: of its numbers, the names of vehicles are "
+                    f"{', '.join(named)}. Name each vehicle, with commas between them."
+                )
+            return named
+
         if first > last or last >= len(order):
             raise ConfigError(
                 f"'{part}' selects no vehicle: vehicles are counted from 0 to {len(order) - 1}, "

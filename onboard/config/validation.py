@@ -96,8 +96,8 @@ _NODE_NAMES = ("ground", "viewer", "mocap", "corrections", "sitl", "router", "ca
 _NODE_WORDS = ("ground", "watcher", "recorder", "sitl")
 
 # Words that mean something else than a vehicle where an order names its vehicles, in small letters.
-# `kill all` stops the whole fleet.
-_ORDER_WORD = re.compile(r"all|by|every|in|nearest|turned|yaw")
+# `kill all` stops the whole fleet, and `kill 0-1` several vehicles.
+_ORDER_WORD = re.compile(r"all|by|every|in|nearest|turned|yaw|\d+-\d+")
 
 PX4_WITHOUT_SIGNING = ("1.16", "1.17")  # versions of PX4 that do not sign MAVLink
 

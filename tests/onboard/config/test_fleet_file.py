@@ -308,7 +308,7 @@ def test_a_vehicle_whose_name_is_that_of_another_kind_of_node_is_refused(name: s
         fleet_from_mapping(data)
 
 
-@pytest.mark.parametrize("name", ["all", "ALL", "Yaw"])
+@pytest.mark.parametrize("name", ["all", "ALL", "Yaw", "0-1"])
 def test_a_vehicle_whose_name_has_another_meaning_in_orders_is_refused(name: str) -> None:
     data = paper_data()
     data["vehicles"][name] = data["vehicles"].pop("mav2")
@@ -406,6 +406,50 @@ def test_vehicles_are_selected_by_name_index_and_range(paper: FleetConfig) -> No
     for wrong in ("2-1", "7", "mav9", "1-9", ",", ["mav0", ""]):
         with pytest.raises(ConfigError):
             paper.select(wrong)
+
+
+def fleet_named(*names: str) -> FleetConfig:
+    """The paper's fleet with other names of its three vehicles."""
+    data = paper_data()
+    del data["formations"]
+    data["vehicles"] = dict(zip(names, data["vehicles"].values(), strict=True))
+    return fleet_from_mapping(data)
+
+
+@pytest.mark.parametrize(
+    ("names", "text", "selected"),
+    [
+        (("1", "2", "3"), "1-2", ("1", "2")),
+        (("1", "2", "3"), "3,1-2", ("3", "1", "2")),
+        (("3", "2", "1"), "1-2", ("1", "2")),
+        (("01", "02", "03"), "1-2", ("01", "02")),
+        (("01", "02", "03"), "02-03", ("02", "03")),
+        (("01", "02", "03"), "1", ("01",)),
+        (("10", "11", "12"), "0-1", ("10", "11")),
+    ],
+)
+def test_a_span_of_numbers_that_are_names_selects_these_names(
+    names: tuple[str, ...], text: str, selected: tuple[str, ...]
+) -> None:
+    assert fleet_named(*names).select(text) == selected
+
+
+@pytest.mark.parametrize(
+    ("names", "text", "named"),
+    [
+        (("1", "2", "3"), "0-2", "1, 2"),
+        (("1", "2", "3"), "2-4", "2, 3"),
+        (("1", "2", "4"), "1-4", "1, 2, 4"),
+        (("mav0", "mav1", "2"), "1-2", "2"),
+        (("1", "01", "2"), "1-2", "1, 01, 2"),
+    ],
+)
+def test_a_span_is_refused_if_only_some_of_its_numbers_are_names(
+    names: tuple[str, ...], text: str, named: str
+) -> None:
+    fleet = fleet_named(*names)
+    with pytest.raises(ConfigError, match=f"'{text}' is not clear: .* are {named}. Name each"):
+        fleet.select(text)
 
 
 def test_the_paper_law_parks_no_closer_than_its_own_formula(paper: FleetConfig) -> None:
