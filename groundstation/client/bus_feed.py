@@ -64,7 +64,9 @@ class BusFeed:
         self._dropped = 0  # messages pushed out of the full queue since the last batch
         self._is_scheduled = False  # whether the loop has been woken up for the queue
 
-        self._loop: asyncio.AbstractEventLoop | None = None  # None while the bus is closed
+        self._loop: asyncio.AbstractEventLoop | None = None  # None before the start
+        self._opening: asyncio.Task[None] | None = None  # opens the bus
+        self._is_open = False
         self._delivery: asyncio.TimerHandle | None = None
         self._clock_node = ClockNode(bus)
         self._clock: asyncio.Task[None] | None = None
@@ -78,38 +80,58 @@ class BusFeed:
 
     @property
     def is_started(self) -> bool:
-        """Whether the bus is open."""
+        """Whether the feed was started, and not stopped since."""
         return self._loop is not None
+
+    @property
+    def is_without_bus(self) -> bool:
+        """Whether the feed was started, and its bus is not open, or not yet."""
+        return self.is_started and not self._is_open
 
     def now_ns(self) -> int:
         """Return the ground's monotonic clock [ns], which stamps received messages."""
         return self._clock_ns()
 
-    async def start(self) -> None:
+    async def start(self, longest_s: float | None = None) -> None:
         """Open the bus; a second call does nothing.
 
+        Args:
+            longest_s: longest wait [s]. If the bus is not open by then, or cannot be opened, the
+                feed goes on without it, until it opens. None waits for the bus.
+
         Raises:
-            BusError: the bus cannot be opened.
+            BusError: the bus cannot be opened; never with ``longest_s``.
         """
         if self._loop is not None:
             return
 
         self._loop = asyncio.get_running_loop()
+        self._opening = self._loop.create_task(self._open_and_deliver(self._loop))
+        if longest_s is not None:
+            await asyncio.wait([self._opening], timeout=longest_s)
+            return
         try:
-            await asyncio.to_thread(self._open)
+            await self._opening
         except BusError:
             self._loop = None
             raise
+
+    async def _open_and_deliver(self, loop: asyncio.AbstractEventLoop) -> None:
+        await asyncio.to_thread(self._open)
+        self._is_open = True
         if not self.bus.is_simulated:
             # Agents on other hosts need this ground's clock to check the deadline of an order.
-            self._clock = self._loop.create_task(self._clock_node.keep())
-            self._deliver_periodically(self._loop)
+            self._clock = loop.create_task(self._clock_node.keep())
+            self._deliver_periodically(loop)
 
     async def stop(self) -> None:
         """Leave the bus; a second call does nothing."""
         if self._loop is None:
             return
 
+        if self._opening is not None:
+            # A thread opens the bus, and nothing can interrupt it.
+            await asyncio.gather(self._opening, return_exceptions=True)
         if self._clock is not None:
             self._clock.cancel()
             await asyncio.gather(self._clock, return_exceptions=True)
@@ -117,6 +139,7 @@ class BusFeed:
             self._delivery.cancel()
         await asyncio.to_thread(self.bus.stop)
         self._loop = None
+        self._is_open = False
 
     def add_sink(self, sink: Sink) -> None:
         """Add a sink for every message.

@@ -158,8 +158,13 @@ class FleetClient:
 
     @property
     def is_started(self) -> bool:
-        """Whether the bus is open."""
+        """Whether the client was started, and not stopped since."""
         return self._feed.is_started
+
+    @property
+    def is_without_bus(self) -> bool:
+        """Whether the client was started, and its bus is not open, or not yet."""
+        return self._feed.is_without_bus
 
     def now_ns(self) -> int:
         """Return the time of the monotonic clock that gives the ages in the state [ns]."""
@@ -191,13 +196,18 @@ class FleetClient:
         """
         self._event_listeners.append(listener)
 
-    async def start(self) -> None:
+    async def start(self, longest_s: float | None = None) -> None:
         """Open the bus; a second call does nothing.
 
+        Args:
+            longest_s: longest wait [s]. If the bus is not open by then, or cannot be opened, the
+                client goes on without it, until it opens: land and kill go straight to PX4. None
+                waits for the bus.
+
         Raises:
-            BusError: the bus cannot be opened.
+            BusError: the bus cannot be opened; never with ``longest_s``.
         """
-        await self._feed.start()
+        await self._feed.start(longest_s)
 
     async def stop(self) -> None:
         """Leave the bus; open orders get no more replies. A second call does nothing."""

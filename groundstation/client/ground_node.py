@@ -13,7 +13,12 @@ from onboard.security.credentials import credentials_of, files_of
 from onboard.security.node_roles import NodeRole
 
 
-def session(fleet: FleetConfig, role: str = GROUND, key_of: NodeRole | None = None) -> BusSession:
+def session(
+    fleet: FleetConfig,
+    role: str = GROUND,
+    key_of: NodeRole | None = None,
+    router_timeout_s: float = 10.0,
+) -> BusSession:
     """Return a new node on the fleet's bus.
 
     Args:
@@ -21,6 +26,7 @@ def session(fleet: FleetConfig, role: str = GROUND, key_of: NodeRole | None = No
         role: GROUND for a node that may order, WATCHER for one that only watches.
         key_of: owner of the key that the node uses on a locked bus; None for the key that fits
             ``role``.
+        router_timeout_s: time for which the node looks for a router when it is started [s].
 
     Returns:
         The node, which is not started yet.
@@ -31,6 +37,7 @@ def session(fleet: FleetConfig, role: str = GROUND, key_of: NodeRole | None = No
         connect=[*(vehicle.agent for vehicle in fleet.vehicles.values()), *fleet.pose_endpoints],
         credentials=credentials_of(fleet, key_of or _fitting_key(fleet, role)),
         routers=fleet.fleet.routers,
+        router_timeout_s=router_timeout_s,
     )
 
 

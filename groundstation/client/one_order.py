@@ -13,8 +13,9 @@ from groundstation.orders.falling import below_words
 from groundstation.orders.intents import Intent, Kill, Land
 from groundstation.orders.result import Results
 from onboard.bus.control_token import OPEN_TO_ALL
+from onboard.config.fleet import FleetConfig
 
-CONNECT_S = 3.0  # longest wait until the vehicles are heard
+CONNECT_S = 3.0  # longest wait until the vehicles are heard, or until a router answers
 # Longest wait of a land or kill for silent vehicles. Such an order does not need their telemetry,
 # and goes straight to PX4 if their agents do not answer.
 _SILENT_S = 0.5
@@ -37,8 +38,14 @@ async def order_once(
     Returns:
         vehicle -> its result.
     """
-    await client.start()
+    longest_s = longest_start_s(client.fleet, intent)
+    await client.start(longest_s)
     try:
+        if client.is_without_bus:
+            say(
+                "This ground is not on the bus: no router of this fleet has answered within "
+                f"{longest_s:g} s. Start one with covey router."
+            )
         await _wait_until_heard(client, intent)
         state_before = client.state
         ordered = asyncio.create_task(client.order(intent, timeout_s))
@@ -53,6 +60,26 @@ async def order_once(
         await client.stop()
 
 
+def longest_start_s(fleet: FleetConfig, intent: Intent) -> float | None:
+    """Return how long an order waits for a router of the fleet [s]; None: until one answers.
+
+    A land or kill needs no router where it can go straight to PX4.
+
+    Args:
+        fleet: the fleet file.
+        intent: the order.
+    """
+    if not isinstance(intent, Land | Kill) or not fleet.fleet.routers:
+        return None
+
+    has_direct = [fleet.vehicles[name].direct is not None for name in intent.names]
+    if all(has_direct):
+        return _SILENT_S
+    if any(has_direct):
+        return CONNECT_S
+    return None
+
+
 async def _wait_until_heard(client: FleetClient, intent: Intent) -> None:
     """Wait until the vehicles of an order are heard; a land or kill waits only briefly."""
 
@@ -61,6 +88,9 @@ async def _wait_until_heard(client: FleetClient, intent: Intent) -> None:
 
     if not isinstance(intent, Land | Kill):
         await client.wait_for(can_order, CONNECT_S)
+        return
+
+    if client.is_without_bus:
         return
 
     # While nobody is heard, this ground may not be connected yet, and an order over the bus would

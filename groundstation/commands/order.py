@@ -26,11 +26,13 @@ from typing import Annotated
 from cyclopts import Parameter
 
 from groundstation.client.client import FleetClient
-from groundstation.client.one_order import order_once
+from groundstation.client.ground_node import session
+from groundstation.client.one_order import CONNECT_S, longest_start_s, order_once
 from groundstation.commands.parameters import FleetFile, Seconds
 from groundstation.orders.grammar import parse
 from groundstation.orders.intents import Intent
 from groundstation.orders.result import Results
+from onboard.bus.session import BusSession
 from onboard.config.fleet import ConfigError, FleetConfig, load_fleet
 from onboard.exit_status import EXIT_FAILED, EXIT_MIXED, EXIT_NO_ANSWER, EXIT_OK
 from onboard.plain_text import fitted, plain_line
@@ -65,7 +67,11 @@ def order(
 
 
 async def _connect_and_order(fleet: FleetConfig, intent: Intent, timeout_s: float) -> Results:
-    return await order_once(FleetClient(fleet), intent, timeout_s, say=_warn)
+    bus: BusSession | None = None
+    if longest_start_s(fleet, intent) is not None:
+        # The command ends no earlier than its search for a router.
+        bus = session(fleet, router_timeout_s=CONNECT_S)
+    return await order_once(FleetClient(fleet, bus=bus), intent, timeout_s, say=_warn)
 
 
 def _warn(sentence: str) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import functools
 import json
+import threading
 import time
 from collections.abc import Callable, Collection, Mapping
 from typing import Any
@@ -17,8 +18,10 @@ from groundstation.client import one_order
 from groundstation.client.client import FleetClient
 from groundstation.client.direct_mavlink import DirectCommand, DirectResult
 from groundstation.commands import order as give
+from onboard.bus.protocol import NoRouterError
 from onboard.config.fleet import FleetConfig, load_fleet
 from tests.groundstation.conftest import FakeBus
+from tests.onboard.bus.sessions import until
 
 FLEET = "configs/fleets/paper.toml"
 NOBODY = DirectResult(False, False, "PX4 did not answer either", has_answered=False)
@@ -61,8 +64,8 @@ def order(
                 sent_before.append(len(bus.orders))
             tell()
 
-        async def started() -> None:
-            await start()
+        async def started(longest_s: float | None = None) -> None:
+            await start(longest_s)
             for name in fleet.enabled_names:
                 if name in never_heard:
                     continue
@@ -123,6 +126,118 @@ def test_who_kills_the_top_of_a_column_reads_who_is_below(
     status = order(monkeypatch, "kill", "mav1", heights_m=column, heard_later=heard_later)
     assert status == 0
     assert capsys.readouterr().err == "mav1 falls on mav0, 1.5 m below.\n"
+
+
+DISARMED = DirectResult(True, True, "PX4 accepted it, and it is disarmed")
+
+
+def order_without_router(
+    monkeypatch: pytest.MonkeyPatch,
+    *words: str,
+    answers: Mapping[int, DirectResult],
+    without_direct: str = "",
+    opens: bool = False,
+) -> tuple[int, list[Any], list[DirectCommand]]:
+    """Give an order in a fleet whose router does not answer.
+
+    Args:
+        words: the order.
+        answers: PX4's answer to a direct command, by its system id; empty: none is sent.
+        without_direct: a vehicle without a direct endpoint.
+        opens: whether the router answers after the order was given.
+    Returns:
+        The exit status, the orders over the bus, and the commands straight to PX4.
+    """
+    fleet = load_fleet(FLEET)
+    vehicles = dict(fleet.vehicles)
+    if without_direct:
+        vehicles[without_direct] = structs.replace(vehicles[without_direct], direct=None)
+    section = structs.replace(fleet.fleet, routers=("tcp/127.0.0.1:1",))
+    fleet = structs.replace(fleet, fleet=section, vehicles=vehicles)
+
+    orders: list[Any] = []
+    commands: list[DirectCommand] = []
+    is_sent = threading.Event()
+
+    async def send(command: DirectCommand) -> DirectResult:
+        commands.append(command)
+        is_sent.set()
+        return answers[command.system_id]
+
+    def client(fleet: FleetConfig, **_: Any) -> FleetClient:
+        bus: Any = FakeBus(fleet)
+        bus.orders = orders
+        found = FleetClient(fleet, author="script", bus=bus, send=send)
+
+        def start() -> None:
+            if opens:
+                assert until(lambda: found._orders.has_open("mav0", ("land",)))
+                return
+            if answers:
+                assert is_sent.wait(5.0)
+            raise NoRouterError("No router of this fleet answers.")
+
+        bus.start = start
+        return found
+
+    monkeypatch.setattr(give, "load_fleet", lambda _: fleet)
+    monkeypatch.setattr(give, "FleetClient", client)
+    monkeypatch.setattr(one_order, "_SILENT_S", 0.05)
+    monkeypatch.setattr(one_order, "CONNECT_S", 0.05)
+    return main(["order", "--fleet", FLEET, *words]), orders, commands
+
+
+def test_without_a_router_a_kill_goes_straight_to_px4_and_ends_as_px4_confirms(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    answers = {1: DISARMED, 2: DirectResult(True, False, "PX4 accepted it"), 3: NOBODY}
+    status, orders, commands = order_without_router(monkeypatch, "kill", "all", answers=answers)
+    assert status == 50
+    assert not orders
+    assert sorted(command.system_id for command in commands) == [1, 2, 3]
+    lines = capsys.readouterr()
+    assert "no router of this fleet has answered within 0.05 s" in lines.err
+    assert lines.out.startswith("mav0: done.")
+    assert "mav1: failed." in lines.err
+    assert "mav2: failed." in lines.err
+
+    status, _, _ = order_without_router(monkeypatch, "kill", "mav2", answers=answers)
+    assert status == 10
+
+
+def test_without_a_router_a_kill_reaches_px4_beside_a_vehicle_without_direct_path(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    status, _, commands = order_without_router(
+        monkeypatch, "kill", "mav0,mav1", answers={1: DISARMED}, without_direct="mav1"
+    )
+    assert status == 50
+    assert [command.system_id for command in commands] == [1]
+    assert "mav1: no answer." in capsys.readouterr().err
+
+
+def test_a_router_that_answers_late_takes_a_landing_to_the_agent(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    status, orders, commands = order_without_router(
+        monkeypatch, "land", "mav0", answers={}, opens=True
+    )
+    assert status == 0
+    assert [vehicle for vehicle, _ in orders] == ["mav0"]
+    assert not commands
+    assert "mav0: done." in capsys.readouterr().out
+
+
+def test_other_orders_and_vehicles_without_direct_path_need_a_router(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    for words in (("hold", "all"), ("land", "mav1")):
+        status, _, commands = order_without_router(
+            monkeypatch, *words, answers={}, without_direct="mav1"
+        )
+        assert status == 10
+        assert not commands
+        assert "No router of this fleet answers." in capsys.readouterr().err
 
 
 def test_a_kill_is_sent_before_the_other_vehicles_are_heard(
