@@ -278,6 +278,8 @@ class Fleet(Group):
         if not await self.client.wait_for(are_ready, timeout_s):
             raise not_ready(self.state, self.names, self.client.now_ns(), timeout_s)
 
+        # The newest telemetry says who operates, and control may not have read it yet.
+        self.client.control.update(self.client.state)
         refusal = self.client.control.refusal("takeoff")
         if refusal is not None:
             raise NotReady(refusal, heard=True)

@@ -221,14 +221,17 @@ def clock_words(clock: WallClock, names: Sequence[str]) -> str:
         names: names of vehicles.
     """
     agreeing: dict[str, float] = {}  # vehicle -> largest possible difference of its clock [s]
-    others = []
+    differing = []
+    unmeasured = []
     for name in names:
         compared = clock.ahead_s(name)
-        if compared is not None and not clock_problem(clock, name):
+        if compared is None:
+            unmeasured.append(name)
+        elif clock_problem(clock, name):
+            differing.append(name)
+        else:
             ahead_s, error_s = compared
             agreeing[name] = abs(ahead_s) + error_s
-        else:
-            others.append(name)
 
     sentences = []
     if agreeing:
@@ -236,6 +239,9 @@ def clock_words(clock: WallClock, names: Sequence[str]) -> str:
         sentences.append(
             f"Same time within {within_s:.3f} s: {listed(list(agreeing), _MAX_NAMED)}."
         )
-    if others:
-        sentences.append(f"The clock differs, or is not reported: {listed(others, _MAX_NAMED)}.")
+    if differing:
+        sentences.append(f"The clock differs: {listed(differing, _MAX_NAMED)}.")
+    if unmeasured:
+        names_words = listed(unmeasured, _MAX_NAMED)
+        sentences.append(f"The clock is not measured yet, or not reported: {names_words}.")
     return " ".join(sentences)

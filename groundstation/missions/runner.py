@@ -363,11 +363,15 @@ class MissionRun:
 
         Raises:
             _NotBegun: a person has ordered that.
+            NotReady: another ground operates the fleet during a countdown.
         """
         waiting = asyncio.create_task(wait)
         try:
             while not waiting.done():
                 self._refuse_stopped(stops)
+                refusal = self.client.control.refusal("takeoff")
+                if refusal is not None and self.fleet.ground.countdown is not None:
+                    raise NotReady(refusal, heard=True)
                 await asyncio.wait({waiting}, timeout=_LOOK_S)
             self._refuse_stopped(stops)
             await waiting

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from groundstation.client.client import FleetClient
 from groundstation.client.wall_clock import WallClock
 from groundstation.mission_files.loading import mission_from_mapping
 from groundstation.mission_files.wall_time import local_now
@@ -97,9 +98,10 @@ def test_a_computer_that_tells_no_time_or_is_known_badly_starts_nothing() -> Non
 
 def test_whose_clocks_agree_is_said() -> None:
     clock = MovableClock()
-    clock.ahead = {"mav1": (-0.2, 0.01), "mav2": (7.0, 0.01)}
-    assert clock_words(clock, ("mav0", "mav1", "mav2")) == (
-        "Same time within 0.210 s: mav0, mav1. The clock differs, or is not reported: mav2."
+    clock.ahead = {"mav1": (-0.2, 0.01), "mav2": (7.0, 0.01), "mav3": None}
+    assert clock_words(clock, ("mav0", "mav1", "mav2", "mav3")) == (
+        "Same time within 0.210 s: mav0, mav1. The clock differs: mav2. "
+        "The clock is not measured yet, or not reported: mav3."
     )
 
 
@@ -153,6 +155,53 @@ async def test_a_countdown_that_is_stopped_starts_nothing(
     assert "An operator has stopped the countdown" in verdict.summary
     assert not bus.orders
     assert not run.fleet.ground.stop_countdown()
+
+
+ADA = "operator.1.ground-ada.ada"
+
+
+@pytest.mark.parametrize("at_once", [True, False])
+async def test_a_mission_of_a_fleet_that_another_ground_operates_ends_before_its_time(
+    fleet: FleetConfig, bus: Any, at_once: bool
+) -> None:
+    client = FleetClient(fleet, author="tester", bus=bus)
+    clock = client.wall_clock = MovableClock(client.now_ns)
+    said: list[str] = []
+    await client.start()
+    # the first telemetry comes just after this ground has looked who operates
+    client._control_due_ns = client.now_ns() + 60_000_000_000
+    if at_once:
+        bus.roles.see(ADA, True)
+    beat = asyncio.create_task(bus.beat())
+    run = MissionRun(make(fleet, HOP), client, at=clock.after(60.0), say=said.append)
+    flown = asyncio.create_task(run.run())
+    if not at_once:
+        assert await client.wait_for(lambda _: run.fleet.ground.countdown is not None, 5.0)
+        bus.roles.see(ADA, True)
+        client._control_due_ns = 0
+    verdict = await asyncio.wait_for(flown, 5.0)
+    beat.cancel()
+    await client.stop()
+
+    assert verdict.exit_status == 1
+    assert "operates this fleet" in verdict.summary
+    assert any("Starts at" in line for line in said) is not at_once
+    assert not bus.orders
+
+
+async def test_a_mission_that_begins_at_once_sees_who_operates_before_its_first_order(
+    fleet: FleetConfig, bus: Any
+) -> None:
+    client = FleetClient(fleet, author="tester", bus=bus)
+    await client.start()
+    client._control_due_ns = client.now_ns() + 60_000_000_000
+    bus.roles.see(ADA, True)
+    beat = asyncio.create_task(bus.beat())
+    verdict = await asyncio.wait_for(MissionRun(make(fleet, HOP), client).run(), 5.0)
+    beat.cancel()
+    await client.stop()
+    assert "operates this fleet" in verdict.summary
+    assert not bus.orders
 
 
 async def test_an_operator_stops_all_countdowns_of_parallel_steps(client: Any) -> None:
