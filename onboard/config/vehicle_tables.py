@@ -65,10 +65,11 @@ def vehicle_from_tables(
         ConfigError: A key is unknown or missing, the type is unknown, or a value has a wrong type.
     """
     key = f"vehicles.{name}"
-    if not re.fullmatch(r"[A-Za-z0-9_-]{1,40}", name):
+    # in a command, a word that begins with - is an option
+    if not re.fullmatch(r"[A-Za-z0-9_][A-Za-z0-9_-]{0,39}", name):
         raise ConfigError(
-            f"{path}: '{key}': a name has 1 to 40 of the characters A-Z a-z 0-9 _ -. Rename the "
-            "vehicle."
+            f"{path}: '{key}': a name has 1 to 40 of the characters A-Z a-z 0-9 _ -, and does "
+            "not begin with -. Rename the vehicle."
         )
 
     type_name = own.get("type", defaults.get("type", ""))

@@ -84,6 +84,7 @@ WRONG = [
     ("vehicles.mav1.autopilot", "udpin://127.0.0.1:14540", "vehicles.mav0.autopilot"),
     ("vehicles.mav1.autopilot", "14540", "udpin://127.0.0.1:14540"),
     ("vehicles.mav1.autopilot", "/dev/ttyACM0", "or as serial:///dev/ttyACM0:921600."),
+    ("vehicles.-1", {}, "and does not begin with -. Rename the vehicle."),
     ("vehicles.mav1.type", "glider", "[types.glider]"),
     ("vehicles.mav1.start_enu_m", [-1.4, -1.5, 0.0], "0.10 m apart"),
     ("vehicles.mav1.start_enu_m", [9.0, 0.0, 0.0], "outside fleet.geofence_m"),
