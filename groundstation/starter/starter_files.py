@@ -5,6 +5,7 @@ Both are checked as if they were flown now, before they are returned.
 
 from __future__ import annotations
 
+import contextlib
 import ipaddress
 import math
 import re
@@ -42,6 +43,7 @@ NOT_POSITIONS = {
 }
 HERE = "here"  # answer for the companions if agents and PX4s run on this machine
 MOST = 200  # vehicles; MAVLink has 255 system ids, and other programs use some of them
+_LAST_HOST = 254  # last number of the last address of a network; 255 means all of its computers
 _MAX_AT_50_HZ = 8  # vehicles that can send all their states over one radio channel
 _FIRST_PORT = 7460  # port of the first agent
 _FIRST_DIRECT_PORT = 18570  # port of the first PX4 past its companion
@@ -427,7 +429,8 @@ def companion_addresses(words: str, count: int) -> list[str]:
         One address for each vehicle.
 
     Raises:
-        ConfigError: the number of addresses is wrong, or the first one cannot be counted up.
+        ConfigError: the number of addresses is wrong, or the first one cannot be counted up within
+            its network.
     """
     if words == HERE:
         return ["127.0.0.1"] * count
@@ -435,12 +438,18 @@ def companion_addresses(words: str, count: int) -> list[str]:
     given = [word.strip() for word in words.split(",")]
     if len(given) == count:
         return given
-    try:
+    first: ipaddress.IPv4Address | None = None
+    with contextlib.suppress(ValueError):
         first = ipaddress.IPv4Address(given[0])
-        if len(given) == 1:
-            return [str(first + index) for index in range(count)]
-    except ValueError:
-        pass
+    if first is not None and len(given) == 1:
+        last_of_first = _LAST_HOST - count + 1
+        if not 1 <= first.packed[-1] <= last_of_first:
+            raise ConfigError(
+                f"--companions is '{words}'; counted up for {count} vehicles, addresses would not "
+                f"end in 1 to {_LAST_HOST}. Give a first address that ends in 1 to "
+                f"{last_of_first}, or all {count} with commas between."
+            )
+        return [str(first + index) for index in range(count)]
     raise ConfigError(
         f"--companions is '{words}'; give '{HERE}', the first address (192.168.1.11), from which "
         f"is counted up, or all {count} with commas between."

@@ -96,6 +96,8 @@ def test_the_first_fifty_vehicles_on_one_computer_have_px4s_ports() -> None:
         ({"spacing_m": float("nan")}, "between 0.1 and 100"),
         ({"companions": "one,two"}, "all 3 with commas"),
         ({"companions": "drone-one"}, "all 3 with commas"),
+        ({"companions": "192.168.1.253"}, "ends in 1 to 252, or all 3 with commas"),
+        ({"companions": "192.168.1.0"}, "ends in 1 to 252, or all 3 with commas"),
         ({"position": "gps", "origin": "47,8"}, "LATITUDE,LONGITUDE,ALTITUDE"),
         ({"name": 'a"b'}, "fleet.name"),
         ({"type": 'a"b'}, "--type"),
