@@ -74,9 +74,11 @@ def check_schema(data: Mapping[str, Any], path: str) -> None:
     """
     schema = data.get("schema", "missing")
     if isinstance(schema, bool) or schema != SCHEMA:  # True == 1
+        advice = f"Put 'schema = {SCHEMA}' on the first line."
+        if isinstance(schema, int) and schema > SCHEMA:
+            advice = "The file is for a newer Covey: read it with that one."
         raise ConfigError(
-            f"{path}: schema is {schema!r}, this version reads schema = {SCHEMA}. "
-            f"Put 'schema = {SCHEMA}' on the first line."
+            f"{path}: schema is {schema!r}, this version reads schema = {SCHEMA}. {advice}"
         )
 
 

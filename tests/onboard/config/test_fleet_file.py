@@ -150,8 +150,9 @@ WRONG = [
     ("vehicles.mav1.px4_params", {"NAV_DLL_ACT": -(2**31) - 1}, "is -2147483649; it must lie"),
     ("fleet.simulator", "tcp/127.0.0.1:65536", "'fleet.simulator' is 'tcp/127.0.0.1:65536'"),
     ("fleet.routers", ["tcp/10.0.0.1:70000"], "'fleet.routers[0]' is 'tcp/10.0.0.1:70000'"),
-    ("schema", 2, "schema"),
-    ("schema", True, "schema is True, this version reads schema = 1"),
+    ("schema", 2, "reads schema = 1. The file is for a newer Covey: read it with that one."),
+    ("schema", 0, "reads schema = 1. Put 'schema = 1' on the first line."),
+    ("schema", True, "schema is True, this version reads schema = 1. Put 'schema = 1' on"),
 ]
 
 
