@@ -12,6 +12,7 @@ import contextlib
 import inspect
 import math
 from collections.abc import AsyncIterator, Callable, Mapping, Sequence
+from numbers import Integral
 from typing import NamedTuple, get_args
 
 import numpy as np
@@ -371,7 +372,15 @@ class Group:
             yaw_deg: heading to turn to, counterclockwise from east; None: the present one.
             duration_s: duration of the move [s]; 0 leaves it to the vehicles' limits.
             timeout_s: longest wait [s].
+
+        Raises:
+            ConfigError: a vehicle stands where the position belongs.
         """
+        if isinstance(position_enu_m, str | Integral):
+            raise ConfigError(
+                f"move: {position_enu_m!r:.80} is no position, which comes first. To move one "
+                'vehicle, write: move((1.0, 0.0, 1.2), "mav0").'
+            )
         selected = self._selected(vehicles)
         intent = Move(
             vehicles=selected.names,

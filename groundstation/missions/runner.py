@@ -506,6 +506,8 @@ class MissionRun:
                 has_failed = name in error.results and not error.results[name].is_done
                 if has_failed and name not in self.fleet.ground.left_out:
                     return pilot_words(by_hand)
+        if isinstance(error, ConfigError):  # such as a value that makes no sense
+            return _with_line(str(error), error, self.mission.path)
         if isinstance(error, _FAILURES):
             return str(error)
         return _mistake(error, self.mission.path)
@@ -627,11 +629,23 @@ def _mistake(error: BaseException, path: str) -> str:
         The exception with the last line of the file that led to it; or, if it does not come from
         the file itself, its whole trace.
     """
-    file = Path(path).resolve()
-    frames = traceback.extract_tb(error.__traceback__)
-    lines = [frame.lineno for frame in frames if Path(frame.filename).resolve() == file]
-    if not lines or isinstance(error, BaseExceptionGroup):  # a group has several causes
+    if not _lines(error, path) or isinstance(error, BaseExceptionGroup):  # with several causes
         return "".join(traceback.format_exception(error)).strip()
 
     what = "".join(traceback.format_exception_only(error)).strip()
-    return f"{path}, line {lines[-1]}: {what}"
+    return _with_line(what, error, path)
+
+
+def _with_line(words: str, error: BaseException, path: str) -> str:
+    """Return words about an exception after the last line of a file that led to it, if one did."""
+    lines = _lines(error, path)
+    if not lines:
+        return words
+    return f"{path}, line {lines[-1]}: {words}"
+
+
+def _lines(error: BaseException, path: str) -> list[int | None]:
+    """Return the lines of a file that led to an exception, the last one at the end."""
+    file = Path(path).resolve()
+    frames = traceback.extract_tb(error.__traceback__)
+    return [frame.lineno for frame in frames if Path(frame.filename).resolve() == file]

@@ -55,6 +55,8 @@ WRONG: list[tuple[Callable[[Any], Any], str]] = [
     ),
     (lambda flown: flown.go_to({("mav0", 1): UP}), "'mav0, 1' names 2 vehicles for one position"),
     (lambda flown: flown.go_to({0.0: UP}), "type float names no vehicle"),
+    (lambda flown: flown.move("mav0", UP), "move: 'mav0' is no position, which comes first"),
+    (lambda flown: flown.move(0, UP), "move: 0 is no position, which comes first"),
     (lambda flown: flown.go_to({7: UP}), "'7' selects no vehicle: vehicles"),
     (lambda flown: flown.countdown(5), "'5' is no time of day. Write 21:30"),
     (lambda flown: flown.countdown(datetime.time(21)), "'21:00:00' is no time of day"),

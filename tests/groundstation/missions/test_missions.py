@@ -648,7 +648,7 @@ async def test_a_python_mission_that_waits_for_no_time_fails_in_words(
 
     verdict = await MissionRun(load_mission(path, fleet), client).run()
     assert verdict.exit_status == 1
-    assert f"wait: {duration_s} is no duration." in verdict.summary
+    assert f"{path}, line 2: wait: {duration_s} is no duration." in verdict.summary
 
 
 @pytest.mark.parametrize(
