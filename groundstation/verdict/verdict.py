@@ -100,6 +100,7 @@ class Verdict(msgspec.Struct, frozen=True):
     touchdowns: list[LandingSpeed] = []  # contacts of simulated vehicles, oldest first
     collided: list[str] = []  # simulated vehicles that have touched another one
     nearest_person: NearestPerson | None = None  # None: the motion capture saw no person
+    is_anybody_heard: bool = True  # whether any vehicle has sent telemetry
 
     @property
     def sentences(self) -> list[str]:
@@ -186,6 +187,7 @@ def judge(
         touchdowns=touchdowns,
         collided=collided,
         nearest_person=_nearest_person(fleet, report, begin_ns),
+        is_anybody_heard=any(view.telemetry is not None for view in state.vehicles.values()),
     )
 
 
@@ -257,7 +259,7 @@ def describe(verdict: Verdict) -> list[str]:
     landed_sentence = f"Landed and disarmed: {listed(landed) or 'nobody'}"
     if not_landed:
         landed_sentence += f"; NOT: {', '.join(not_landed)}"
-    if verdict.exit_status == EXIT_NO_ANSWER:
+    if verdict.exit_status == EXIT_NO_ANSWER or not verdict.is_anybody_heard:
         landed_sentence = "No vehicle was heard, so nothing is known of any"
     lines.append(f"{landed_sentence}.")
     lines += [

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 import pytest
 from msgspec.structs import replace
 
-from groundstation.fleet.state import LoggedEvent, Separation, initial
+from groundstation.fleet.state import LoggedEvent, Separation, fold, initial
 from groundstation.recording.flight_report import FlightReport, LoopTiming
 from groundstation.verdict.expectations import Expect, check
 from groundstation.verdict.observations import Arrival, FlightObservations, StepResult
@@ -18,7 +19,7 @@ from groundstation.verdict.verdict import (
     describe,
     judge,
 )
-from onboard.bus.schema import Event
+from onboard.bus.schema import Event, Telemetry
 from onboard.config.fleet import FleetConfig
 
 
@@ -157,6 +158,16 @@ def _observed(fleet: FleetConfig, **changes: Any) -> FlightObservations:
         "end_ns": 0,
     }
     return FlightObservations(**{**values, **changes})
+
+
+def test_of_vehicles_that_were_not_heard_before_an_interruption_nothing_is_said(
+    fleet: FleetConfig, make_telemetry: Callable[..., Telemetry]
+) -> None:
+    unheard = _observed(fleet, is_interrupted=True)
+    assert "No vehicle was heard, so nothing is known of any." in judge(unheard, Expect()).sentences
+    state = fold(initial(fleet), make_telemetry("mav0"), 5)
+    heard = _observed(fleet, is_interrupted=True, state=state)
+    assert "Landed and disarmed: mav0; NOT: mav1, mav2." in judge(heard, Expect()).sentences
 
 
 def test_a_mission_that_went_on_without_all_of_its_vehicles_has_not_passed(
