@@ -88,9 +88,9 @@ _DIRECT_ENDPOINT = re.compile(r"(udpin|udpout|tcp)://.+:\d+")
 _ALL_NETWORKS = re.compile(r"[a-z]+/(0\.0\.0\.0|\[::\]):")
 _KEYED = ("quic/", "tls/")  # schemes of endpoints whose links use keys
 
-# names that no vehicle of a fleet with keys may have, because the certificates of other nodes and
-# of the certificate authority use them
-_NODE_NAMES = ("ground", "viewer", "mocap", "corrections", "sitl", "router", "ca")
+# names that the keys of other nodes and of the certificate authority have; a fleet without keys may
+# get them later
+_KEY_NAMES = ("viewer", "mocap", "corrections", "router", "ca")
 
 # first words of node names; agents recognise the kind of a node by them
 _NODE_WORDS = ("ground", "watcher", "recorder", "sitl")
@@ -277,12 +277,6 @@ def _bus_problems(config: FleetConfig) -> Iterator[str]:
             f"{names} is without keys (tcp/ or udp/) among endpoints with keys. Use quic/ for all, "
             "or for none."
         )
-    clashes = sorted(set(_NODE_NAMES) & config.vehicles.keys())
-    if clashes:
-        yield (
-            f"A vehicle is named '{clashes[0]}', which is the name of another node's key. Give it "
-            "another name."
-        )
 
 
 def _port_of(endpoint: str) -> int:
@@ -445,6 +439,11 @@ def _name_problems(config: FleetConfig) -> Iterator[str]:
         if first_word in _NODE_WORDS:
             yield (
                 f"A vehicle is named '{name}', as nodes of the kind '{first_word}' are. Give it "
+                "another name."
+            )
+        if name in _KEY_NAMES:
+            yield (
+                f"A vehicle is named '{name}', which is the name of another node's key. Give it "
                 "another name."
             )
         if _ORDER_WORD.fullmatch(name.lower()):

@@ -310,6 +310,16 @@ def test_a_vehicle_whose_name_is_that_of_another_kind_of_node_is_refused(name: s
         fleet_from_mapping(data)
 
 
+@pytest.mark.parametrize("name", ["viewer", "mocap", "corrections", "router", "ca"])
+def test_a_vehicle_whose_name_is_that_of_another_nodes_key_is_refused_before_there_are_keys(
+    name: str,
+) -> None:
+    data = paper_data()
+    data["vehicles"][name] = data["vehicles"].pop("mav2")
+    with pytest.raises(ConfigError, match=f"'{name}', which is the name of another node's key"):
+        fleet_from_mapping(data)
+
+
 @pytest.mark.parametrize("name", ["all", "ALL", "Yaw", "0-1"])
 def test_a_vehicle_whose_name_has_another_meaning_in_orders_is_refused(name: str) -> None:
     data = paper_data()
