@@ -65,7 +65,7 @@ class BusFeed:
         self._is_scheduled = False  # whether the loop has been woken up for the queue
 
         self._loop: asyncio.AbstractEventLoop | None = None  # None before the start
-        self._opening: asyncio.Task[None] | None = None  # opens the bus
+        self._opening: asyncio.Task[None] | None = None  # opens the bus; None: the start waited
         self._is_open = False
         self._delivery: asyncio.TimerHandle | None = None
         self._clock_node = ClockNode(bus)
@@ -106,12 +106,13 @@ class BusFeed:
             return
 
         self._loop = asyncio.get_running_loop()
-        self._opening = self._loop.create_task(self._open_and_deliver(self._loop))
+        opening = self._open_and_deliver(self._loop)
         if longest_s is not None:
+            self._opening = self._loop.create_task(opening)
             await asyncio.wait([self._opening], timeout=longest_s)
             return
         try:
-            await self._opening
+            await opening
         except BusError:
             self._loop = None
             raise
