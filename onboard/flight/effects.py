@@ -191,7 +191,7 @@ def descend(flight: FlightContext, view: FlightView) -> None:
     """Brake, and go straight down to below the ground."""
     look_for_ground(flight, view)
     x, y, _ = stop_point(view, flight.vehicle, flight.fleet)
-    _expect_higher_ground(flight, x, y)
+    _expect_ground(flight, x, y)
 
     goal_z_m = _end_of_descent_m(flight, view)
     _, _, own_z_m = view.position_enu_m
@@ -288,7 +288,7 @@ def sink(flight: FlightContext, view: FlightView) -> None:
     look_for_ground(flight, view)
     flight.seen_goal = flight.goal
     x, y, _ = stop_point(view, flight.vehicle, flight.fleet)
-    _expect_higher_ground(flight, x, y)
+    _expect_ground(flight, x, y)
     _set_goal(flight, (x, y, flight.ground_z_m), 0.0)
 
 
@@ -324,13 +324,14 @@ def _set_ground(flight: FlightContext, position_enu_m: Xyz) -> None:
     flight.file_ground_m = float(ground_by_spots_m(flight.fleet, x, y))
 
 
-def _expect_higher_ground(flight: FlightContext, x_m: float, y_m: float) -> None:
+def _expect_ground(flight: FlightContext, x_m: float, y_m: float) -> None:
     """Raise the ground if by the fleet file it is higher here, as on a roof.
 
     Where it is lower by the fleet file, it may still be as high as at the take-off, because slopes
     are not known. There the vehicle sinks slowly from that height on.
     """
     here_m = float(ground_by_spots_m(flight.fleet, x_m, y_m))
+    flight.may_ground_be_lower = here_m < flight.file_ground_m
     if here_m > flight.file_ground_m:
         flight.ground_z_m += here_m - flight.file_ground_m
         flight.file_ground_m = here_m

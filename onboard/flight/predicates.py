@@ -271,7 +271,7 @@ def not_slowed_yet(flight: FlightContext, view: FlightView) -> bool:
 def touched_down(flight: FlightContext, view: FlightView) -> bool:
     """Return whether several signs have agreed for a moment that it stands on the ground."""
     since_begin_s = flight.seconds(view)
-    if not flight.vehicle.mocap_required:
+    if not flight.vehicle.mocap_required or flight.may_ground_be_lower:  # its height is no sign
         return since_begin_s > _BEGUN_S and contact.is_agreed_by_thrust(flight.contact, view)
 
     is_late = since_begin_s > flight.goal.duration_s + _LATE_DESCENT_S
@@ -354,8 +354,11 @@ def feels_for_ground(flight: FlightContext, view: FlightView) -> bool:
 
     _, _, z_m = view.position_enu_m
     if flight.vehicle.mocap_required:
-        is_under_ground = z_m - flight.ground_z_m < -contact.LOW_M
-        return is_under_ground and flight.seconds(view) > flight.goal.duration_s + _LATE_DESCENT_S
+        lower_from_m = -contact.LOW_M
+        if flight.may_ground_be_lower:
+            lower_from_m = contact.LOW_M
+        is_lower = z_m - flight.ground_z_m < lower_from_m
+        return is_lower and flight.seconds(view) > flight.goal.duration_s + _LATE_DESCENT_S
 
     above_m = z_m - flight.goal.position_enu_m.z
     return flight.seconds(view) > flight.goal.duration_s and above_m < _FEELS_WITHIN_M

@@ -9,12 +9,14 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
+from msgspec.structs import replace
 
 from onboard import agent_commands
+from onboard.agent.core import AgentCore
 from onboard.autopilot import Landed
 from onboard.flight.types import FlightStep
 from onboard.frames import body_up
-from tests.onboard.agent.rig import Rig, ready_rig
+from tests.onboard.agent.rig import Rig, fleet, ready_rig
 
 
 def _hover(height_m: float) -> Rig:
@@ -72,6 +74,28 @@ def test_a_landing_ends_on_ground_that_reads_lower_than_that_of_the_take_off() -
     rig.floor_m = -0.6  # a height by satellites that was too low: it seemed to stand, and falls
     rig.until("landed")
     assert rig.outcomes()["land"] == "done"
+
+
+@pytest.mark.parametrize("floor_m", [1.0, 0.0], ids=["on-the-roof", "in-the-yard"])
+def test_beside_its_spot_on_a_roof_it_lands_on_what_is_there(floor_m: float) -> None:
+    config = fleet()
+    on_roof = replace(config.vehicles["mav0"], start_enu_m=(0.0, 0.0, 1.0))
+    roof = replace(config, vehicles={**config.vehicles, "mav0": on_roof})
+    core = AgentCore(roof, "mav0", boot_id=7)
+    rig = Rig(core=core, floor_m=1.0, position=np.array([0.0, 0.0, 1.0]))
+    rig.until("ready")
+    rig.order("takeoff", height_m=2.0)
+    rig.until("flying")
+    rig.order("move", position_enu_m=(1.5, -1.5, 2.0), order_id="aside")
+    while "aside" not in rig.outcomes():
+        rig.step()
+
+    rig.floor_m = floor_m
+    rig.order("land", order_id="land")
+    assert _sink(rig, lambda: rig.position[2] <= floor_m) < 1.0
+    rig.until("landed")
+    assert rig.outcomes()["land"] == "done"
+    assert rig.count(agent_commands.Px4Land) == 0
 
 
 def test_contact_is_taken_back_when_the_vehicle_falls() -> None:

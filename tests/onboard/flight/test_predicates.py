@@ -368,6 +368,20 @@ def test_a_landing_is_late_a_second_after_its_plan(now_s: float, is_down: bool) 
     assert predicates.touched_down(flight, view) is is_down
 
 
+@pytest.mark.parametrize("height_m", [0.0, 0.2])
+def test_beside_a_roof_its_height_is_no_sign_of_contact(height_m: float) -> None:
+    now_s = 9.0
+    view = _view(now_s, position_enu_m=(0.0, 0.0, height_m), lift_share=0.96)
+    flight = _flight(goal=Goal(ZERO_3, 2.0, 1), contact=_stands(0, 1600, now_s))
+    assert predicates.touched_down(flight, view)
+    flight.may_ground_be_lower = True
+    assert not predicates.touched_down(flight, view)
+
+    # with little thrust it stands, as on a roof that is larger than the file knows
+    flight.contact = replace(flight.contact, light_ns=flight.contact.still_ns)
+    assert predicates.touched_down(flight, view)
+
+
 @pytest.mark.parametrize(("now_s", "counts"), [(0.601, True), (0.599, False)])
 def test_a_descent_without_poses_has_to_have_begun(now_s: float, counts: bool) -> None:
     contact = _stands(0, 400, now_s)
@@ -473,6 +487,15 @@ def test_with_a_mocap_it_sinks_on_slowly_where_it_ends_below_the_ground(
     goal = Goal(ZERO_3, 2.0, 1)
     view = _view(now_s, position_enu_m=(0.0, 0.0, height_m))
     assert predicates.feels_for_ground(_flight(goal=goal, ground_z_m=2.0), view) is feels
+
+
+@pytest.mark.parametrize(("height_m", "feels"), [(2.059, True), (2.061, False)])
+def test_beside_a_roof_it_sinks_on_slowly_from_the_height_of_the_roof(
+    height_m: float, feels: bool
+) -> None:
+    view = _view(3.001, position_enu_m=(0.0, 0.0, height_m))
+    beside = _flight(goal=Goal(ZERO_3, 2.0, 1), ground_z_m=2.0, may_ground_be_lower=True)
+    assert predicates.feels_for_ground(beside, view) is feels
 
 
 @pytest.mark.parametrize(
