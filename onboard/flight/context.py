@@ -71,7 +71,7 @@ class FlightContext:
     # ground is higher there
     ground_z_m: float = 0.0
     file_ground_m: float = 0.0  # height of the same ground by the fleet file
-    may_ground_be_lower: bool = False  # whether by the file it is lower where the vehicle lands
+    may_ground_be_lower: bool = False  # whether by the file it is clearly lower at the landing
     lowest_m: float = math.inf  # lowest height since the landing began, or since contact
     # height at which the search for the ground began: at the order to land, or at a contact
     contact_z_m: float = -math.inf

@@ -13,6 +13,7 @@ from onboard.config.ground import ground_by_spots_m
 from onboard.control.climb_duration import climb_duration_s
 from onboard.control.path import point_at
 from onboard.flight.arrival import stop_point
+from onboard.flight.contact import LOW_M
 from onboard.flight.context import FlightContext
 from onboard.flight.types import FlightView
 from onboard.tuples import Xyz
@@ -331,7 +332,7 @@ def _expect_ground(flight: FlightContext, x_m: float, y_m: float) -> None:
     are not known. There the vehicle sinks slowly from that height on.
     """
     here_m = float(ground_by_spots_m(flight.fleet, x_m, y_m))
-    flight.may_ground_be_lower = here_m < flight.file_ground_m
+    flight.may_ground_be_lower = here_m < flight.file_ground_m - LOW_M
     if here_m > flight.file_ground_m:
         flight.ground_z_m += here_m - flight.file_ground_m
         flight.file_ground_m = here_m

@@ -254,6 +254,20 @@ def test_a_landing_beside_a_roof_expects_the_height_of_the_roof_and_has_time_to_
     assert _limit_s(flight) == pytest.approx(20.0 + 3.0 * flight.goal.duration_s + 2.0 / 0.4)
 
 
+@pytest.mark.parametrize(("spot_m", "may_be_lower"), [(0.061, True), (0.059, False), (0.0, False)])
+def test_ground_a_few_centimetres_lower_is_the_same_ground(
+    spot_m: float, may_be_lower: bool
+) -> None:
+    fleet = _with_roof(spot_m)
+    spot = fleet.vehicles["mav1"].start_enu_m
+    flight = _flight(fleet=fleet)
+    effects.lift_off(flight, _view(*spot))
+    effects.descend(flight, _view(9.0, 9.0, 4.0))
+    assert flight.may_ground_be_lower is may_be_lower
+    effects.descend(flight, _view(*spot))
+    assert not flight.may_ground_be_lower
+
+
 def test_a_landing_from_below_the_ground_does_not_climb_and_takes_a_second() -> None:
     flight = _flight(ground_z_m=0.5)
     effects.descend(flight, _view(z=0.2))
