@@ -36,7 +36,7 @@ from groundstation.fleet.state import (
     ReceivedMessage,
     fold_batch,
     initial,
-    without_distances,
+    without_earlier_flights,
 )
 from groundstation.fleet.tick_stream import BusTickStream
 from groundstation.orders.grammar import OrderError, default_formation, parse
@@ -631,9 +631,9 @@ class FleetClient:
         """
         self._held = held
 
-    def forget_distances(self) -> None:
-        """Forget the smallest distances so far; a mission counts only its own."""
-        self._state = without_distances(self._state)
+    def forget_earlier_flights(self) -> None:
+        """Forget smallest distances and refused laws so far; a mission counts only its own."""
+        self._state = without_earlier_flights(self._state)
 
     def _take_batch(self, batch: Sequence[ReceivedMessage]) -> None:
         """Fold a batch into the state, update the control, end orders, and call the listeners."""

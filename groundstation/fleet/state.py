@@ -54,6 +54,7 @@ MAX_TOUCHDOWNS = 500
 GROUND_STALLED = "ground_stalled"  # code of the event that the ground itself has stood still
 # code of the event that PX4 itself reports, on the ground's own link to it, that it is disarmed
 DIRECT_DISARMED = "direct_disarmed"
+LAW_REFUSED = "own-law-refused"  # code of the event of an agent that flies Covey's law instead
 TELEMETRY_STALE_NS = int(TOPICS[Topic.TELEMETRY].stale_after_s * 1e9)
 PREFLIGHT_STALE_NS = int(TOPICS[Topic.PREFLIGHT].stale_after_s * 1e9)
 PERSON_STALE_NS = int(TOPICS[Topic.ALL_POSES].stale_after_s * 1e9)
@@ -121,6 +122,8 @@ class VehicleView(Struct, frozen=True):
     blind_ns: int = _NEVER  # last time at which it reported a flight without a position
     # whether it was armed or in the air, as far as known, when its agent started anew
     has_restarted_in_flight: bool = False
+    # why Covey's law has flown it in place of the user's own in this mission; empty: it has not
+    law_refusal: str = ""
 
     def has_preflight(self, now_ns: int) -> bool:
         """Whether the last preflight report is recent enough to be shown as present.
@@ -340,9 +343,23 @@ class FleetState(Struct, frozen=True):
         return tuple(name for name, view in self.vehicles.items() if view.is_airborne)
 
 
-def without_distances(state: FleetState) -> FleetState:
-    """Return the state without the distances so far, for the start of another mission."""
-    return replace(state, smallest=None, smallest_truth=None, unknown_times=())
+def without_earlier_flights(state: FleetState) -> FleetState:
+    """Return the state without what counts for one flight only, for the start of another mission.
+
+    That is the distances so far, and the laws that were refused on vehicles which have landed.
+    """
+    vehicles = {}
+    for name, view in state.vehicles.items():
+        if not view.is_airborne:
+            view = replace(view, law_refusal="")
+        vehicles[name] = view
+    return replace(
+        state,
+        vehicles=MappingProxyType(vehicles),
+        smallest=None,
+        smallest_truth=None,
+        unknown_times=(),
+    )
 
 
 def initial(fleet: FleetConfig) -> FleetState:
@@ -418,17 +435,18 @@ def _fold_poses(state: FleetState, message: MocapPoses, now_ns: int) -> FleetSta
 
 
 def _fold_event(state: FleetState, message: Event, now_ns: int) -> FleetState:
-    """Keep an event, and note the time if it says that PX4 itself has reported a disarm."""
+    """Keep an event, and note for longer that PX4 has reported a disarm, or a law was refused."""
     earlier_events = state.events[-(MAX_EVENTS - 1) :]
     state = replace(state, events=(*earlier_events, LoggedEvent(now_ns, message)))
 
     view = state.vehicles.get(message.vehicle)
     if view is None:
         return state
-    disarmed_ns = view.direct_disarmed_ns
     if message.code == DIRECT_DISARMED:
-        disarmed_ns = now_ns
-    return _with_view(state, replace(view, direct_disarmed_ns=disarmed_ns))
+        view = replace(view, direct_disarmed_ns=now_ns)
+    elif message.code == LAW_REFUSED:
+        view = replace(view, law_refusal=message.sentence)
+    return _with_view(state, view)
 
 
 # -- many messages ---------------------------------------------------------------------------------

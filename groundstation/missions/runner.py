@@ -315,7 +315,7 @@ class MissionRun:
             await self._wait(self.fleet.countdown(self._at), stops)
             await self._wait(self.fleet.ready(_STILL_READY_S), stops)
 
-        self.client.forget_distances()
+        self.client.forget_earlier_flights()
         self.client.forget_formation()
         self._observations.earlier_touchdowns = self.client.state.touchdowns
         self._observations.earlier_collided = collided_vehicles(self.client.state)

@@ -37,7 +37,6 @@ from onboard.exit_status import (
 from onboard.plain_text import listed
 
 _MAX_LOOPS = 4  # the loop periods of up to this many vehicles are all stated; of more, the longest
-_LAW_REFUSED = "own-law-refused"  # code of the event of an agent that flies Covey's law instead
 
 
 class SmallestSeparation(msgspec.Struct, frozen=True):
@@ -515,9 +514,7 @@ def _exit_status(
 def _law_refusals(flown: FlightObservations) -> dict[str, str]:
     """Return the vehicles on which Covey's law flew instead of the user's own, each with why."""
     return {
-        logged.event.vehicle: logged.event.sentence
-        for logged in flown.state.events
-        if logged.event.code == _LAW_REFUSED
+        name: view.law_refusal for name, view in flown.state.vehicles.items() if view.law_refusal
     }
 
 

@@ -8,7 +8,13 @@ from typing import Any
 import pytest
 from msgspec.structs import replace
 
-from groundstation.fleet.state import LoggedEvent, Separation, fold, initial
+from groundstation.fleet.state import (
+    MAX_EVENTS,
+    Separation,
+    fold,
+    initial,
+    without_earlier_flights,
+)
 from groundstation.recording.flight_report import FlightReport, LoopTiming
 from groundstation.verdict.expectations import Expect, check
 from groundstation.verdict.observations import Arrival, FlightObservations, StepResult
@@ -232,24 +238,31 @@ def test_a_mission_in_which_vehicles_touched_each_other_has_not_passed(
 
 
 def test_a_flight_in_which_an_own_law_was_replaced_has_not_passed(fleet: FleetConfig) -> None:
-    events = tuple(
-        LoggedEvent(
-            received_ns=1,
-            event=Event(
-                vehicle=name,
-                stamp_ns=1,
-                severity="warning",
-                code="own-law-refused",
-                sentence="my_law:law raised NameError: oops.",
-            ),
+    state = initial(fleet)
+    for name in ("mav2", "mav1"):
+        refusal = Event(
+            vehicle=name,
+            stamp_ns=1,
+            severity="warning",
+            code="own-law-refused",
+            sentence="my_law:law raised NameError: oops.",
         )
-        for name in ("mav2", "mav1")
-    )
-    verdict = judge(_observed(fleet, state=replace(initial(fleet), events=events)), Expect())
+        state = fold(state, refusal, 1)
+
+    # as many events follow as the state keeps
+    note = Event(vehicle="mav0", stamp_ns=2, severity="debug", code="note", sentence="A note.")
+    for _ in range(MAX_EVENTS):
+        state = fold(state, note, 2)
+
+    verdict = judge(_observed(fleet, state=state), Expect())
     assert not verdict.passed
     assert verdict.exit_status == 1
     words = "flew in place of the user's own on mav1, mav2: my_law:law raised NameError: oops."
     assert words in verdict.summary
+
+    # the next mission of the same fleet flies anew, and counts only the refusals of its own flights
+    state = without_earlier_flights(state)
+    assert judge(_observed(fleet, state=state), Expect()).passed
 
 
 def test_vehicles_that_came_nearer_than_the_fleet_file_says_have_passed_without_an_expectation(
