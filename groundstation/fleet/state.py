@@ -25,6 +25,7 @@ from groundstation.fleet.touchdown import (
     Touchdown,
     is_flown_blind,
     touchdown_of,
+    with_touchdowns,
 )
 from groundstation.fleet.unknown_time import (
     FASTEST_SHARE,
@@ -50,7 +51,6 @@ from onboard.config.pair_separation import separation_m
 from onboard.tuples import Xyz
 
 MAX_EVENTS = 500
-MAX_TOUCHDOWNS = 500
 GROUND_STALLED = "ground_stalled"  # code of the event that the ground itself has stood still
 # code of the event that PX4 itself reports, on the ground's own link to it, that it is disarmed
 DIRECT_DISARMED = "direct_disarmed"
@@ -263,7 +263,8 @@ class FleetState(Struct, frozen=True):
     smallest: Separation | None = None
     smallest_truth: Separation | None = None  # the same by ground truth; None outside simulation
     unknown_times: tuple[UnknownTime, ...] = ()  # times of unknown distances, oldest first
-    # contacts with the ground at the ends of flights, oldest first; simulation only
+    # contacts with the ground at the ends of flights, oldest first: of very many, the hardest ones;
+    # simulation only
     touchdowns: tuple[Touchdown, ...] = ()
     # numbers of messages that could not be used, as in onboard/message_counts.py
     malformed: int = 0
@@ -661,8 +662,7 @@ def fold_truths(state: FleetState, messages: Sequence[Truth], now_ns: int) -> Fl
         updated.add(view.name)
 
     if touchdowns:
-        newest_touchdowns = (*state.touchdowns, *touchdowns)[-MAX_TOUCHDOWNS:]
-        state = replace(state, touchdowns=newest_touchdowns)
+        state = replace(state, touchdowns=with_touchdowns(state.touchdowns, touchdowns))
     if not updated:
         return state
     state = replace(state, vehicles=MappingProxyType(vehicles))

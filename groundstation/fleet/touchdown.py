@@ -6,6 +6,8 @@ the vehicle knew its height, and on whether its agent flew it or PX4 alone.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 from msgspec import Struct
 
 from onboard.bus.schema import Telemetry, Truth
@@ -17,6 +19,8 @@ LIMIT_BY_POSES_M_S = 0.8
 LIMIT_BY_SATELLITES_M_S = 1.0
 LIMIT_BLIND_M_S = 1.2
 LIMIT_BY_PX4_M_S = 1.6  # PX4's own landing without poses; of 33 with SIH, 32 stayed below
+
+MAX_KEPT = 500  # most contacts that are kept: the hardest ones
 
 # A position that returns in this time before the contact comes too late to slow the vehicle down.
 SIGHT_RETURNED_NS = 1_000_000_000
@@ -49,11 +53,19 @@ class Touchdown(Struct, frozen=True):
         Args:
             vehicle: entry of the vehicle in the fleet file.
         """
+        return self._limit_m_s(has_poses=vehicle.mocap_required)
+
+    @property
+    def hardness(self) -> float:
+        """The speed over the largest one that it may have, in a fleet with poses."""
+        return self.speed_m_s / self._limit_m_s(has_poses=True)
+
+    def _limit_m_s(self, *, has_poses: bool) -> float:
         if self.is_by_px4:
             return LIMIT_BY_PX4_M_S
         if self.is_blind:
             return LIMIT_BLIND_M_S
-        if vehicle.mocap_required:
+        if has_poses:
             return LIMIT_BY_POSES_M_S
         return LIMIT_BY_SATELLITES_M_S
 
@@ -138,3 +150,18 @@ def touchdown_of(
         is_blind=is_blind,
         is_by_px4=is_by_px4,
     )
+
+
+def with_touchdowns(
+    contacts: tuple[Touchdown, ...], newest: Sequence[Touchdown]
+) -> tuple[Touchdown, ...]:
+    """Return the contacts with some more; if there are too many, drop the softest ones.
+
+    Args:
+        contacts: contacts so far, oldest first.
+        newest: the newest contacts.
+    """
+    kept = [*contacts, *newest]
+    while len(kept) > MAX_KEPT:
+        kept.remove(min(kept, key=lambda contact: contact.hardness))
+    return tuple(kept)

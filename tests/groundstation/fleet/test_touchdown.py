@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import msgspec
 import pytest
+from msgspec.structs import replace
 
 from groundstation.fleet.state import fold, fold_truths, initial
 from groundstation.fleet.touchdown import (
@@ -11,6 +12,7 @@ from groundstation.fleet.touchdown import (
     LIMIT_BY_POSES_M_S,
     LIMIT_BY_PX4_M_S,
     LIMIT_BY_SATELLITES_M_S,
+    MAX_KEPT,
     Touchdown,
 )
 from onboard.config.fleet import load_fleet
@@ -117,3 +119,21 @@ def test_a_contact_counts_when_its_ground_truth_comes_twice_in_a_batch() -> None
     state = fold_truths(state, (contact, contact), 2)
 
     assert [touchdown.speed_m_s for touchdown in state.touchdowns] == [0.9]
+
+
+def test_falls_and_hard_landings_outlast_any_number_of_soft_ones() -> None:
+    fall = Touchdown("mav0", 1, 5.0, had_thrust=False)
+    hard = Touchdown("mav1", 2, 0.9)
+    by_px4 = Touchdown("mav2", 3, 1.2, is_by_px4=True)
+
+    state = replace(initial(FLEET), touchdowns=(fall, by_px4, hard, *[by_px4] * (MAX_KEPT - 3)))
+    state = fold(state, truth("mav0", 1, 0.0), 1)
+    for number in (1, 2):
+        contact = replace(
+            truth("mav0", 1 + number, 0.0), touchdowns=number, touchdown_m_s=2.0, had_thrust=False
+        )
+        state = fold(state, contact, 1 + number)
+
+    assert len(state.touchdowns) == MAX_KEPT
+    assert state.touchdowns[:2] == (fall, hard)
+    assert [touchdown.speed_m_s for touchdown in state.touchdowns[-2:]] == [2.0, 2.0]
