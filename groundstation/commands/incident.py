@@ -62,8 +62,8 @@ def incident(
         moment = find_moment(flight, config, timeline)
         account = account_of(timeline, config, moment, before)
         begin_ns = timeline.begin_ns
-        if timeline.broken:
-            print(timeline.broken)
+        for note in timeline.notes:
+            print(note)
 
     verdict = written_verdict(record_path(flight).parent)
     if isinstance(verdict.get("summary"), str):

@@ -132,8 +132,8 @@ class ReplayApp(ConsoleApp):
 
     def on_mount(self) -> None:
         """Begin at the given time; Textual also calls the console's own ``on_mount``."""
-        if self.replay.timeline.broken:
-            self.panels.events.add(self.replay.timeline.broken, SEVERITY_SIGNS["warning"])
+        for note in self.replay.timeline.notes:
+            self.panels.events.add(note, SEVERITY_SIGNS["warning"])
         if self._begin_s > 0.0:
             self._seek(self._begin_s)
 

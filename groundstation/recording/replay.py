@@ -401,7 +401,7 @@ def _summary(replay: Replay) -> dict[str, Any]:
         "record": str(timeline.path),
         "length_s": round(timeline.length_s, 3),
         "is_whole": not timeline.broken,
-        "note": timeline.broken,
+        "note": " ".join(timeline.notes),
         "vehicles": _vehicles_with_telemetry(state),
         "smallest": smallest,
         "malformed": timeline.malformed + state.malformed,
@@ -428,8 +428,7 @@ def _summary_lines(replay: Replay) -> list[str]:
 
     count = len(_vehicles_with_telemetry(state))
     lines.append(f"{timeline.length_s:.1f} s of {count} vehicles in {timeline.path}.")
-    if timeline.broken:
-        lines.append(timeline.broken)
+    lines += timeline.notes
     return lines
 
 

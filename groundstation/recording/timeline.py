@@ -44,7 +44,8 @@ from onboard.config.file_reading import RECORD, opened
 from onboard.config.fleet import ConfigError
 from onboard.plain_text import natural_sort_key
 
-MAX_EVENTS = 20_000
+MAX_MINOR_EVENTS = 20_000  # most debug and info events that are kept
+MAX_ALARMS = 100_000  # most warnings and critical events that are kept
 # Messages of a chunk were written within seconds; stamps further apart than this come from two
 # clocks.
 CLOCK_APART_NS = 5_000_000_000
@@ -146,7 +147,9 @@ class Timeline:
         self.broken = ""  # sentence about the first damage of the record; empty if it is whole
         self.made_by: dict[str, str] = {}  # program, version and start; empty in older records
         self.malformed = 0  # messages that could not be decoded
-        self.events: list[tuple[int, Event]] = []  # (stamp, event), sorted, at most MAX_EVENTS
+        self.events: list[tuple[int, Event]] = []  # (stamp, event), sorted, up to the limits above
+        self.left_out_events = 0  # number of later events that are beyond the limits
+        self._alarms = 0  # number of warnings and critical events among the events
         self._channels: dict[int, _RecordChannel] = {}
         self._schemas: dict[int, str] = {}
         self._chunks: list[_Chunk] = []
@@ -177,6 +180,20 @@ class Timeline:
     def length_s(self) -> float:
         """Seconds from the first stamp to the last."""
         return (self.end_ns - self.begin_ns) * 1e-9
+
+    @property
+    def notes(self) -> list[str]:
+        """Sentences about what is missing in the record or in its events; empty if all is there."""
+        notes = []
+        if self.broken:
+            notes.append(self.broken)
+        if self.left_out_events:
+            notes.append(
+                f"{self.left_out_events} events are left out: of debug and info events the first"
+                f" {MAX_MINOR_EVENTS} are kept, of warnings and critical events the first"
+                f" {MAX_ALARMS}."
+            )
+        return notes
 
     def close(self) -> None:
         """Close the file."""
@@ -322,8 +339,22 @@ class Timeline:
 
     def _read_events(self, number: int) -> None:
         for recorded in self.messages(number, frozenset(("event",))):
-            if isinstance(recorded.message, Event) and len(self.events) < MAX_EVENTS:
-                self.events.append((recorded.stamp_ns, recorded.message))
+            if isinstance(recorded.message, Event):
+                self._keep_event(recorded.stamp_ns, recorded.message)
+
+    def _keep_event(self, stamp_ns: int, event: Event) -> None:
+        """Keep an event, or count it if there are too many; few are warnings or critical."""
+        is_alarm = event.severity in ("warning", "critical")
+        if is_alarm:
+            is_kept = self._alarms < MAX_ALARMS
+        else:
+            is_kept = len(self.events) - self._alarms < MAX_MINOR_EVENTS
+
+        if not is_kept:
+            self.left_out_events += 1
+            return
+        self.events.append((stamp_ns, event))
+        self._alarms += is_alarm
 
     # -- the messages ------------------------------------------------------------------------------
 

@@ -11,9 +11,12 @@ import pytest
 
 from groundstation.cli import main
 from groundstation.recording import record_list
+from groundstation.recording import timeline as timeline_module
 from groundstation.recording.record_list import contents, flight_folders, summary
 from groundstation.recording.timeline import Timeline
-from tests.groundstation.report.made_up import rows, story, write
+from onboard.bus.schema import Event, Severity
+from onboard.bus.topics import Topic
+from tests.groundstation.report.made_up import BEGIN_NS, rows, story, write
 
 
 @pytest.fixture
@@ -63,6 +66,33 @@ def test_each_channel_has_its_number_of_messages(flights: Path) -> None:
     assert counts["tick/mav0"] == 100
     assert counts["telemetry/mav1"] == 20
     assert counts["order/mav0"] == 1
+
+
+def test_of_very_many_events_the_last_alarms_are_kept(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(timeline_module, "MAX_MINOR_EVENTS", 3)
+    told = rows(length_s=2.0)
+    severities: list[Severity] = ["debug", "info", "debug", "info", "debug", "warning", "critical"]
+    for number, severity in enumerate(severities):
+        event = Event(
+            vehicle="mav0",
+            stamp_ns=BEGIN_NS + number,
+            severity=severity,
+            code="made-up",
+            sentence=f"Event {number}.",
+        )
+        told.append((BEGIN_NS + number, Topic.EVENT, "mav0", event))
+    flight = write(tmp_path, told)
+
+    with contextlib.closing(Timeline(flight)) as timeline:
+        kept = [event.severity for _, event in timeline.events]
+    assert kept == ["debug", "info", "debug", "warning", "critical"]
+
+    assert main(["log", "info", str(flight)]) == 0
+    words = capsys.readouterr().out
+    assert "7 events, 1 of them warnings and 1 critical." in words
+    assert "2 events are left out: of debug and info events the first 3 are kept" in words
 
 
 def test_info_says_that_a_record_is_damaged_in_its_middle(
