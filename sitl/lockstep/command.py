@@ -35,7 +35,7 @@ def fly_mission(mission: Mission, folder: Path, simulation: SimulationSettings) 
 
     with termination_signals_as_ctrl_c(), open_flight(mission.fleet, simulation, folder) as flight:
         begin_s = time.perf_counter()
-        record_digests(flight, folder)
+        record_digests(flight)
 
         def say(line: str) -> None:
             print(f"{flight.time_s:6.1f} s  {line}", flush=True)

@@ -52,7 +52,7 @@ class LockstepRecord:
         try:
             self._files.write(topic, name, message, received_ns)
         except OSError as error:
-            self._fail(error)
+            self.fail(error)
 
     @property
     def end(self) -> RecordEnd:
@@ -69,12 +69,16 @@ class LockstepRecord:
             files.finish()
             self.written = files.written
         except OSError as error:
-            self._fail(error)
+            self.fail(error)
         self._files = None
         files.close()
 
-    def _fail(self, error: OSError) -> None:
-        """End the record after a failure of the disk, and report it once."""
+    def fail(self, error: OSError) -> None:
+        """End the record after a failure of the disk, and report it once.
+
+        Args:
+            error: what happened while a file of the record's folder was written.
+        """
         files = self._files
         self._files = None
         if files is None:

@@ -54,15 +54,13 @@ class _Comparison:
     """Writes the digests of a flight, and compares them with those of a recorded one.
 
     Args:
-        flight: the flight that is flown.
+        flight: the flight that is flown; its digests are written if it is recorded.
         digests: the recorded digests by second; empty if there is no recorded flight.
-        folder: the folder to which the flight's own digests are written; None writes none.
     """
 
-    def __init__(self, flight: Lockstep, digests: dict[str, str], folder: Path | None) -> None:
+    def __init__(self, flight: Lockstep, digests: dict[str, str]) -> None:
         self._flight = flight
         self._digests = digests
-        self._folder = folder
         self.equal_until_s = 0.0  # second of the last digest before any that differs
         self.differs_from_s = math.inf  # second of the first digest that differs
         self._compare_later(DIGEST_EVERY_S)
@@ -72,8 +70,7 @@ class _Comparison:
 
     def _compare(self, at_s: float) -> None:
         own = digest(self._flight.simulation)
-        if self._folder is not None:
-            write_digest(self._folder, at_s, own)
+        self._write(at_s, own)
 
         recorded = self._digests.get(second_word(at_s))
         if recorded == own and math.isinf(self.differs_from_s):
@@ -83,10 +80,20 @@ class _Comparison:
 
         self._compare_later(at_s + DIGEST_EVERY_S)
 
+    def _write(self, at_s: float, own: str) -> None:
+        """Write a digest beside the record; as for the record, a failure ends no flight."""
+        record = self._flight.record
+        if record is None or record.failure is not None:
+            return
+        try:
+            write_digest(record.folder, at_s, own)
+        except OSError as error:
+            record.fail(error)
 
-def record_digests(flight: Lockstep, folder: Path) -> None:
-    """Write the digests of a flight into its folder while it is flown."""
-    _Comparison(flight, {}, folder)
+
+def record_digests(flight: Lockstep) -> None:
+    """Write the digests of a flight into the folder of its record while it is flown."""
+    _Comparison(flight, {})
 
 
 def fly_again(
@@ -127,7 +134,7 @@ def fly_again(
     with open_flight(fleet, origin.settings, folder) as flight:
         say(_beginning(flown, folder, resume_at_s))
         flight.say = lambda line: say(f"{flight.time_s:6.1f} s  {line}")
-        comparison = _Comparison(flight, flown.digests, folder)
+        comparison = _Comparison(flight, flown.digests)
         if resume_at_s is not None:
             flight.at(resume_at_s, lambda: _refuse_another_flight(comparison, resume_at_s))
         verdict = flight.fly(mission, stays=True, longest_stay_s=longest_stay_s(origin.settings))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 import signal
 from collections.abc import Iterator
 from pathlib import Path
@@ -14,8 +15,10 @@ from groundstation.flights.simulation_settings import SimulationSettings
 from groundstation.mission_files.mission import Mission
 from groundstation.recording.record_list import written_verdict
 from sitl.lockstep import command
-from sitl.lockstep.reflight import fly_again
+from sitl.lockstep.flight import Lockstep
+from sitl.lockstep.reflight import fly_again, record_digests
 from sitl.lockstep.simulated_flight import longest_stay_s, never_happened, open_flight
+from sitl.lockstep.state_digest import DIGEST_EVERY_S
 
 _LANDED = {"mav0": True, "mav1": True, "mav2": True}
 _HOVER = """\
@@ -104,6 +107,19 @@ def test_a_flight_that_is_ended_while_it_starts_ends_as_by_ctrl_c(
 
     monkeypatch.setattr(command, "open_flight", end)
     assert main(["fly", "paper", "--lockstep", "--record", str(tmp_path / "flight")]) == 130
+
+
+def test_a_flight_whose_folder_vanishes_goes_on_and_its_record_has_failed(tmp_path: Path) -> None:
+    folder = tmp_path / "flight"
+    with Lockstep("paper", folder=folder) as flight:
+        record_digests(flight)
+        shutil.rmtree(folder)
+        flight.run(2.0 * DIGEST_EVERY_S + 1.0)
+
+        assert flight.record is not None
+        assert flight.record.end.failure is not None
+        assert f"{folder} cannot be written" in flight.record.end.failure
+        assert [event.code for event in flight.events].count("record_failed") == 1
 
 
 def test_what_was_planned_for_after_the_end_is_said() -> None:
