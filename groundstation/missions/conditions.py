@@ -9,12 +9,13 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from typing import NamedTuple
 
 from groundstation.fleet.places import by_vehicle, out_of_service, vehicles_at
 from groundstation.fleet.state import FleetState, LoggedEvent, VehicleView
 from groundstation.missions.argument_checks import as_mapping, as_position, check_number
+from onboard.bus.schema import Event
 from onboard.config.fleet import ConfigError
 from onboard.config.pair_separation import separation_m
 from onboard.tuples import Xyz
@@ -31,6 +32,34 @@ class FleetMoment(NamedTuple):
     state: FleetState
     now_ns: int  # the ground's monotonic clock
     begin_ns: int  # start of the wait on the same clock
+    # events since the start of the wait: the first of each vehicle, code and severity
+    events: Collection[Event] = ()
+
+
+class EventsOfWait:
+    """The events since the start of a wait, however many there are: one of each kind.
+
+    Args:
+        begin_ns: start of the wait, on the ground's monotonic clock [ns].
+    """
+
+    def __init__(self, begin_ns: int) -> None:
+        self._begin_ns = begin_ns
+        self._last: LoggedEvent | None = None  # the newest one that was read
+        self._events: dict[tuple[str, str, str], Event] = {}  # vehicle, code, severity -> event
+
+    def until(self, state: FleetState) -> Collection[Event]:
+        """Return the events until now; called with every state, since states keep the newest only.
+
+        Args:
+            state: the fleet as known now.
+        """
+        for logged in state.events_after(self._last):
+            event = logged.event
+            if logged.received_ns >= self._begin_ns:
+                self._events.setdefault((event.vehicle, event.code, event.severity), event)
+            self._last = logged
+        return self._events.values()
 
 
 class WaitCondition(NamedTuple):
@@ -201,21 +230,17 @@ def event(code: str, vehicles: Iterable[str] | str | None = None) -> WaitConditi
     """
     names = _names(vehicles)
 
-    def has_code(logged: LoggedEvent) -> bool:
+    def has_code(event: Event) -> bool:
         if code == "*":
-            return logged.event.severity in ("warning", "critical")
-        return logged.event.code == code
+            return event.severity in ("warning", "critical")
+        return event.code == code
 
     def has_come(moment: FleetMoment) -> bool:
-        events = [
-            logged
-            for logged in moment.state.events
-            if logged.received_ns >= moment.begin_ns and has_code(logged)
-        ]
+        events = [event for event in moment.events if has_code(event)]
         if names is None:
             return bool(events)
         views = _views(moment, names)
-        return any(logged.event.vehicle in views for logged in events)
+        return any(event.vehicle in views for event in events)
 
     return WaitCondition(
         f"event '{code}' of {_vehicle_words(names)}", has_come, lambda _: "none has come"

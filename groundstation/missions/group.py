@@ -38,6 +38,7 @@ from groundstation.missions.argument_checks import (
 )
 from groundstation.missions.conditions import (
     ConditionTimeout,
+    EventsOfWait,
     FleetMoment,
     WaitCondition,
 )
@@ -870,9 +871,10 @@ class Group:
         check_timeout(timeout_s, "until")
         client = self.client
         begin_ns = client.now_ns()
+        events = EventsOfWait(begin_ns)
 
         def moment(state: FleetState) -> FleetMoment:
-            return FleetMoment(state, client.now_ns(), begin_ns)
+            return FleetMoment(state, client.now_ns(), begin_ns, events.until(state))
 
         def holds(state: FleetState) -> bool:
             return condition.holds(moment(state))

@@ -3,16 +3,20 @@
 from __future__ import annotations
 
 import asyncio
+from collections.abc import Callable
 from typing import Any
 
 import pytest
 
+from groundstation.fleet.state import MAX_EVENTS, FleetState
 from groundstation.mission_files.loading import mission_from_mapping
 from groundstation.missions.conditions import (
     ConditionTimeout,
     FleetMoment,
+    all_of,
     any_of,
     battery_below,
+    event,
     fails,
     flying,
     landed,
@@ -22,6 +26,8 @@ from groundstation.missions.ground import MissionGround
 from groundstation.missions.group import Group
 from groundstation.missions.runner import MissionRun
 from groundstation.orders.result import OrderFailed
+from onboard.bus.schema import Event
+from onboard.bus.topics import Topic
 from onboard.config.fleet import ConfigError, FleetConfig
 
 
@@ -105,6 +111,34 @@ async def test_a_wait_without_time_only_looks_whether_the_condition_holds_now(
     await group.until(flying(), timeout_s)
     with pytest.raises(ConditionTimeout):
         await group.until(landed(), timeout_s)
+
+
+async def test_an_event_that_has_come_is_not_forgotten_while_the_rest_of_a_condition_comes(
+    group: Group, bus: Any
+) -> None:
+    def publish(code: str) -> None:
+        message = Event(vehicle="mav1", stamp_ns=0, severity="info", code=code, sentence="Made up.")
+        bus.on_message[Topic.EVENT](Topic.EVENT, "mav1", message)
+
+    def has_last(code: str) -> Callable[[FleetState], bool]:
+        return lambda state: bool(state.events) and state.events[-1].event.code == code
+
+    both = all_of(landed("mav1"), event("released", "mav1"))
+    publish("released")
+    assert await group.client.wait_for(has_last("released"), 5.0)
+    with pytest.raises(ConditionTimeout):
+        await group.until(event("released"), 0.0)  # it has come before this wait
+
+    wait = asyncio.create_task(group.until(both, 5.0))
+    await asyncio.sleep(0)
+    publish("released")
+    assert await group.client.wait_for(lambda state: len(state.events) == 2, 5.0)
+    for _ in range(MAX_EVENTS):
+        publish("other")
+    assert await group.client.wait_for(has_last("other"), 5.0)
+
+    bus.tell("mav1", state="landed", is_airborne=False, is_armed=False)
+    await wait
 
 
 async def test_a_function_is_no_condition(group: Group) -> None:
