@@ -11,6 +11,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 
 from onboard.config.fleet import FleetConfig
+from onboard.config.ground import ground_by_spots_m
 from onboard.control.passing import top_m as top_of_moves_m
 from onboard.control.sinking import sinking_params, sinking_s
 from onboard.feasibility.finding import Finding, at_most, worst
@@ -44,8 +45,8 @@ def blind_descent_findings(
 def _finding(fleet: FleetConfig, name: str, spot: Xyz, label: str) -> Finding:
     """Return the finding about one vehicle."""
     vehicle = fleet.vehicles[name]
-    _, _, spot_m = spot
-    _, _, ground_m = vehicle.start_enu_m
+    x, y, spot_m = spot
+    ground_m = float(ground_by_spots_m(fleet, x, y))
     height_m = max(0.0, top_of_moves_m(fleet, name, spot_m) - ground_m)
     params = sinking_params(
         float(vehicle.max_acceleration_m_s2), float(vehicle.hover_thrust_frac), has_mocap=True

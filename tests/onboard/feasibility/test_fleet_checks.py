@@ -515,6 +515,17 @@ def test_vehicles_that_would_be_too_long_without_poses_are_warned_of_and_then_re
     assert "descent without poses, here" not in {finding.name for finding in alone}
 
 
+def test_a_descent_without_poses_goes_to_the_ground_below_and_not_to_the_own_spot() -> None:
+    on_roof = {"vehicles.mav1.start_enu_m": [2.0, 2.0, 6.0], "fleet.geofence_m.z": [-1.0, 12.0]}
+    fleet = fleet_with(on_roof)
+    statuses = []
+    for x, y in ((2.0, 2.0), (0.0, -1.5)):  # above the roof, and above the yard beside it
+        spots = {"mav0": (-1.5, -1.5, 1.0), "mav1": (x, y, 8.0)}
+        findings = {finding.name: finding for finding in spot_findings(fleet, spots, "here")}
+        statuses.append(findings["descent without poses, here"].status)
+    assert statuses == ["ok", "refused"]
+
+
 def test_the_wind_finding_says_how_far_apart_to_put_vehicles_down() -> None:
     assert (
         "by about 1.0 m: put them down 1.8 m apart"
