@@ -13,11 +13,12 @@ from groundstation.mission_files.mission import Mission
 from groundstation.mission_files.steps import FollowPathStep
 from groundstation.orders.intents import GoalIntent, Home, Intent, Land
 from groundstation.orders.reachable_goals import unreachable
-from groundstation.paths.checks import path_findings
+from groundstation.paths.checks import highest_points, path_findings
 from onboard.config.fleet import ConfigError, FleetConfig
 from onboard.config.flight_space import flight_space_of
 from onboard.control.raised_ground import ground_in_the_way
 from onboard.estimation.accuracies import ACCURACIES
+from onboard.feasibility.blind_descent import blind_descent_findings
 from onboard.feasibility.finding import Finding, at_least, at_most, worst, worst_first
 from onboard.feasibility.fleet_checks import ErrorClass, error_class, fleet_findings, spot_findings
 from onboard.safety.area_room import length_beyond_m
@@ -117,6 +118,7 @@ def _step_findings(mission: Mission, errors: ErrorClass | None) -> Iterator[Find
         step_name = f"{course_step.key} ({step.do})"  # such as "step[2] (goto)"
         if course_step.paths:
             yield from path_findings(fleet, course_step.paths, step_name)
+            yield from _descent_from_paths(fleet, course_step, step_name)
         if isinstance(step, FollowPathStep):
             yield from _pathless_finding(fleet, course_step, step_name)
         if not course_step.alone_s or not isinstance(step, Intent):
@@ -150,6 +152,23 @@ def _step_findings(mission: Mission, errors: ErrorClass | None) -> Iterator[Find
             remedy='Add a last [[step]] with do = "land", or say expect.all_landed = false.',
             refuse_above=math.inf,
         )
+
+
+def _descent_from_paths(
+    fleet: FleetConfig, course_step: CourseStep, step_name: str
+) -> Iterator[Finding]:
+    """Yield the finding about a descent without poses from the highest points of paths.
+
+    Vehicles that hover beside the paths are judged at their positions.
+    """
+    highest = highest_points(fleet, course_step.paths)
+    spots = {}
+    for name in fleet.enabled_names:
+        if name in highest:
+            spots[name] = highest[name]
+        elif name in course_step.flying:
+            spots[name] = course_step.positions[name]
+    yield from blind_descent_findings(fleet, spots, step_name, are_on_paths=True)
 
 
 def _pathless_finding(

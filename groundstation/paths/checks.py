@@ -16,12 +16,13 @@ import numpy as np
 from onboard.arrays import Array
 from onboard.config.fleet import FleetConfig, above_words, parking_distance_m, parking_height_share
 from onboard.config.flight_space import flight_space_of
-from onboard.config.ground import ground_under_m, least_height_m
+from onboard.config.ground import ground_by_spots_m, ground_under_m, least_height_m
 from onboard.constants import GRAVITY_M_S2
 from onboard.control.path import MAX_JUMP_M, MAX_JUMP_M_S, Path, jumps, sampled
 from onboard.control.vertical_limits import planned_m_s2
 from onboard.feasibility.finding import Finding, at_least, at_most, worst
 from onboard.safety.area_room import clearances_m
+from onboard.tuples import Xyz
 
 LOWEST_M = 0.3  # lowest height of a path above the ground
 STEP_S = 0.05  # time from one sample to the next
@@ -81,6 +82,24 @@ def sample(paths: Mapping[str, Path], step_s: float = STEP_S) -> SampledPaths:
     times_s = np.linspace(0.0, longest_s, max(2, math.ceil(longest_s / step_s) + 1))
     values = np.stack([sampled(path, times_s) for path in paths.values()], axis=2)
     return SampledPaths(tuple(paths), times_s, values)
+
+
+def highest_points(fleet: FleetConfig, paths: Mapping[str, Path]) -> dict[str, Xyz]:
+    """Return the point of each path that is highest above the ground below it [m], ENU.
+
+    Args:
+        fleet: the fleet file.
+        paths: paths of its vehicles.
+    """
+    flown = sample(paths)
+    positions = flown.values[0, :, :, :3]
+    height_m = positions[..., 2] - ground_by_spots_m(fleet, positions[..., 0], positions[..., 1])
+
+    points: dict[str, Xyz] = {}
+    for index, name in enumerate(flown.names):
+        x, y, z = positions[height_m[:, index].argmax(), index].tolist()
+        points[name] = (x, y, z)
+    return points
 
 
 def bound_m(fleet: FleetConfig) -> float:

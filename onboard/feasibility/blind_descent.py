@@ -23,7 +23,7 @@ _REFUSED_S = 4.0  # a longer time is refused
 
 
 def blind_descent_findings(
-    fleet: FleetConfig, spots: Mapping[str, Xyz], label: str
+    fleet: FleetConfig, spots: Mapping[str, Xyz], label: str, *, are_on_paths: bool = False
 ) -> Iterator[Finding]:
     """Yield the finding about whether all vehicles of a constellation land soon enough without
     poses.
@@ -34,20 +34,25 @@ def blind_descent_findings(
         fleet: the fleet file.
         spots: vehicle -> position [m], fleet ENU.
         label: name of the constellation in the sentence.
+        are_on_paths: whether the positions are the highest ones of paths, above which no vehicle
+            rises to pass another.
     """
     by_mocap = [name for name in spots if fleet.vehicles[name].mocap_required]
     if len(spots) < 2 or not by_mocap:
         return
 
-    yield worst(_finding(fleet, name, spots[name], label) for name in by_mocap)
+    tops = dict(spots)
+    if not are_on_paths:
+        for name, (x, y, z) in spots.items():
+            tops[name] = (x, y, top_of_moves_m(fleet, name, z))
+    yield worst(_finding(fleet, name, tops[name], label) for name in by_mocap)
 
 
-def _finding(fleet: FleetConfig, name: str, spot: Xyz, label: str) -> Finding:
+def _finding(fleet: FleetConfig, name: str, top: Xyz, label: str) -> Finding:
     """Return the finding about one vehicle."""
     vehicle = fleet.vehicles[name]
-    x, y, spot_m = spot
-    ground_m = float(ground_by_spots_m(fleet, x, y))
-    height_m = max(0.0, top_of_moves_m(fleet, name, spot_m) - ground_m)
+    x, y, top_m = top
+    height_m = max(0.0, top_m - float(ground_by_spots_m(fleet, x, y)))
     params = sinking_params(
         float(vehicle.max_acceleration_m_s2), float(vehicle.hover_thrust_frac), has_mocap=True
     )

@@ -1,0 +1,77 @@
+"""What a mission's findings say about steps in which vehicles follow paths."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from msgspec.structs import replace
+
+from groundstation.mission_files.loading import mission_from_mapping
+from groundstation.mission_files.mission_findings import mission_findings
+from onboard.config.fleet import FleetConfig
+from onboard.feasibility.finding import Finding
+from onboard.tuples import Xyz
+
+UP = {"do": "takeoff", "height_m": 1.0}
+LAND = {"do": "land"}
+
+
+def path_file(file: Path, *points: Xyz, seconds: float = 20.0) -> str:
+    """Write a path through points, with the same time between each two, and return its name."""
+    lines = ["t,x,y,z"]
+    for index, (x, y, z) in enumerate(points):
+        lines.append(f"{index * seconds},{x},{y},{z}")
+    file.write_text("\n".join(lines) + "\n", encoding="utf-8")
+    return file.name
+
+
+def found(
+    name: str, fleet: FleetConfig, folder: Path, *steps: dict[str, Any], **options: Any
+) -> list[Finding]:
+    """Return the findings of a mission that have a name."""
+    mission = mission_from_mapping(
+        {"schema": 1, "step": list(steps)}, path=str(folder / "test.toml"), fleet=fleet
+    )
+    findings = mission_findings(mission, **options)
+    return [one for one in findings if one.name.partition(",")[0] == name]
+
+
+def high(fleet: FleetConfig) -> FleetConfig:
+    """Return the fleet below a ceiling of 30 m."""
+    fence = replace(fleet.fleet.geofence_m, z=(0.0, 30.0))
+    return replace(fleet, fleet=replace(fleet.fleet, geofence_m=fence))
+
+
+def test_a_descent_without_poses_is_judged_from_the_highest_point_of_a_path(
+    fleet: FleetConfig, tmp_path: Path
+) -> None:
+    steps = {}
+    for top_m in (2.0, 14.0):
+        top = path_file(tmp_path / f"{top_m}.csv", (0, 0, 1), (0, 0, top_m), (0, 0, 1))
+        steps[top_m] = {"do": "follow_path", "paths": {"mav1": top}}
+
+    (low,) = found("descent without poses", high(fleet), tmp_path, UP, steps[2.0], LAND)
+    assert low.status == "ok"
+    (far,) = found("descent without poses", high(fleet), tmp_path, UP, steps[14.0], LAND)
+    assert far.status == "refused"
+    assert "Step[1] (follow_path): when all poses stop, mav1 is down from 14.0 m" in far.sentence
+
+    up_alone = {**UP, "vehicles": "mav1"}
+    assert not found("descent without poses", high(fleet), tmp_path, up_alone, steps[14.0], LAND)
+
+
+def test_no_vehicle_rises_above_the_highest_point_of_its_path(
+    fleet: FleetConfig, tmp_path: Path
+) -> None:
+    passing = high(fleet)
+    passing = replace(
+        passing,
+        fleet=replace(passing.fleet, vertical_separation_m=1.2),
+        law=replace(passing.law, passing_heights=2),
+    )
+    top = path_file(tmp_path / "top.csv", (0, 0, 1), (0, 0, 4), (0, 0, 1))
+    follow = {"do": "follow_path", "paths": {"mav1": top}}
+
+    (finding,) = found("descent without poses", passing, tmp_path, UP, follow, LAND)
+    assert "mav1 is down from 4.0 m" in finding.sentence
