@@ -117,7 +117,7 @@ def _step_findings(mission: Mission, errors: ErrorClass | None) -> Iterator[Find
         step = course_step.step
         step_name = f"{course_step.key} ({step.do})"  # such as "step[2] (goto)"
         if course_step.paths:
-            yield from path_findings(fleet, course_step.paths, step_name)
+            yield from path_findings(fleet, course_step.paths, step_name, errors=errors)
             yield from _descent_from_paths(fleet, course_step, step_name)
         if isinstance(step, FollowPathStep):
             yield from _pathless_finding(fleet, course_step, step_name)

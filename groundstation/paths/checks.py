@@ -14,13 +14,16 @@ from typing import NamedTuple
 import numpy as np
 
 from onboard.arrays import Array
-from onboard.config.fleet import FleetConfig, above_words, parking_distance_m, parking_height_share
+from onboard.config.fleet import FleetConfig, above_words, parking_height_share
 from onboard.config.flight_space import flight_space_of
 from onboard.config.ground import ground_by_spots_m, ground_under_m, least_height_m
 from onboard.constants import GRAVITY_M_S2
 from onboard.control.path import MAX_JUMP_M, MAX_JUMP_M_S, Path, jumps, sampled
 from onboard.control.vertical_limits import planned_m_s2
+from onboard.estimation.accuracies import ACCURACIES, Accuracy
 from onboard.feasibility.finding import Finding, at_least, at_most, worst
+from onboard.feasibility.fleet_checks import ErrorClass, error_class
+from onboard.feasibility.pair_checks import height_accuracy_m, parking_m
 from onboard.safety.area_room import clearances_m
 from onboard.tuples import Xyz
 
@@ -102,15 +105,31 @@ def highest_points(fleet: FleetConfig, paths: Mapping[str, Path]) -> dict[str, X
     return points
 
 
-def bound_m(fleet: FleetConfig) -> float:
+def bound_m(fleet: FleetConfig, accuracy: Accuracy) -> float:
     """Return the distance that paths must keep from each other.
 
     For Covey's law it is the distance at which the law begins to act; for other laws it is the
     safety distance of the fleet file.
+
+    Args:
+        fleet: the fleet file.
+        accuracy: accuracy of the vehicles' estimates.
     """
     if fleet.law.built_in != "covey":
         return fleet.fleet.safety_distance_m
-    return parking_distance_m(fleet) - _PARKING_MORE_M
+    return parking_m(fleet, accuracy) - _PARKING_MORE_M
+
+
+def height_share_of(fleet: FleetConfig, accuracy: Accuracy) -> float:
+    """Return how many metres of :func:`bound_m` one metre of height counts for.
+
+    Args:
+        fleet: the fleet file.
+        accuracy: accuracy of the vehicles' estimates.
+    """
+    # as for parking, without the little by which motion capture widens the separation
+    wider_m = height_accuracy_m(accuracy) - height_accuracy_m(ACCURACIES["mocap"])
+    return parking_height_share(fleet, wider_m)
 
 
 def closest_pairs(
@@ -278,13 +297,16 @@ def listed_words(words: Sequence[str]) -> str:
     return listed
 
 
-def path_findings(fleet: FleetConfig, paths: Mapping[str, Path], where: str) -> list[Finding]:
+def path_findings(
+    fleet: FleetConfig, paths: Mapping[str, Path], where: str, *, errors: ErrorClass | None = None
+) -> list[Finding]:
     """Check paths that begin together.
 
     Args:
         fleet: the fleet file.
         paths: paths of its vehicles.
         where: position in the mission, for the sentences.
+        errors: accuracy of positions; None: the accuracy in the fleet file.
 
     Returns:
         One finding each for speed, acceleration, vertical acceleration, tilt, speed at the ends,
@@ -347,7 +369,8 @@ def path_findings(fleet: FleetConfig, paths: Mapping[str, Path], where: str) -> 
     findings += jump_findings(paths, where)
     findings += _room(fleet, flown, where)
     if len(paths) > 1:
-        findings.append(_spacing(fleet, flown, where))
+        accuracy = ACCURACIES[errors or error_class(fleet)]
+        findings.append(_spacing(fleet, flown, where, accuracy))
     return findings
 
 
@@ -489,10 +512,10 @@ def _room(fleet: FleetConfig, flown: SampledPaths, where: str) -> list[Finding]:
     return findings
 
 
-def _spacing(fleet: FleetConfig, flown: SampledPaths, where: str) -> Finding:
+def _spacing(fleet: FleetConfig, flown: SampledPaths, where: str, accuracy: Accuracy) -> Finding:
     """Return the finding about the smallest distance of all pairs."""
-    least_m = bound_m(fleet)
-    height_share = parking_height_share(fleet)
+    least_m = bound_m(fleet, accuracy)
+    height_share = height_share_of(fleet, accuracy)
     above = above_words(least_m, height_share)
     pairs = closest_pairs(flown, least_m, height_share)
     listed = listed_words([pair_words(pair) for pair in pairs])
@@ -512,7 +535,8 @@ def _spacing(fleet: FleetConfig, flown: SampledPaths, where: str) -> Finding:
         bound=least_m,
         unit="m",
         sentence=f"{_capitalised(where)}: the paths come to <value> ({listed}); the law "
-        f"'{fleet.law.name}' needs <relation> <bound>{how}",
+        f"'{fleet.law.name}' needs, with estimates as accurate as '{accuracy.name}', <relation> "
+        f"<bound>{how}",
         remedy=remedy,
     )
 

@@ -14,7 +14,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from groundstation.paths.checks import bound_m, limits_of, sample
+from groundstation.paths.checks import bound_m, height_share_of, limits_of, sample
 from groundstation.paths.lights import TimedColour
 from groundstation.paths.path_files import write_path
 from groundstation.processes.free_ports import in_another_folder, toml_text
@@ -26,9 +26,10 @@ from onboard.config.fleet import (
     FleetConfig,
     Origin,
     fleet_from_mapping,
-    parking_height_share,
 )
 from onboard.control.path import sampled
+from onboard.estimation.accuracies import ACCURACIES
+from onboard.feasibility.fleet_checks import error_class
 from onboard.plain_text import plain_line
 
 DEFAULT_PROMISE_M = 0.8
@@ -96,13 +97,14 @@ def write_show(
     path = str(folder / "fleet.toml")
     draft_text = _fleet_text(show, fleet, vehicles, None, promise)
     draft = fleet_from_mapping(tomllib.loads(draft_text), path=path)
+    accuracy = ACCURACIES[error_class(draft)]
     flyable = converted(
         show,
         names,
         limits_of(draft, vehicles),
-        spacing_m=bound_m(draft),
-        home_spacing_m=bound_m(draft) + _EXTRA_HOME_SPACING_M,
-        height_share=parking_height_share(draft),
+        spacing_m=bound_m(draft, accuracy),
+        home_spacing_m=bound_m(draft, accuracy) + _EXTRA_HOME_SPACING_M,
+        height_share=height_share_of(draft, accuracy),
     )
 
     text = _fleet_text(show, fleet, vehicles, flyable, promise)

@@ -5,12 +5,15 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
+import pytest
 from msgspec.structs import replace
 
 from groundstation.mission_files.loading import mission_from_mapping
 from groundstation.mission_files.mission_findings import mission_findings
-from onboard.config.fleet import FleetConfig
+from onboard.config.fleet import FleetConfig, parking_distance_m
+from onboard.estimation.accuracies import ACCURACIES
 from onboard.feasibility.finding import Finding
+from onboard.feasibility.pair_checks import parking_m
 from onboard.tuples import Xyz
 
 UP = {"do": "takeoff", "height_m": 1.0}
@@ -75,3 +78,41 @@ def test_no_vehicle_rises_above_the_highest_point_of_its_path(
 
     (finding,) = found("descent without poses", passing, tmp_path, UP, follow, LAND)
     assert "mav1 is down from 4.0 m" in finding.sentence
+
+
+def test_the_spacing_of_paths_depends_on_the_accuracy_of_positions(
+    fleet: FleetConfig, tmp_path: Path
+) -> None:
+    paths = {
+        "mav0": path_file(tmp_path / "mav0.csv", (-0.7, -1.5, 1), (-0.7, 0, 1)),
+        "mav1": path_file(tmp_path / "mav1.csv", (0.7, -1.5, 1), (0.7, 0, 1)),
+    }
+    follow = {"do": "follow_path", "paths": paths}
+
+    (by_mocap,) = found("path spacing", fleet, tmp_path, UP, follow, LAND)
+    assert by_mocap.status == "ok"
+    assert by_mocap.bound == pytest.approx(parking_distance_m(fleet) - 0.10, abs=1e-4)
+    (by_gps,) = found("path spacing", fleet, tmp_path, UP, follow, LAND, errors="gps")
+    assert by_gps.status == "refused"
+    # as for goals, less 0.10 m
+    by_gps_m = parking_m(fleet, ACCURACIES["gps"])
+    assert by_gps_m > 2.0
+    assert by_gps.bound == pytest.approx(by_gps_m - 0.10, abs=1e-4)
+    assert "with estimates as accurate as 'gps'" in by_gps.sentence
+
+
+def test_paths_above_each_other_need_more_height_by_satellites(
+    fleet: FleetConfig, tmp_path: Path
+) -> None:
+    stacked = replace(fleet, fleet=replace(fleet.fleet, vertical_separation_m=1.2))
+    paths = {
+        "mav0": path_file(tmp_path / "mav0.csv", (0, 0, 0.8), (0, 1, 0.8)),
+        "mav1": path_file(tmp_path / "mav1.csv", (0, 0, 2.4), (0, 1, 2.4)),
+    }
+    follow = {"do": "follow_path", "paths": paths}
+
+    statuses = []
+    for errors in ("mocap", "gps"):
+        (finding,) = found("path spacing", stacked, tmp_path, UP, follow, LAND, errors=errors)
+        statuses.append(finding.status)
+    assert statuses == ["ok", "refused"]
