@@ -416,9 +416,10 @@ def _vertical_order_s(
     It consists of the horizontal way, of the start, and of the climb or descent.
     """
     x, y, z = position
-    _, _, goal_z = goal
+    goal_x, goal_y, goal_z = goal
     across_s = _move_or_stay_s(fleet, name, (x, y, goal_z), goal, duration_s)
-    height_m = max(z, goal_z, _MIN_HEIGHT_M)
+    ground_m = float(ground_by_spots_m(fleet, goal_x, goal_y))
+    height_m = max(max(z, goal_z) - ground_m, _MIN_HEIGHT_M)
     vehicle = fleet.vehicles[name]
     vertical_s = max(
         climb_duration_s(height_m, vehicle.max_speed_m_s),

@@ -127,3 +127,20 @@ def _unreached(flown: FleetConfig, steps: list[dict[str, object]]) -> list[str]:
         for finding in mission_findings(mission)
         if finding.name.startswith("reach") and finding.status == "refused"
     ]
+
+
+def times_s(ground_m: float, height_m: float) -> list[float]:
+    """Return the times of a take-off and of a landing, from a spot at a height."""
+    data = tomllib.loads(Path("configs/fleets/paper.toml").read_text())
+    data["vehicles"] = {"mav0": data["vehicles"]["mav0"]}
+    data["vehicles"]["mav0"]["start_enu_m"] = [0.0, 0.0, ground_m]
+    data["fleet"]["geofence_m"]["z"] = [-30.0, 30.0]
+    data["formations"] = {}
+    content = {"schema": 1, "step": [{"do": "takeoff", "height_m": height_m}, {"do": "land"}]}
+    mission = mission_from_mapping(content, path="hill.toml", fleet=fleet_from_mapping(data))
+    return [step.alone_s["mav0"] for step in mission.course()]
+
+
+def test_times_of_climbs_and_descents_count_from_the_ground() -> None:
+    assert times_s(20.0, 22.5) == pytest.approx(times_s(0.0, 2.5))
+    assert times_s(-20.0, 2.5) == pytest.approx(times_s(0.0, 22.5))
