@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 
 from onboard.arrays import Array
-from onboard.config.fleet import FleetConfig, above_words, parking_height_share
+from onboard.config.fleet import FleetConfig, above_words, parking_distance_m, parking_height_share
 from onboard.config.flight_space import flight_space_of
 from onboard.config.ground import ground_by_spots_m, ground_under_m, least_height_m
 from onboard.constants import GRAVITY_M_S2
@@ -108,8 +108,9 @@ def highest_points(fleet: FleetConfig, paths: Mapping[str, Path]) -> dict[str, X
 def bound_m(fleet: FleetConfig, accuracy: Accuracy) -> float:
     """Return the distance that paths must keep from each other.
 
-    For Covey's law it is the distance at which the law begins to act; for other laws it is the
-    safety distance of the fleet file.
+    For Covey's law it is the distance at which the law begins to act, and more with positions that
+    are less accurate than those of motion capture. For other laws it is the safety distance of the
+    fleet file.
 
     Args:
         fleet: the fleet file.
@@ -117,7 +118,9 @@ def bound_m(fleet: FleetConfig, accuracy: Accuracy) -> float:
     """
     if fleet.law.built_in != "covey":
         return fleet.fleet.safety_distance_m
-    return parking_m(fleet, accuracy) - _PARKING_MORE_M
+    by_mocap_m = parking_distance_m(fleet) - _PARKING_MORE_M
+    wider_m = parking_m(fleet, accuracy) - parking_m(fleet, ACCURACIES["mocap"])
+    return by_mocap_m + wider_m
 
 
 def height_share_of(fleet: FleetConfig, accuracy: Accuracy) -> float:
@@ -127,7 +130,6 @@ def height_share_of(fleet: FleetConfig, accuracy: Accuracy) -> float:
         fleet: the fleet file.
         accuracy: accuracy of the vehicles' estimates.
     """
-    # as for parking, without the little by which motion capture widens the separation
     wider_m = height_accuracy_m(accuracy) - height_accuracy_m(ACCURACIES["mocap"])
     return parking_height_share(fleet, wider_m)
 

@@ -94,10 +94,9 @@ def test_the_spacing_of_paths_depends_on_the_accuracy_of_positions(
     assert by_mocap.bound == pytest.approx(parking_distance_m(fleet) - 0.10, abs=1e-4)
     (by_gps,) = found("path spacing", fleet, tmp_path, UP, follow, LAND, errors="gps")
     assert by_gps.status == "refused"
-    # as for goals, less 0.10 m
-    by_gps_m = parking_m(fleet, ACCURACIES["gps"])
-    assert by_gps_m > 2.0
-    assert by_gps.bound == pytest.approx(by_gps_m - 0.10, abs=1e-4)
+    wider_m = parking_m(fleet, ACCURACIES["gps"]) - parking_m(fleet, ACCURACIES["mocap"])
+    assert wider_m > 1.0
+    assert by_gps.bound == pytest.approx(by_mocap.bound + wider_m, abs=1e-3)
     assert "with estimates as accurate as 'gps'" in by_gps.sentence
 
 
