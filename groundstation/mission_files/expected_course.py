@@ -115,6 +115,39 @@ def course(
         yield from _course_steps(fleet, step, f"step[{index}]", course_fleet, paths_of, path)
 
 
+def expected_duration_s(course_steps: Iterable[CourseStep]) -> float:
+    """Return the time [s] that steps are expected to take together.
+
+    Branches that are flown side by side take as long as the longest of them.
+
+    Args:
+        course_steps: steps of one mission.
+    """
+    return _duration_s(
+        [
+            (course_step.key, course_step.times * course_step.expected_s)
+            for course_step in course_steps
+        ]
+    )
+
+
+def _duration_s(steps: Iterable[tuple[str, float]]) -> float:
+    """Return the time [s] of steps, each a key, or the end of one, and its own time."""
+    total_s = 0.0
+    blocks: dict[str, dict[str, list[tuple[str, float]]]] = {}  # branches of each parallel step
+    for key, step_s in steps:
+        block, _, in_branches = key.partition(".branches[")
+        if not in_branches:
+            total_s += step_s
+            continue
+        branch, _, inner_key = in_branches.partition("]")
+        blocks.setdefault(block, {}).setdefault(branch, []).append((inner_key, step_s))
+
+    for branches in blocks.values():
+        total_s += max(_duration_s(branch_steps) for branch_steps in branches.values())
+    return total_s
+
+
 def resolved(intent: Intent, fleet: FleetConfig) -> Intent:
     """Return the order of a step with the names of its vehicles instead of "all" or indices.
 

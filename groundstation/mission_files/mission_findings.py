@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 
-from groundstation.mission_files.expected_course import CourseStep
+from groundstation.mission_files.expected_course import CourseStep, expected_duration_s
 from groundstation.mission_files.mission import Mission
 from groundstation.mission_files.steps import FollowPathStep
 from groundstation.orders.intents import GoalIntent, Home, Intent, Land
@@ -325,22 +325,30 @@ def _arrival_expectation(mission: Mission, errors: ErrorClass | None) -> Iterato
 def _endurance(mission: Mission) -> Iterator[Finding]:
     """Yield the finding about each battery's charge at the end, if its hover time is known."""
     fleet = mission.fleet
-    needed_s = sum(course_step.times * course_step.expected_s for course_step in mission.course())
-    if not needed_s:
-        return
+    course = list(mission.course())
 
     for name in fleet.enabled_names:
         hover_s = fleet.vehicles[name].hover_time_s
         if hover_s is None:
+            continue
+        needed_s = expected_duration_s(step for step in course if _may_fly(name, step))
+        if not needed_s:
             continue
         yield at_least(
             name="endurance",
             value=100.0 * (1.0 - needed_s / hover_s),
             bound=fleet.fleet.battery_land_pct + _SPARE_PCT,
             unit="%",
-            sentence=f"The mission takes about {needed_s:.0f} s, after which {name}'s battery of "
+            sentence=f"{name} flies for about {needed_s:.0f} s, after which its battery of "
             f"{hover_s:.0f} s has <value> left; it needs <relation> <bound>, the level at "
             "which it lands by itself and some to spare",
             remedy="Make the mission shorter, or split it.",
             refuse_below=fleet.fleet.battery_land_pct,
         )
+
+
+def _may_fly(name: str, course_step: CourseStep) -> bool:
+    """Return whether a vehicle flies during a step, or begins or ends its flight with it."""
+    if not course_step.is_known:
+        return True
+    return name in course_step.flying or name in course_step.goals

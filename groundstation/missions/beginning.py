@@ -14,7 +14,7 @@ from msgspec import structs
 
 from groundstation.fleet.places import empty_places
 from groundstation.fleet.state import FleetState
-from groundstation.mission_files.expected_course import resolved
+from groundstation.mission_files.expected_course import CourseStep, expected_duration_s, resolved
 from groundstation.mission_files.mission import Mission
 from groundstation.mission_files.steps import (
     FlyFormationStep,
@@ -122,7 +122,8 @@ def time_refusal(mission: Mission, times: Mapping[str, WallTime], begin_ns: int)
         times: result of :func:`step_times`.
         begin_ns: start of the mission, by the wall clock [ns].
     """
-    reached_s = 0.0  # time from the mission's start to the step's start
+    known_s = 0.0  # time from the mission's start to the end of the latest timed step
+    since: list[CourseStep] = []  # steps after that one
     for course_step in mission.course():
         step = course_step.step
 
@@ -136,6 +137,7 @@ def time_refusal(mission: Mission, times: Mapping[str, WallTime], begin_ns: int)
         is_side_by_side = ".branches" in course_step.key
         if written and not is_side_by_side:
             start_s = (times[written].wall_ns - begin_ns) * 1e-9
+            reached_s = known_s + expected_duration_s(since)
             earliest_start_s = reached_s + course_step.expected_s - paths_s
             if start_s < earliest_start_s:
                 return (
@@ -144,9 +146,10 @@ def time_refusal(mission: Mission, times: Mapping[str, WallTime], begin_ns: int)
                     f"begin, and what comes before it takes about {time_words(earliest_start_s)}. "
                     "Give it a later time, or begin earlier."
                 )
-            reached_s = start_s + paths_s
+            known_s = start_s + paths_s
+            since = []
         else:
-            reached_s += course_step.times * course_step.expected_s
+            since.append(course_step)
     return ""
 
 

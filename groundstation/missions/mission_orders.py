@@ -15,6 +15,7 @@ from msgspec.structs import replace
 
 from groundstation.client.client import FleetClient
 from groundstation.fleet.state import FleetState
+from groundstation.mission_files.expected_course import expected_duration_s
 from groundstation.mission_files.loading import load_mission, mission_from_mapping
 from groundstation.mission_files.mission_findings import refuse_unflyable
 from groundstation.mission_files.names import mission_names
@@ -310,7 +311,7 @@ def countdown_question(run: MissionRun, at: WallTime) -> CountdownQuestion:
 
     steps = list(run.mission.course())
     if steps:
-        takes_s = sum(step.times * step.expected_s for step in steps)
+        takes_s = expected_duration_s(steps)
         lines.append(f"Takes about {time_words(takes_s)}, in {len(run.mission.steps)} steps.")
     if not client.wall_clock.is_simulated:
         lines.append(clock_words(client.wall_clock, names))

@@ -16,6 +16,7 @@ from groundstation.fleet.state import FleetState
 from groundstation.formations.frame import FormationPaths
 from groundstation.mission_files.expected_course import (
     CourseStep,
+    expected_duration_s,
     formation_paths,
     resolved,
     with_speed,
@@ -76,10 +77,8 @@ class StepRunner:
         course = list(self._mission.course())
 
         for index, step in enumerate(steps):
-            left_s = sum(
-                course_step.times * course_step.expected_s
-                for course_step in course
-                if _outermost_index(course_step) >= index
+            left_s = expected_duration_s(
+                course_step for course_step in course if _outermost_index(course_step) >= index
             )
             self._fleet.say(f"[{index + 1}/{len(steps)}] {step.do}; about {left_s:.0f} s left")
             await self._do(step, f"step[{index}]")

@@ -9,9 +9,12 @@ from typing import Any
 import msgspec
 import pytest
 
+from groundstation.mission_files.expected_course import expected_duration_s
 from groundstation.mission_files.loading import mission_from_mapping
 from groundstation.mission_files.mission import Mission
 from groundstation.mission_files.mission_findings import mission_findings
+from groundstation.mission_files.wall_time import WallTime
+from groundstation.missions.beginning import time_refusal
 from groundstation.missions.runner import MissionRun
 from onboard.config.fleet import ConfigError, FleetConfig
 
@@ -185,12 +188,66 @@ def test_a_mission_that_outlasts_a_battery_is_refused(fleet: FleetConfig) -> Non
     assert not refused(fleet)  # nobody knows how long its batteries last
 
 
+def in_parallel(*durations_s: float) -> dict[str, Any]:
+    waits = [[{"do": "wait", "duration_s": duration_s}] for duration_s in durations_s]
+    return {"do": "parallel", "branches": waits}
+
+
+def test_of_branches_side_by_side_the_longest_counts(fleet: FleetConfig) -> None:
+    def length_s(*steps: dict[str, Any]) -> float:
+        return expected_duration_s(make(fleet, UP, *steps).course())
+
+    longest = {"do": "wait", "duration_s": 170.0}
+    assert length_s(in_parallel(100.0, 170.0, 90.0)) == length_s(longest)
+    inner = {"do": "parallel", "branches": [[in_parallel(50.0, 120.0), in_parallel(50.0)], [LONG]]}
+    assert length_s(inner) == length_s(longest)
+    again = {"do": "repeat", "times": 3, "steps": [in_parallel(100.0, 170.0)]}
+    assert length_s(again) == length_s({**longest, "duration_s": 510.0})
+
+
+def test_a_battery_is_charged_for_the_flights_of_its_own_vehicle(fleet: FleetConfig) -> None:
+    steps = []
+    for name in fleet.enabled_names:
+        steps += [{**UP, "vehicles": name}, {**LONG, "duration_s": 200.0}]
+        steps.append({"do": "land", "vehicles": name})
+    vehicles = {
+        name: msgspec.structs.replace(one, hover_time_s=480.0)
+        for name, one in fleet.vehicles.items()
+    }
+    lasting = msgspec.structs.replace(fleet, vehicles=vehicles)
+
+    def endurance(*steps: dict[str, Any]) -> Any:
+        findings = mission_findings(make(lasting, *steps))
+        return next(one for one in findings if one.name == "endurance")
+
+    in_turn = endurance(*steps)
+    assert in_turn.status == "ok"
+    assert "flies for about 2" in in_turn.sentence  # 200 s, a take-off and a landing
+    side_by_side = endurance(UP, in_parallel(200.0, 200.0, 200.0), {"do": "land"})
+    assert side_by_side.value == pytest.approx(in_turn.value)
+    # after a fault nobody knows who flies
+    fault = {"do": "fault", "name": "no_poses", "vehicles": ["mav0"], "duration_s": 0.1}
+    assert endurance(steps[0], fault, *steps[1:]).status == "refused"
+
+
+def test_a_timed_step_after_branches_is_not_refused_as_too_late(fleet: FleetConfig) -> None:
+    timed = {"do": "wait", "at": "21:30:00", "duration_s": 1.0}
+    mission = make(fleet, UP, in_parallel(100.0, 100.0, 100.0), timed)
+
+    def refusal(start_s: float) -> str:
+        times = {"21:30:00": WallTime("21:30:00", round(start_s * 1e9))}
+        return time_refusal(mission, times, begin_ns=0)
+
+    assert not refusal(130.0)
+    assert "was not begun: 'step[2]' (wait)" in refusal(90.0)
+
+
 def test_the_course_counts_repetitions_and_tells_what_is_left(fleet: FleetConfig) -> None:
     turns = {"do": "repeat", "times": 5, "steps": [{"do": "wait", "duration_s": 2.0}]}
     once, five = (make(fleet, UP, one) for one in (turns["steps"][0], turns))  # type: ignore[index]
 
     def length_s(mission: Mission) -> float:
-        return sum(stage.times * stage.expected_s for stage in mission.course())
+        return expected_duration_s(mission.course())
 
     assert length_s(five) == pytest.approx(length_s(once) + 8.0)
 
