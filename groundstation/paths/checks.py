@@ -493,10 +493,13 @@ def _room(fleet: FleetConfig, flown: SampledPaths, where: str) -> list[Finding]:
     to_fence_m = np.minimum(to_box_m, clearances_m(flight_space_of(fleet).areas, positions))
     height_m = z - ground_under_m(fleet, x, y)
     least_m = max([LOWEST_M, *(least_height_m(fleet.vehicles[name]) for name in flown.names)])
+    fence_room_m = _FENCE_ROOM_M
+    if fleet.law.built_in != "off":
+        fence_room_m = max(fence_room_m, fleet.law.fence_margin_m)
 
     findings = []
     for noun, values, bound in (
-        ("room to the fence", to_fence_m, _FENCE_ROOM_M),
+        ("room to the fence", to_fence_m, fence_room_m),
         ("height", height_m, least_m),
     ):
         step, index = np.unravel_index(values.argmin(), values.shape)

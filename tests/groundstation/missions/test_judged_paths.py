@@ -115,3 +115,16 @@ def test_paths_above_each_other_need_more_height_by_satellites(
         (finding,) = found("path spacing", stacked, tmp_path, UP, follow, LAND, errors=errors)
         statuses.append(finding.status)
     assert statuses == ["ok", "refused"]
+
+
+@pytest.mark.parametrize(("margin_m", "status"), [(0.0, "ok"), (0.2, "ok"), (0.5, "refused")])
+def test_a_path_keeps_the_laws_own_margin_to_the_fence(
+    fleet: FleetConfig, tmp_path: Path, margin_m: float, status: str
+) -> None:
+    wide = replace(fleet, law=replace(fleet.law, fence_margin_m=margin_m))
+    near = path_file(tmp_path / "near.csv", (0, 0, 1), (0, 3.6, 1), (0, 0, 1))  # fence at 4 m
+    follow = {"do": "follow_path", "paths": {"mav1": near}}
+
+    (finding,) = found("path room to the fence", wide, tmp_path, UP, follow, LAND)
+    assert finding.status == status
+    assert finding.bound == max(0.15, margin_m)
