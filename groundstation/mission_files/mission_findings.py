@@ -10,7 +10,7 @@ from collections.abc import Iterator
 
 from groundstation.mission_files.expected_course import CourseStep, expected_duration_s
 from groundstation.mission_files.mission import Mission
-from groundstation.mission_files.steps import FollowPathStep
+from groundstation.mission_files.steps import FlyFormationStep, FollowPathStep
 from groundstation.orders.intents import GoalIntent, Home, Intent, Land
 from groundstation.orders.reachable_goals import unreachable
 from groundstation.paths.checks import highest_points, path_findings
@@ -119,6 +119,7 @@ def _step_findings(mission: Mission, errors: ErrorClass | None) -> Iterator[Find
         if course_step.paths:
             yield from path_findings(fleet, course_step.paths, step_name, errors=errors)
             yield from _descent_from_paths(fleet, course_step, step_name)
+            yield from _path_time_limit(course_step, step_name)
         if isinstance(step, FollowPathStep):
             yield from _pathless_finding(fleet, course_step, step_name)
         if not course_step.alone_s or not isinstance(step, Intent):
@@ -169,6 +170,17 @@ def _descent_from_paths(
         elif name in course_step.flying:
             spots[name] = course_step.positions[name]
     yield from blind_descent_findings(fleet, spots, step_name, are_on_paths=True)
+
+
+def _path_time_limit(course_step: CourseStep, step_name: str) -> Iterator[Finding]:
+    """Yield the finding about the time that a step with paths gives to the longest of them."""
+    step = course_step.step
+    if not isinstance(step, FollowPathStep | FlyFormationStep) or step.timeout_s is None:
+        return
+
+    paths = course_step.paths
+    longest = max(paths, key=lambda name: paths[name].duration_s)
+    yield _time_limit(step.timeout_s, longest, paths[longest].duration_s, step_name)
 
 
 def _pathless_finding(

@@ -128,3 +128,23 @@ def test_a_path_keeps_the_laws_own_margin_to_the_fence(
     (finding,) = found("path room to the fence", wide, tmp_path, UP, follow, LAND)
     assert finding.status == status
     assert finding.bound == max(0.15, margin_m)
+
+
+@pytest.mark.parametrize(
+    ("timeout_s", "status"), [(None, "ok"), (70.0, "ok"), (45.0, "warning"), (30.0, "refused")]
+)
+def test_the_time_limit_of_a_step_is_compared_with_its_longest_path(
+    fleet: FleetConfig, tmp_path: Path, timeout_s: float | None, status: str
+) -> None:
+    paths = {
+        "mav1": path_file(tmp_path / "mav1.csv", (0, 0, 1), (0, 2, 1), seconds=40.0),
+        "mav2": path_file(tmp_path / "mav2.csv", (2, 0, 1), (2, 1, 1)),
+    }
+    follow = {"do": "follow_path", "paths": paths}
+    if timeout_s is not None:
+        follow["timeout_s"] = timeout_s
+
+    (finding,) = found("time", fleet, tmp_path, UP, follow, LAND)
+    assert finding.status == status
+    if status == "refused":
+        assert "timeout_s is 30 s; mav1 needs 40.5 s alone" in finding.sentence
