@@ -115,6 +115,15 @@ def course(
         yield from _course_steps(fleet, step, f"step[{index}]", course_fleet, paths_of, path)
 
 
+def begins_of(paths: Mapping[str, Path]) -> dict[str, Xyz]:
+    """Return the first point of each path [m], ENU.
+
+    Args:
+        paths: paths of vehicles.
+    """
+    return {name: _point(path, 0.0) for name, path in paths.items()}
+
+
 def expected_duration_s(course_steps: Iterable[CourseStep]) -> float:
     """Return the time [s] that steps are expected to take together.
 
@@ -351,8 +360,8 @@ def _with_paths(
 
     ends = {name: _point(path, math.inf) for name, path in paths.items()}
     to_begins_s = max(
-        _move_s(fleet, name, course_step.positions[name], _point(path, 0.0), 0.0)
-        for name, path in paths.items()
+        _move_s(fleet, name, course_step.positions[name], begin, 0.0)
+        for name, begin in begins_of(paths).items()
     )
     longest_s = max(path.duration_s for path in paths.values())
     return replace(course_step, goals=ends, expected_s=to_begins_s + _PATH_SETTLE_S + longest_s)

@@ -6,10 +6,11 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 
-from groundstation.mission_files.expected_course import CourseStep, expected_duration_s
+from groundstation.mission_files.expected_course import CourseStep, begins_of, expected_duration_s
 from groundstation.mission_files.mission import Mission
+from groundstation.mission_files.path_ways import crossing_findings
 from groundstation.mission_files.steps import FlyFormationStep, FollowPathStep
 from groundstation.orders.intents import GoalIntent, Home, Intent, Land
 from groundstation.orders.reachable_goals import unreachable
@@ -22,6 +23,7 @@ from onboard.feasibility.blind_descent import blind_descent_findings
 from onboard.feasibility.finding import Finding, at_least, at_most, worst, worst_first
 from onboard.feasibility.fleet_checks import ErrorClass, error_class, fleet_findings, spot_findings
 from onboard.safety.area_room import length_beyond_m
+from onboard.tuples import Xyz
 
 # names of findings that do not refuse a flight, since they do not concern what the law can fly
 _NEVER_REFUSING = ("time", "expectation", "arrival", "ending")
@@ -118,6 +120,14 @@ def _step_findings(mission: Mission, errors: ErrorClass | None) -> Iterator[Find
         step_name = f"{course_step.key} ({step.do})"  # such as "step[2] (goto)"
         if course_step.paths:
             yield from path_findings(fleet, course_step.paths, step_name, errors=errors)
+            yield from _unreachable_findings(
+                fleet,
+                course_step,
+                step_name,
+                begins_of(course_step.paths),
+                "first point of the path",
+            )
+            yield from crossing_findings(fleet, course_step.paths, step_name)
             yield from _descent_from_paths(fleet, course_step, step_name)
             yield from _path_time_limit(course_step, step_name)
         if isinstance(step, FollowPathStep):
@@ -132,7 +142,7 @@ def _step_findings(mission: Mission, errors: ErrorClass | None) -> Iterator[Find
 
         if isinstance(step, GoalIntent) and step.speed_m_s is not None:
             yield _speed_finding(fleet, step.speed_m_s, course_step, step_name)
-        yield from _unreachable_findings(fleet, course_step, step_name)
+        yield from _unreachable_findings(fleet, course_step, step_name, course_step.goals, "goal")
         if fleet.fences:
             yield from _way_findings(fleet, course_step, step_name)
         flying = _flying_after(course_step)
@@ -228,12 +238,19 @@ def _speed_finding(
 
 
 def _unreachable_findings(
-    fleet: FleetConfig, course_step: CourseStep, step_name: str
+    fleet: FleetConfig,
+    course_step: CourseStep,
+    step_name: str,
+    goals: Mapping[str, Xyz],
+    noun: str,
 ) -> Iterator[Finding]:
-    """Yield the finding about goals to which obstacles, fences or raised ground leave no way."""
+    """Yield the finding about goals to which obstacles, fences or raised ground leave no way.
+
+    The goals of paths are their first points; the noun names a goal in the sentence.
+    """
     ends_on_ground = isinstance(course_step.step, Land | Home)
     without_way = {}
-    for name, goal in course_step.goals.items():
+    for name, goal in goals.items():
         begin = course_step.positions[name]
         words = unreachable(fleet, name, begin, goal)
         if not words and not ends_on_ground:
@@ -249,7 +266,7 @@ def _unreachable_findings(
         value=float(len(without_way)),
         bound=0.0,
         unit="",
-        sentence=f"{_capitalised(step_name)}: the goal of {name} {words}",
+        sentence=f"{_capitalised(step_name)}: the {noun} of {name} {words}",
         remedy="Choose another goal, or move what stands in the way.",
     )
 

@@ -14,9 +14,11 @@ from typing import NamedTuple
 import numpy as np
 
 from onboard.arrays import Array
+from onboard.config.areas import Area
 from onboard.config.fleet import FleetConfig, above_words, parking_distance_m, parking_height_share
 from onboard.config.flight_space import flight_space_of
 from onboard.config.ground import ground_by_spots_m, ground_under_m, least_height_m
+from onboard.config.obstacles import Circle
 from onboard.constants import GRAVITY_M_S2
 from onboard.control.path import MAX_JUMP_M, MAX_JUMP_M_S, Path, jumps, sampled
 from onboard.control.vertical_limits import planned_m_s2
@@ -24,7 +26,7 @@ from onboard.estimation.accuracies import ACCURACIES, Accuracy
 from onboard.feasibility.finding import Finding, at_least, at_most, worst
 from onboard.feasibility.fleet_checks import ErrorClass, error_class
 from onboard.feasibility.pair_checks import height_accuracy_m, parking_m
-from onboard.safety.area_room import clearances_m
+from onboard.safety.area_room import clearances_m, rooms_m
 from onboard.tuples import Xyz
 
 LOWEST_M = 0.3  # lowest height of a path above the ground
@@ -312,7 +314,7 @@ def path_findings(
 
     Returns:
         One finding each for speed, acceleration, vertical acceleration, tilt, speed at the ends,
-        jumps of position and velocity, fence, height and spacing.
+        jumps of position and velocity, fence, height, obstacles and spacing.
     """
     flown = sample(paths)
     vehicles = [fleet.vehicles[name] for name in flown.names]
@@ -370,6 +372,8 @@ def path_findings(
     ]
     findings += jump_findings(paths, where)
     findings += _room(fleet, flown, where)
+    if fleet.obstacles:
+        findings.append(_obstacle_finding(fleet, flown, where))
     if len(paths) > 1:
         accuracy = ACCURACIES[errors or error_class(fleet)]
         findings.append(_spacing(fleet, flown, where, accuracy))
@@ -515,6 +519,50 @@ def _room(fleet: FleetConfig, flown: SampledPaths, where: str) -> list[Finding]:
             )
         )
     return findings
+
+
+def obstacle_gaps_m(fleet: FleetConfig, positions_enu_m: Array) -> Array:
+    """Return the distance [m] of each position to the nearest obstacle's outline; negative inside.
+
+    Args:
+        fleet: the fleet file, with at least one obstacle.
+        positions_enu_m: positions (..., 3).
+    """
+    gaps_m = np.full(positions_enu_m.shape[:-1], np.inf)
+    for obstacle in fleet.obstacles:
+        circle = obstacle.circle or Circle(center_enu_m=(0.0, 0.0), radius_m=0.0)
+        outline = Area(
+            name=obstacle.name,
+            keeps_in=False,
+            corners_enu_m=obstacle.polygon_enu_m or (),
+            center_enu_m=circle.center_enu_m,
+            radius_m=circle.radius_m,
+            low_m=-math.inf,
+            high_m=math.inf,
+            buffer_m=0.0,
+        )
+        gaps_m = np.minimum(gaps_m, rooms_m(outline, positions_enu_m))
+    return gaps_m
+
+
+def _obstacle_finding(fleet: FleetConfig, flown: SampledPaths, where: str) -> Finding:
+    """Return the finding about the smallest distance of a path to an obstacle.
+
+    It refuses no path, because the law leads vehicles around thin obstacles.
+    """
+    gaps_m = obstacle_gaps_m(fleet, flown.values[0, :, :, :3])
+    step, index = np.unravel_index(gaps_m.argmin(), gaps_m.shape)
+    return at_least(
+        name=f"path obstacles, {where}",
+        value=float(gaps_m[step, index]),
+        bound=0.5 * fleet.fleet.body_diameter_m + fleet.law.obstacle_margin_m,
+        unit="m",
+        sentence=f"{_capitalised(where)}: {flown.names[index]}'s path is <value> from an obstacle "
+        f"at {flown.times_s[step]:.1f} s; half a body and law.obstacle_margin_m require "
+        "<relation> <bound>",
+        remedy="Lead the path around the obstacle: the law keeps the vehicle away from it.",
+        refuse_below=-math.inf,
+    )
 
 
 def _spacing(fleet: FleetConfig, flown: SampledPaths, where: str, accuracy: Accuracy) -> Finding:

@@ -11,6 +11,7 @@ from msgspec.structs import replace
 from groundstation.mission_files.loading import mission_from_mapping
 from groundstation.mission_files.mission_findings import mission_findings
 from onboard.config.fleet import FleetConfig, parking_distance_m
+from onboard.config.obstacles import Circle, Obstacle
 from onboard.estimation.accuracies import ACCURACIES
 from onboard.feasibility.finding import Finding
 from onboard.feasibility.pair_checks import parking_m
@@ -148,3 +149,67 @@ def test_the_time_limit_of_a_step_is_compared_with_its_longest_path(
     assert finding.status == status
     if status == "refused":
         assert "timeout_s is 30 s; mav1 needs 40.5 s alone" in finding.sentence
+
+
+def around(fleet: FleetConfig, obstacle: Obstacle) -> FleetConfig:
+    """Return the fleet in a wide fence with an obstacle."""
+    fence = replace(fleet.fleet.geofence_m, x=(-6.0, 6.0), y=(-6.0, 6.0))
+    wide = replace(fleet.fleet, geofence_m=fence)
+    return replace(fleet, fleet=wide, obstacles=(obstacle,))
+
+
+def pillar(radius_m: float) -> Obstacle:
+    return Obstacle(name="pillar", circle=Circle(center_enu_m=(0.0, 2.0), radius_m=radius_m))
+
+
+def wall(east_m: float) -> Obstacle:
+    corners = ((-east_m, 1.0), (east_m, 1.0), (east_m, 1.3), (-east_m, 1.3))
+    return Obstacle(name="wall", polygon_enu_m=corners)
+
+
+@pytest.mark.parametrize(
+    ("obstacle", "statuses"),
+    [
+        (pillar(0.3), ["ok", "warning"]),  # thin: the law leads the vehicle around it
+        (pillar(0.6), ["refused", "warning"]),
+        (wall(3.0), ["refused", "warning"]),
+        (wall(6.0), ["refused", "warning"]),
+    ],
+)
+def test_a_path_leads_through_thin_obstacles_only(
+    fleet: FleetConfig, tmp_path: Path, obstacle: Obstacle, statuses: list[str]
+) -> None:
+    through = path_file(tmp_path / "through.csv", (0, 0, 1), (0, 4, 1), (0, 4.5, 1))
+    follow = {"do": "follow_path", "paths": {"mav1": through}}
+    there = around(fleet, obstacle)
+
+    findings = []
+    for name in ("path through an obstacle", "path obstacles"):
+        findings += found(name, there, tmp_path, UP, follow, LAND)
+    assert [finding.status for finding in findings] == statuses
+
+
+def test_a_path_beside_an_obstacle_says_nothing_about_ways_around(
+    fleet: FleetConfig, tmp_path: Path
+) -> None:
+    there = around(fleet, pillar(0.3))
+    statuses = []
+    for x in (0.9, 0.6):
+        beside = path_file(tmp_path / "beside.csv", (x, 0, 1), (x, 4, 1))
+        follow = {"do": "follow_path", "paths": {"mav1": beside}}
+        assert not found("path through an obstacle", there, tmp_path, UP, follow, LAND)
+        (finding,) = found("path obstacles", there, tmp_path, UP, follow, LAND)
+        statuses.append(finding.status)
+    assert statuses == ["ok", "warning"]
+
+
+def test_a_path_whose_first_point_cannot_be_reached_is_refused(
+    fleet: FleetConfig, tmp_path: Path
+) -> None:
+    behind = path_file(tmp_path / "behind.csv", (0, 3, 1), (0, 4, 1))
+    follow = {"do": "follow_path", "paths": {"mav1": behind}}
+
+    (finding,) = found("reach", around(fleet, wall(6.0)), tmp_path, UP, follow, LAND)
+    assert finding.status == "refused"
+    assert "the first point of the path of mav1 cannot be reached" in finding.sentence
+    assert not found("reach", around(fleet, wall(3.0)), tmp_path, UP, follow, LAND)
