@@ -141,7 +141,7 @@ def test_the_time_limit_of_a_step_is_compared_with_its_longest_path(
         "mav1": path_file(tmp_path / "mav1.csv", (0, 0, 1), (0, 2, 1), seconds=40.0),
         "mav2": path_file(tmp_path / "mav2.csv", (2, 0, 1), (2, 1, 1)),
     }
-    follow = {"do": "follow_path", "paths": paths}
+    follow: dict[str, Any] = {"do": "follow_path", "paths": paths}
     if timeout_s is not None:
         follow["timeout_s"] = timeout_s
 
