@@ -29,7 +29,12 @@ from onboard.tuples import Xyz
 _NEVER_REFUSING = ("time", "expectation", "arrival", "ending")
 _SPARE_PCT = 10.0  # charge at the end above the level at which a vehicle lands by itself
 _DETOUR_FACTOR = 1.7  # recommended time limit divided by the duration of the straight way
-_ARRIVAL_M = 0.05  # error of an arrival with a perfect position
+# Distance from the goal within which nearly every arrival with motion capture is.
+_ARRIVAL_M = 0.056
+# Factor on what another accuracy adds to the standard deviation of an axis. The distance has three
+# axes, and heights by satellites err more: of 72 arrivals in lockstep flights by satellites half
+# were within 0.50 m, 95 % within 0.82 m, and all but one, with 0.91 m, within the bound.
+_ARRIVAL_SIGMAS = 4.3
 
 
 def mission_findings(mission: Mission, errors: ErrorClass | None = None) -> tuple[Finding, ...]:
@@ -339,10 +344,11 @@ def _arrival_expectation(mission: Mission, errors: ErrorClass | None) -> Iterato
         return
 
     accuracy = ACCURACIES[errors or error_class(mission.fleet)]
+    added_std_m = accuracy.position_std_m - ACCURACIES["mocap"].position_std_m
     yield at_least(
         name="arrival",
         value=within_m,
-        bound=_ARRIVAL_M + 2.0 * accuracy.position_std_m,
+        bound=_ARRIVAL_M + _ARRIVAL_SIGMAS * added_std_m,
         unit="m",
         sentence=f"The mission expects arrivals within <value>; with the accuracy of "
         f"'{accuracy.name}', expect <relation> <bound>: nearly every arrival is within that",

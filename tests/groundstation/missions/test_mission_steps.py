@@ -188,6 +188,25 @@ def test_a_mission_that_outlasts_a_battery_is_refused(fleet: FleetConfig) -> Non
     assert not refused(fleet)  # nobody knows how long its batteries last
 
 
+@pytest.mark.parametrize(
+    ("errors", "within_m", "status"),
+    [
+        ("mocap", 0.05, "warning"),
+        ("mocap", 0.06, "ok"),
+        ("vision", 0.15, "warning"),
+        ("gps", 0.7, "warning"),  # one arrival in five is farther away
+        ("gps", 0.95, "ok"),
+    ],
+)
+def test_an_expected_arrival_is_compared_with_the_error_in_all_three_axes(
+    fleet: FleetConfig, errors: Any, within_m: float, status: str
+) -> None:
+    mission = make(fleet, UP, SWAP, {"do": "land"}, expect={"arrived_within_m": within_m})
+    findings = mission_findings(mission, errors)
+    (finding,) = [one for one in findings if one.name == "arrival"]
+    assert finding.status == status
+
+
 def in_parallel(*durations_s: float) -> dict[str, Any]:
     waits = [[{"do": "wait", "duration_s": duration_s}] for duration_s in durations_s]
     return {"do": "parallel", "branches": waits}
