@@ -256,7 +256,9 @@ def _unreachable_findings(
     ends_on_ground = isinstance(course_step.step, Land | Home)
     without_way = {}
     for name, goal in goals.items():
-        begin = course_step.positions[name]
+        begin = course_step.positions.get(name)
+        if begin is None:  # a path of a vehicle that was disabled after the loading
+            continue
         words = unreachable(fleet, name, begin, goal)
         if not words and not ends_on_ground:
             words = ground_in_the_way(fleet, fleet.vehicles[name], begin, goal)

@@ -213,3 +213,17 @@ def test_a_path_whose_first_point_cannot_be_reached_is_refused(
     assert finding.status == "refused"
     assert "the first point of the path of mav1 cannot be reached" in finding.sentence
     assert not found("reach", around(fleet, wall(3.0)), tmp_path, UP, follow, LAND)
+
+
+def test_a_path_of_a_vehicle_that_is_disabled_later_is_judged_without_a_way_to_it(
+    fleet: FleetConfig, tmp_path: Path
+) -> None:
+    east = path_file(tmp_path / "east.csv", (0, 0, 1), (1, 0, 1))
+    steps = [UP, {"do": "follow_path", "paths": {"mav1": east}}, LAND]
+    content = {"schema": 1, "step": steps}
+    mission = mission_from_mapping(content, path=str(tmp_path / "test.toml"), fleet=fleet)
+    vehicles = dict(fleet.vehicles)
+    vehicles["mav1"] = replace(vehicles["mav1"], enabled=False)
+
+    findings = mission_findings(replace(mission, fleet=replace(fleet, vehicles=vehicles)))
+    assert not [finding for finding in findings if finding.name.startswith("reach")]
