@@ -8,6 +8,7 @@ the ground, hardly any two vehicles came nearer than 0.70 m. With more than 4 s 
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Mapping
 
 from onboard.config.fleet import FleetConfig
@@ -35,20 +36,23 @@ def blind_descent_findings(
         spots: vehicle -> position [m], fleet ENU.
         label: name of the constellation in the sentence.
         are_on_paths: whether the positions are the highest ones of paths, above which no vehicle
-            rises to pass another.
+            rises to pass another. Beyond every time limit the finding stays a warning, because a
+            show cannot be flown lower without another design.
     """
     by_mocap = [name for name in spots if fleet.vehicles[name].mocap_required]
     if len(spots) < 2 or not by_mocap:
         return
 
     tops = dict(spots)
+    refused_s = math.inf
     if not are_on_paths:
+        refused_s = _REFUSED_S
         for name, (x, y, z) in spots.items():
             tops[name] = (x, y, top_of_moves_m(fleet, name, z))
-    yield worst(_finding(fleet, name, tops[name], label) for name in by_mocap)
+    yield worst(_finding(fleet, name, tops[name], label, refused_s) for name in by_mocap)
 
 
-def _finding(fleet: FleetConfig, name: str, top: Xyz, label: str) -> Finding:
+def _finding(fleet: FleetConfig, name: str, top: Xyz, label: str, refused_s: float) -> Finding:
     """Return the finding about one vehicle."""
     vehicle = fleet.vehicles[name]
     x, y, top_m = top
@@ -67,5 +71,5 @@ def _finding(fleet: FleetConfig, name: str, top: Xyz, label: str) -> Finding:
             f"{height_m:.1f} m after <value>; dead reckoning keeps vehicles apart for <bound>"
         ),
         remedy="Fly lower, or let vehicles that fly high keep away from the others.",
-        refuse_above=_REFUSED_S,
+        refuse_above=refused_s,
     )

@@ -575,14 +575,14 @@ def test_light_programs_become_colours_at_times() -> None:
 
 
 def _crossing_above(folder: Path) -> Path:
-    """Two drones that cross 3.2 m above each other, east to west and north to south."""
+    """Two drones that cross 6 m above each other, east to west and north to south."""
     across = crossing(seconds=40.0)
     low = across["east"]
     high = across["north"]
 
     def raised(t: float) -> tuple[float, float, float]:
         x, y, z = high(t)
-        return x, y, 3.0 * z
+        return x, y, 6.0 * z
 
     return csvs(folder, [low, raised], 40.0)
 
@@ -597,8 +597,8 @@ def test_a_show_that_passes_above_itself_says_how_and_is_flown_with_heights(
     assert "(times of the show)" in said
     assert "--vertical" in said
 
-    assert main(["import", str(show), "--out", str(out), "--vertical", "2"]) == 0
-    assert "vertical_separation_m = 2" in (out / "fleet.toml").read_text()
+    assert main(["import", str(show), "--out", str(out), "--vertical", "2.5"]) == 0
+    assert "vertical_separation_m = 2.5" in (out / "fleet.toml").read_text()
     assert "the paths take" in capsys.readouterr().out
 
 
