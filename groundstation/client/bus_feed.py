@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import asyncio
 from collections import deque
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Hashable, Sequence
 
 from groundstation.fleet.state import NodeSeen, NotUsed, ReceivedMessage
 from onboard.bus.clock_offsets import Clocks
@@ -67,6 +67,8 @@ class BusFeed:
         self._loop: asyncio.AbstractEventLoop | None = None  # None before the start
         self._opening: asyncio.Task[None] | None = None  # opens the bus; None: the start waited
         self._is_open = False
+        self._calls_when_open: dict[Hashable, Callable[[], None]] = {}  # by a key
+        self.problem = ""  # why the bus cannot be opened; empty if it is open, or may open yet
         self._delivery: asyncio.TimerHandle | None = None
         self._clock_node = ClockNode(bus)
         self._clock: asyncio.Task[None] | None = None
@@ -96,8 +98,9 @@ class BusFeed:
         """Open the bus; a second call does nothing.
 
         Args:
-            longest_s: longest wait [s]. If the bus is not open by then, or cannot be opened, the
-                feed goes on without it, until it opens. None waits for the bus.
+            longest_s: longest wait [s]. If the bus is not open by then, the feed goes on without
+                it, and the bus may open later. If it cannot be opened, the feed stays without it,
+                and `problem` says why. None waits for the bus.
 
         Raises:
             BusError: the bus cannot be opened; never with ``longest_s``.
@@ -106,16 +109,21 @@ class BusFeed:
             return
 
         self._loop = asyncio.get_running_loop()
-        opening = self._open_and_deliver(self._loop)
         if longest_s is not None:
-            self._opening = self._loop.create_task(opening)
+            self._opening = self._loop.create_task(self._open_or_note_problem(self._loop))
             await asyncio.wait([self._opening], timeout=longest_s)
             return
         try:
-            await opening
+            await self._open_and_deliver(self._loop)
         except BusError:
             self._loop = None
             raise
+
+    async def _open_or_note_problem(self, loop: asyncio.AbstractEventLoop) -> None:
+        try:
+            await self._open_and_deliver(loop)
+        except BusError as error:
+            self.problem = str(error)
 
     async def _open_and_deliver(self, loop: asyncio.AbstractEventLoop) -> None:
         await asyncio.to_thread(self._open)
@@ -124,6 +132,20 @@ class BusFeed:
             # Agents on other hosts need this ground's clock to check the deadline of an order.
             self._clock = loop.create_task(self._clock_node.keep())
             self._deliver_periodically(loop)
+
+        calls = list(self._calls_when_open.values())
+        self._calls_when_open.clear()
+        for call in calls:
+            call()
+
+    def call_when_open(self, key: Hashable, call: Callable[[], None]) -> None:
+        """Call a function once the bus is open; of several with one key, only the newest.
+
+        Args:
+            key: names what the function does.
+            call: the function, called in the event loop.
+        """
+        self._calls_when_open[key] = call
 
     async def stop(self) -> None:
         """Leave the bus; a second call does nothing."""

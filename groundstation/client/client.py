@@ -166,6 +166,11 @@ class FleetClient:
         """Whether the client was started, and its bus is not open, or not yet."""
         return self._feed.is_without_bus
 
+    @property
+    def bus_problem(self) -> str:
+        """Why the bus cannot be opened; empty if it is open, or may open yet."""
+        return self._feed.problem
+
     def now_ns(self) -> int:
         """Return the time of the monotonic clock that gives the ages in the state [ns]."""
         return self._clock_ns()
@@ -200,9 +205,9 @@ class FleetClient:
         """Open the bus; a second call does nothing.
 
         Args:
-            longest_s: longest wait [s]. If the bus is not open by then, or cannot be opened, the
-                client goes on without it, until it opens: land and kill go straight to PX4. None
-                waits for the bus.
+            longest_s: longest wait [s]. If the bus is not open by then, the client goes on without
+                it: land and kill go straight to PX4, and over the bus once it is open. None waits
+                for the bus.
 
         Raises:
             BusError: the bus cannot be opened; never with ``longest_s``.

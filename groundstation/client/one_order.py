@@ -42,10 +42,7 @@ async def order_once(
     await client.start(longest_s)
     try:
         if client.is_without_bus:
-            say(
-                "This ground is not on the bus: no router of this fleet has answered within "
-                f"{longest_s:g} s. Start one with covey router."
-            )
+            say(_without_bus_words(client, longest_s))
         await _wait_until_heard(client, intent)
         state_before = client.state
         ordered = asyncio.create_task(client.order(intent, timeout_s))
@@ -63,7 +60,8 @@ async def order_once(
 def longest_start_s(fleet: FleetConfig, intent: Intent) -> float | None:
     """Return how long an order waits for a router of the fleet [s]; None: until one answers.
 
-    A land or kill needs no router where it can go straight to PX4.
+    A land or kill needs no router where it can go straight to PX4. A land waits longer, because
+    vehicles that PX4 lands do not avoid each other.
 
     Args:
         fleet: the fleet file.
@@ -73,11 +71,21 @@ def longest_start_s(fleet: FleetConfig, intent: Intent) -> float | None:
         return None
 
     has_direct = [fleet.vehicles[name].direct is not None for name in intent.names]
-    if all(has_direct):
+    if not any(has_direct):
+        return None
+    if isinstance(intent, Kill) and all(has_direct):
         return _SILENT_S
-    if any(has_direct):
-        return CONNECT_S
-    return None
+    return CONNECT_S
+
+
+def _without_bus_words(client: FleetClient, waited_s: float | None) -> str:
+    """Return why this ground is not on the bus, and where the order goes meanwhile."""
+    if client.bus_problem:
+        return client.bus_problem
+    return (
+        f"No router of this fleet has answered within {waited_s:g} s: the order goes straight to "
+        "PX4, and over the bus as soon as a router answers."
+    )
 
 
 async def _wait_until_heard(client: FleetClient, intent: Intent) -> None:

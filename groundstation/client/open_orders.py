@@ -23,6 +23,7 @@ import asyncio
 import contextlib
 from collections import deque
 from collections.abc import Callable, Collection, Mapping
+from functools import partial
 
 from groundstation.client.bus_feed import BusFeed
 from groundstation.client.direct_mavlink import DirectCommand, DirectKind, SendDirect
@@ -230,6 +231,8 @@ class OpenOrders:
     ) -> None:
         """Send one message, whose reply sets the event, and measure its round trip."""
         if self._feed.is_without_bus:
+            send = partial(self._send_late, result, vehicle, replied)
+            self._feed.call_when_open((order.order_id, vehicle), send)
             return
         sent_ns = self._feed.now_ns()
 
@@ -250,6 +253,12 @@ class OpenOrders:
             on_reply=on_reply,
             on_end=lambda: None,
         )
+
+    def _send_late(self, result: OrderResult, vehicle: str, replied: asyncio.Event) -> None:
+        """Send an order that was given before the bus was open, unless it has ended."""
+        if not result.results[vehicle].is_final:
+            order = stamped_anew(result.planned.orders[vehicle], self._feed.now_ns())
+            self._send(result, vehicle, order, replied, does_refusal_count=False)
 
     def _note_round_trip(self, vehicle: str, round_trip_s: float) -> None:
         earlier_s = self._round_trips_s.get(vehicle, ())

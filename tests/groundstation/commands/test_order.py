@@ -171,7 +171,7 @@ def order_without_router(
 
         def start() -> None:
             if opens:
-                assert until(lambda: found._orders.has_open("mav0", ("land",)))
+                assert until(lambda: found._orders.has_open("mav0", ("land", "kill")))
                 return
             if answers:
                 assert is_sent.wait(5.0)
@@ -196,7 +196,7 @@ def test_without_a_router_a_kill_goes_straight_to_px4_and_ends_as_px4_confirms(
     assert not orders
     assert sorted(command.system_id for command in commands) == [1, 2, 3]
     lines = capsys.readouterr()
-    assert "no router of this fleet has answered within 0.05 s" in lines.err
+    assert "No router of this fleet has answered within 0.05 s" in lines.err
     assert lines.out.startswith("mav0: done.")
     assert "mav1: failed." in lines.err
     assert "mav2: failed." in lines.err
@@ -216,16 +216,40 @@ def test_without_a_router_a_kill_reaches_px4_beside_a_vehicle_without_direct_pat
     assert "mav1: no answer." in capsys.readouterr().err
 
 
-def test_a_router_that_answers_late_takes_a_landing_to_the_agent(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+@pytest.mark.parametrize("verb", ["land", "kill"])
+def test_a_router_that_answers_late_takes_a_land_or_kill_to_the_agent(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], verb: str
 ) -> None:
     status, orders, commands = order_without_router(
-        monkeypatch, "land", "mav0", answers={}, opens=True
+        monkeypatch, verb, "mav0", answers={}, opens=True
     )
     assert status == 0
-    assert [vehicle for vehicle, _ in orders] == ["mav0"]
+    assert [(vehicle, order.kind) for vehicle, order in orders] == [("mav0", verb)]
     assert not commands
     assert "mav0: done." in capsys.readouterr().out
+
+
+def test_a_bus_that_cannot_be_opened_says_why(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def refuse(fleet: FleetConfig, **_: Any) -> FleetClient:
+        bus: Any = FakeBus(fleet)
+
+        def start() -> None:
+            raise NoRouterError("The router's certificate is of another authority.")
+
+        bus.start = start
+        return FleetClient(fleet, author="script", bus=bus, send=nobody)
+
+    async def nobody(command: DirectCommand) -> DirectResult:
+        return NOBODY
+
+    fleet = load_fleet(FLEET)
+    section = structs.replace(fleet.fleet, routers=("tcp/127.0.0.1:1",))
+    monkeypatch.setattr(give, "load_fleet", lambda _: structs.replace(fleet, fleet=section))
+    monkeypatch.setattr(give, "FleetClient", refuse)
+    assert main(["order", "--fleet", FLEET, "kill", "mav0"]) == 10
+    assert "The router's certificate is of another authority." in capsys.readouterr().err
 
 
 def test_other_orders_and_vehicles_without_direct_path_need_a_router(
