@@ -1,8 +1,8 @@
 """The pause of vehicles that follow another vehicle.
 
 The order `pause` lets vehicles that follow a leader hold where they are. The weakest battery limits
-the pause, be it the leader's or a follower's: pause_watch.py brings all of them that fly home while
-that battery has enough charge for it.
+the pause, be it the leader's or a follower's: pause_watch.py brings all of them home that can fly
+there, while that battery has enough charge for it.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from collections.abc import Iterable
 from typing import Protocol
 
 from groundstation.missions.pause_watch import PauseGround, PauseWatch
-from groundstation.missions.taken import FleetWatch
+from groundstation.missions.taken import FleetWatch, flown_by_hand
 from groundstation.orders.battery_reserve import Reserve
 from groundstation.orders.result import OrderFailed
 from onboard.bus.schema import Telemetry
@@ -63,7 +63,7 @@ class FollowPause:
             telemetry = self._ground.client.state.vehicles[name].telemetry
             if telemetry is not None and telemetry.follows:
                 self._have_followed.add(name)
-        return self._watch.weakest_battery(self._in_air())
+        return self._watch.weakest_battery(self._can_go_home())
 
     def stopped(self) -> dict[str, Telemetry]:
         """Return the vehicles that have followed and were stopped: name -> telemetry.
@@ -119,7 +119,9 @@ class FollowPause:
                 self._watch.show(reserve)
                 if reserve is not None and reserve.is_used_up:
                     self.has_brought_home = True
-                    intent, results = await self._watch.bring_home(self._in_air(), reserve, _HOME_S)
+                    intent, results = await self._watch.bring_home(
+                        self._can_go_home(), reserve, _HOME_S
+                    )
                     raise OrderFailed(intent, results)
 
                 await asyncio.sleep(_LOOK_S)
@@ -129,8 +131,17 @@ class FollowPause:
 
         return ground.client.now_ns() - begin_ns
 
-    def _in_air(self) -> tuple[str, ...]:
-        """Return the names of those that fly: the leader and the followers."""
-        vehicles = self._ground.client.state.vehicles
-        names = (self._leader, *self._names)
-        return tuple(name for name in names if vehicles[name].is_airborne)
+    def _can_go_home(self) -> tuple[str, ...]:
+        """Return who of leader and followers can be brought home.
+
+        Whoever has lost its position lands by itself, and a pilot's vehicle takes no such order.
+        """
+        client = self._ground.client
+        by_hand = flown_by_hand(client)
+        names = []
+        for name in (self._leader, *self._names):
+            view = client.state.vehicles[name]
+            knows_position = view.telemetry is not None and view.telemetry.is_position_valid
+            if view.is_airborne and knows_position and name not in by_hand:
+                names.append(name)
+        return tuple(names)

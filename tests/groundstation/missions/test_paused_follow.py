@@ -67,14 +67,22 @@ async def test_a_pause_of_followers_ends_at_home_while_the_weakest_battery_still
     assert home.then_land
 
 
-async def test_the_leaders_battery_ends_a_pause_and_all_that_fly_go_home(
-    flying: Any, bus: Any
+@pytest.mark.parametrize(
+    "cannot",
+    [
+        {"state": "landed", "is_airborne": False, "is_position_valid": False},
+        {"is_position_valid": False},
+        {"is_flown_by_hand": True, "mode": "POSCTL"},
+    ],
+)
+async def test_the_leaders_battery_ends_a_pause_and_all_that_can_fly_home_do(
+    flying: Any, bus: Any, cannot: dict[str, Any]
 ) -> None:
     offsets = {"mav1": (0.0, 2.0, 0.0), "mav2": (0.0, 4.0, 0.0)}
     follow = asyncio.create_task(flying.follow("mav0", 60.0, offsets=offsets))
     await asyncio.sleep(0.1)
     await flying.pause()
-    bus.tell("mav2", state="landed", is_airborne=False, is_position_valid=False)
+    bus.tell("mav2", **cannot)
     bus.tell("mav0", battery_frac=0.21)
     with pytest.raises(OrderFailed) as failed:
         await asyncio.wait_for(follow, 5.0)
