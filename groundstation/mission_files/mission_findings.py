@@ -13,11 +13,11 @@ from groundstation.mission_files.mission import Mission
 from groundstation.mission_files.path_ways import crossing_findings
 from groundstation.mission_files.steps import FlyFormationStep, FollowPathStep
 from groundstation.orders.intents import GoalIntent, Home, Intent, Land
-from groundstation.orders.reachable_goals import unreachable
+from groundstation.orders.reachable_goals import raised_ground, unreachable
 from groundstation.paths.checks import highest_points, path_findings
 from onboard.config.fleet import ConfigError, FleetConfig
 from onboard.config.flight_space import flight_space_of
-from onboard.control.raised_ground import ground_in_the_way
+from onboard.control.raised_ground import IN_MISSION
 from onboard.estimation.accuracies import ACCURACIES
 from onboard.feasibility.blind_descent import blind_descent_findings
 from onboard.feasibility.finding import Finding, at_least, at_most, worst, worst_first
@@ -261,7 +261,7 @@ def _unreachable_findings(
             continue
         words = unreachable(fleet, name, begin, goal)
         if not words and not ends_on_ground:
-            words = ground_in_the_way(fleet, fleet.vehicles[name], begin, goal)
+            words = raised_ground(fleet, name, begin, goal, IN_MISSION)
         if words:
             without_way[name] = words
     if not without_way:

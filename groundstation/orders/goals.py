@@ -38,10 +38,9 @@ from groundstation.orders.intents import (
     Rotate,
     Yaw,
 )
-from groundstation.orders.reachable_goals import shortest_leg_s
+from groundstation.orders.reachable_goals import height_of_goal_m, shortest_leg_s
 from onboard.config.fleet import FleetConfig, Vehicle
 from onboard.config.ground import ground_under_m, least_height_m
-from onboard.control.raised_ground import height_over_ground_m
 from onboard.tuples import Xyz
 
 _MIN_FLIGHT_S = 3.0  # shortest duration of a flight home
@@ -205,9 +204,16 @@ def _height_of_way_home_m(facts: GoalFacts, name: str, goal_enu_m: Xyz) -> float
     if view is None or view.telemetry is None:  # it is not known where the way begins
         return height_m
 
-    vehicle = facts.fleet.vehicles[name]
+    # the order may begin anywhere from here to where the vehicle can stop
     here_enu_m = view.telemetry.position_enu_m
-    over_m = height_over_ground_m(facts.fleet, vehicle, here_enu_m, goal_enu_m)
+    velocity_enu_m_s = view.telemetry.velocity_enu_m_s
+    braking_m_s2 = facts.fleet.vehicles[name].max_acceleration_m_s2
+    braking_s = math.hypot(*velocity_enu_m_s) / (2.0 * braking_m_s2)
+    x, y, z = (
+        position_m + braking_s * velocity_m_s
+        for position_m, velocity_m_s in zip(here_enu_m, velocity_enu_m_s, strict=True)
+    )
+    over_m = height_of_goal_m(facts.fleet, name, (here_enu_m, (x, y, z)), goal_enu_m)
     _, top_m = facts.fleet.fleet.geofence_m.z
     if over_m > top_m:
         return height_m

@@ -38,7 +38,7 @@ from groundstation.orders.intents import (
     Takeoff,
     for_fewer,
 )
-from groundstation.orders.reachable_goals import unreachable
+from groundstation.orders.reachable_goals import raised_ground, unreachable
 from groundstation.orders.swap import names_that_hear, swap_refusals, with_place
 from onboard.bus.schema import BY_MISSION, ON_PATHS, Order
 from onboard.config.fleet import (
@@ -52,7 +52,7 @@ from onboard.config.flight_space import flight_space_of
 from onboard.config.ground import ground_under_m, least_height_m
 from onboard.config.pair_separation import separation_m
 from onboard.config.toml_reading import convert
-from onboard.control.raised_ground import ground_in_the_way
+from onboard.control.raised_ground import IN_ORDER
 from onboard.tuples import Xyz
 
 ORDER_LIFE_S = 2.0  # time from an order to its deadline
@@ -514,7 +514,7 @@ def _way_refusal(name: str, goal: Xyz, fleet: FleetConfig, state: FleetState | N
     here_enu_m = telemetry.position_enu_m
     words = unreachable(fleet, name, here_enu_m, goal)
     if not words:
-        words = ground_in_the_way(fleet, fleet.vehicles[name], here_enu_m, goal)
+        words = raised_ground(fleet, name, here_enu_m, goal, IN_ORDER)
     if not words:
         return None
     return f"{name}: the goal {_goal_text(goal)} {words}. Choose another one."

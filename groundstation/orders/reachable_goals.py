@@ -7,13 +7,14 @@ The map of what stands in a vehicle's way is computed once, and kept for later q
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from functools import lru_cache
 
 from groundstation.fleet.state import FleetState
 from onboard.avoidance.params import Capsule, LawParams, law_params, still
 from onboard.config.fleet import FleetConfig, Vehicle
 from onboard.control import router
+from onboard.control.raised_ground import ground_in_the_way, height_over_ground_m
 from onboard.control.reachability import no_way
 from onboard.control.trajectory import TrajectoryParams, shortest_duration_s
 from onboard.control.vertical_limits import planned_m_s2
@@ -29,6 +30,47 @@ def unreachable(fleet: FleetConfig, name: str, begin_enu_m: Xyz, goal_enu_m: Xyz
         begin_enu_m, goal_enu_m: position of the vehicle, and the goal [m], ENU.
     """
     return no_way(_around(fleet, name), name, begin_enu_m, goal_enu_m)
+
+
+def raised_ground(
+    fleet: FleetConfig, name: str, begin_enu_m: Xyz, goal_enu_m: Xyz, clear_share: float
+) -> str:
+    """Return the words that say which raised ground a vehicle would touch; empty: none.
+
+    Args:
+        fleet: the fleet file.
+        name: one of its vehicles.
+        begin_enu_m, goal_enu_m: position of the vehicle, and the goal [m], ENU.
+        clear_share: one of the shares in onboard/control/raised_ground.py.
+    """
+    return ground_in_the_way(
+        fleet=fleet,
+        vehicle=fleet.vehicles[name],
+        around=_around(fleet, name),
+        begin_enu_m=begin_enu_m,
+        goal_enu_m=goal_enu_m,
+        clear_share=clear_share,
+    )
+
+
+def height_of_goal_m(
+    fleet: FleetConfig, name: str, begins_enu_m: Iterable[Xyz], goal_enu_m: Xyz
+) -> float:
+    """Return a height of a goal to which a vehicle passes over raised ground [m].
+
+    Args:
+        fleet: the fleet file.
+        name: one of its vehicles.
+        begins_enu_m: positions from which it may begin [m], ENU.
+        goal_enu_m: the goal [m], ENU.
+    """
+    return height_over_ground_m(
+        fleet=fleet,
+        vehicle=fleet.vehicles[name],
+        around=_around(fleet, name),
+        begins_enu_m=begins_enu_m,
+        goal_enu_m=goal_enu_m,
+    )
 
 
 def way_m(fleet: FleetConfig, name: str, begin_enu_m: Xyz, goal_enu_m: Xyz) -> float:

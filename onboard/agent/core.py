@@ -612,7 +612,7 @@ class AgentCore:
             fleet=self.fleet,
             surroundings=self.control.surroundings,
             others=self.neighbours.telemetries(),
-            last_places_enu_m=self.neighbours.last_places_enu_m(),
+            last_positions_enu_m=self.neighbours.last_positions_enu_m(),
             distances_m=self._distances_m,
             not_ready=self.preflight.not_ready,
             not_ready_in_air=lambda: self.preflight.reasons_in_air(

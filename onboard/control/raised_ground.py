@@ -1,48 +1,87 @@
-"""Says whether the ground at a raised take-off spot is in the way of a flight. Pure.
+"""Says whether the raised ground of a take-off spot is in the way of a flight. Pure.
 
-A spot may be on a roof or a table, from which vehicles also fly to lower places beside it. A flight
-to a goal is a straight line, on which the height changes evenly.
+A spot may be on a roof or a table, from which vehicles also fly to lower goals beside it. On a
+flight to a goal the height changes evenly, on the straight line or up to the first corner of the
+route around fences and obstacles.
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
+from itertools import pairwise
+from typing import NamedTuple
 
 import numpy as np
 
 from onboard.arrays import Array
 from onboard.config.fleet import FleetConfig, Vehicle
 from onboard.config.ground import ground_by_spots_m, ground_m, is_level, least_height_m
+from onboard.control.router import Surroundings, in_the_way, map_of
 from onboard.tuples import Xyz
+from onboard.vectors import Vec2
 
-# A way leads over raised ground at this share of the least height of goals above it.
-_CLEAR_SHARE = 0.5
-# Over the ground on which it began, a way may lead lower than that, but not this much lower than
+# Height at which a flight passes above raised ground, as a share of the least height of goals
+# there. A vehicle that is not where a mission or an order expected it still passes the later check.
+IN_MISSION = 1.0
+IN_ORDER = 0.75
+ON_VEHICLE = 0.5
+_CHOSEN = 1.5  # of a goal whose height is chosen
+_ADVISED = 1.25  # of a height that is advised
+
+# Over the ground on which it began, a flight may be lower than that, but not this much lower than
 # its begin.
 _SINKS_M = 0.05
-_STEP_M = 0.05  # distance between two checked points of a way
-# A chosen height leaves this to spare, because the vehicle moves until its order begins.
-_SPARE_M = 0.2
+# A flight that begins below raised ground, as beside a table, may lead this far aside below it.
+_ASIDE_M = 0.3
+_STEP_M = 0.05  # distance between two checked points
+
+
+class _Profile(NamedTuple):
+    """Points of a flight."""
+
+    shares: Array  # (n,) of the change of height
+    heights_m: Array  # (n,)
+    least_m: Array  # (n,) least height there; minus infinity where the ground is not raised
+
+    @property
+    def top_m(self) -> float:
+        """Least height at which the flight passes everything that it would touch, or -inf."""
+        touched_m = self.least_m[self.heights_m < self.least_m]
+        return float(touched_m.max(initial=-math.inf))
 
 
 def ground_in_the_way(
-    fleet: FleetConfig, vehicle: Vehicle, begin_enu_m: Xyz, goal_enu_m: Xyz
+    fleet: FleetConfig,
+    vehicle: Vehicle,
+    around: Surroundings,
+    begin_enu_m: Xyz,
+    goal_enu_m: Xyz,
+    clear_share: float,
 ) -> str:
-    """Return the words that say why a straight flight would touch raised ground; empty if not.
+    """Return the words that say why a flight would touch raised ground; empty if it would not.
 
     Args:
         fleet: the fleet file.
         vehicle: one of its vehicles.
+        around: static things around it.
         begin_enu_m, goal_enu_m: its position, and the goal [m], ENU.
+        clear_share: one of the shares above.
     """
-    top_m = _top_in_the_way_m(fleet, vehicle, begin_enu_m, goal_enu_m)
-    if top_m is None:
+    begin_x, begin_y, begin_z = begin_enu_m
+    _, _, goal_z = goal_enu_m
+    clear_m = clear_share * least_height_m(vehicle)
+    if is_level(fleet) or min(begin_z, goal_z) >= _highest_spot_m(fleet) + clear_m:
         return ""
 
-    begin_x, begin_y, begin_z = begin_enu_m
-    over_m = max(begin_z, math.ceil(10.0 * top_m) / 10.0)
+    top_m = _profile(fleet, around, begin_enu_m, goal_enu_m, clear_m).top_m
+    if top_m == -math.inf:
+        return ""
+
+    spare_m = (_ADVISED - clear_share) * least_height_m(vehicle)
+    over_m = max(begin_z, math.ceil(10.0 * (top_m + spare_m)) / 10.0)
     above = (begin_x, begin_y, over_m)
-    if _top_in_the_way_m(fleet, vehicle, above, goal_enu_m) is None:
+    if _profile(fleet, around, above, goal_enu_m, clear_m).top_m == -math.inf:
         how = f"after a climb to {over_m:.2f} m it can"
     elif over_m == begin_z:
         how = f"from beside that ground, after a flight at {over_m:.2f} m, it can"
@@ -55,57 +94,77 @@ def ground_in_the_way(
 
 
 def height_over_ground_m(
-    fleet: FleetConfig, vehicle: Vehicle, begin_enu_m: Xyz, goal_enu_m: Xyz
+    fleet: FleetConfig,
+    vehicle: Vehicle,
+    around: Surroundings,
+    begins_enu_m: Iterable[Xyz],
+    goal_enu_m: Xyz,
 ) -> float:
-    """Return a height of a goal to which a straight flight passes over raised ground [m].
+    """Return a height of a goal to which a flight passes over raised ground [m].
 
     It is the goal's own height if that is enough, and otherwise as low as possible.
 
     Args:
         fleet: the fleet file.
         vehicle: one of its vehicles.
-        begin_enu_m, goal_enu_m: its position, and the goal [m], ENU.
+        around: static things around it.
+        begins_enu_m: positions from which the flight may begin [m], ENU.
+        goal_enu_m: the goal [m], ENU.
     """
-    _, _, goal_z = goal_enu_m
-    if _top_in_the_way_m(fleet, vehicle, begin_enu_m, goal_enu_m) is None:
-        return goal_z
-
-    shares, heights_m, floors_m = _way(fleet, vehicle, begin_enu_m, goal_enu_m)
-    is_in_the_way = heights_m < floors_m
-    _, _, begin_z = begin_enu_m
-    climbs_m = floors_m[is_in_the_way] + _SPARE_M - begin_z
-    return begin_z + float((climbs_m / shares[is_in_the_way]).max())
-
-
-def _top_in_the_way_m(
-    fleet: FleetConfig, vehicle: Vehicle, begin_enu_m: Xyz, goal_enu_m: Xyz
-) -> float | None:
-    """Return the height at which a flight passes all that it would touch [m]; None: nothing."""
+    _, _, height_m = goal_enu_m
     if is_level(fleet):
-        return None
+        return height_m
 
-    _, heights_m, floors_m = _way(fleet, vehicle, begin_enu_m, goal_enu_m)
-    is_in_the_way = heights_m < floors_m
-    if not is_in_the_way.any():
-        return None
-    return float(floors_m[is_in_the_way].max())
+    clear_m = _CHOSEN * least_height_m(vehicle)
+    for begin_enu_m in begins_enu_m:
+        _, _, begin_z = begin_enu_m
+        profile = _profile(fleet, around, begin_enu_m, goal_enu_m, clear_m)
+        touches = profile.heights_m < profile.least_m
+        climbs_m = (profile.least_m[touches] - begin_z) / profile.shares[touches]
+        height_m = max(height_m, begin_z + float(climbs_m.max(initial=-math.inf)))
+    return height_m
 
 
-def _way(
-    fleet: FleetConfig, vehicle: Vehicle, begin_enu_m: Xyz, goal_enu_m: Xyz
-) -> tuple[Array, Array, Array]:
-    """Return points of a straight flight: share of the way, height, and least height there [m].
+def _highest_spot_m(fleet: FleetConfig) -> float:
+    return max(fleet.vehicles[name].start_enu_m[2] for name in fleet.enabled_names)
 
-    The least height is minus infinity where the ground is not raised.
-    """
-    count = 1 + max(1, math.ceil(math.dist(begin_enu_m, goal_enu_m) / _STEP_M))
-    shares = np.linspace(0.0, 1.0, count)
-    begin = np.array(begin_enu_m)
-    points = begin + shares[:, None] * (np.array(goal_enu_m) - begin)
 
-    grounds_m = ground_by_spots_m(fleet, points[:, 0], points[:, 1])
-    floors_m = grounds_m + _CLEAR_SHARE * least_height_m(vehicle)
-    is_begun_on = grounds_m <= grounds_m[0]
-    floors_m = np.where(is_begun_on, np.minimum(floors_m, begin[2] - _SINKS_M), floors_m)
-    floors_m = np.where(grounds_m > ground_m(fleet), floors_m, -np.inf)
-    return shares, points[:, 2], floors_m
+def _profile(
+    fleet: FleetConfig, around: Surroundings, begin_enu_m: Xyz, goal_enu_m: Xyz, clear_m: float
+) -> _Profile:
+    """Return points of a flight that passes at this clearance above raised ground."""
+    begin_x, begin_y, begin_z = begin_enu_m
+    goal_x, goal_y, goal_z = goal_enu_m
+    begin = Vec2(float(begin_x), float(begin_y))
+    goal = Vec2(float(goal_x), float(goal_y))
+    route_map = map_of(in_the_way(around.still, begin_z, goal_z), around)
+    route = route_map.route(begin, goal)
+    if not route:  # the vehicle would fly straight
+        route = [goal]
+
+    xs = []
+    ys = []
+    shares = []
+    first_share = 0.0
+    for here, there in pairwise([begin, *route]):
+        count = 2 + math.ceil(math.dist(here, there) / _STEP_M)
+        xs.append(np.linspace(here.x, there.x, count))
+        ys.append(np.linspace(here.y, there.y, count))
+        shares.append(np.linspace(first_share, 1.0, count))
+        first_share = 1.0  # the height changes up to the first corner
+
+    x_m = np.concatenate(xs)
+    y_m = np.concatenate(ys)
+    share = np.concatenate(shares)
+    grounds_m = ground_by_spots_m(fleet, x_m, y_m)
+    least_m = grounds_m + clear_m
+
+    is_begun_on = np.logical_and.accumulate(grounds_m <= grounds_m[0])
+    if begin_z < grounds_m[0]:
+        is_begun_on &= np.hypot(x_m - begin.x, y_m - begin.y) <= _ASIDE_M
+    least_m = np.where(is_begun_on, np.minimum(least_m, begin_z - _SINKS_M), least_m)
+    return _Profile(
+        shares=share,
+        heights_m=begin_z + share * (goal_z - begin_z),
+        least_m=np.where(grounds_m > ground_m(fleet), least_m, -np.inf),
+    )

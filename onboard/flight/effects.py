@@ -326,10 +326,11 @@ def _set_ground(flight: FlightContext, position_enu_m: Xyz) -> None:
 
 
 def _expect_ground(flight: FlightContext, x_m: float, y_m: float) -> None:
-    """Raise the ground if by the fleet file it is higher here, as on a roof.
+    """Take over what the fleet file says about the ground of a landing here.
 
-    Where it is lower by the fleet file, it may still be as high as at the take-off, because slopes
-    are not known. There the vehicle sinks slowly from that height on.
+    Where it is higher, as on a roof, the expected ground is raised. Where it is lower, it may still
+    be as high as at the take-off, because slopes are not known. There the vehicle sinks slowly from
+    that height on, and only thrust and motion tell that it stands.
     """
     here_m = float(ground_by_spots_m(flight.fleet, x_m, y_m))
     flight.may_ground_be_lower = here_m < flight.file_ground_m - LOW_M

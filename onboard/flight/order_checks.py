@@ -19,7 +19,7 @@ from onboard.config.ground import ground_under_m, least_height_m
 from onboard.config.pair_separation import separation_m
 from onboard.config.stand_in import stand_in_refusal
 from onboard.control.control_mode import ControlMode
-from onboard.control.raised_ground import ground_in_the_way
+from onboard.control.raised_ground import ON_VEHICLE, ground_in_the_way
 from onboard.control.reachability import is_below_fence, no_way
 from onboard.control.router import Surroundings
 from onboard.flight import follow_flight, path_flight, sentences, takeover
@@ -56,7 +56,7 @@ class OrderFacts(NamedTuple):
     fleet: FleetConfig
     surroundings: Surroundings  # static things around the vehicle
     others: Mapping[str, Telemetry]  # newest telemetry of each other vehicle
-    last_places_enu_m: Mapping[str, Xyz]  # where each of them was by its newest valid state
+    last_positions_enu_m: Mapping[str, Xyz]  # where each of them was by its newest valid state
     distances_m: Mapping[str, float]  # separation from each other vehicle
     not_ready: tuple[str, ...]  # reasons of the preflight check against a take-off
     # computes the reasons against a takeover in the air; a function, because computing them is
@@ -416,7 +416,14 @@ def _refusal_to_move(order: Order, flight: FlightContext, facts: OrderFacts) -> 
         here_enu_m = facts.view.position_enu_m
         words = no_way(facts.surroundings, vehicle.name, here_enu_m, goal)
         if not words:
-            words = ground_in_the_way(facts.fleet, vehicle, here_enu_m, goal)
+            words = ground_in_the_way(
+                fleet=facts.fleet,
+                vehicle=vehicle,
+                around=facts.surroundings,
+                begin_enu_m=here_enu_m,
+                goal_enu_m=goal,
+                clear_share=ON_VEHICLE,
+            )
         if words:
             return f"Goal {goal_text} {words}."
 
@@ -438,19 +445,22 @@ def _refusal_by_neighbours(goal: Xyz, facts: OrderFacts) -> str | None:
             continue
 
         # one that has lost its position stays where it was last
-        place_enu_m = facts.last_places_enu_m.get(name)
+        position_enu_m = facts.last_positions_enu_m.get(name)
+        seen = ""
         if other.is_position_valid:
-            place_enu_m = other.position_enu_m
-        if place_enu_m is None:
+            position_enu_m = other.position_enu_m
+        elif position_enu_m is not None:
+            seen = " and was last seen there"
+        if position_enu_m is None:
             continue
 
-        x, y, z = place_enu_m
+        x, y, z = position_enu_m
         if other.is_airborne:
             z = min(z, goal_z_m)  # a landing neighbour occupies the whole column below it
         distance_m = separation_m((x, y, z), goal, limits.height_share)
         if distance_m < limits.safety_distance_m:
             return (
                 f"Goal {_goal_text(goal)} is {distance_m:.2f} m from {name}, "
-                f"which is {other.state}: choose another goal."
+                f"which is {other.state}{seen}: choose another goal."
             )
     return None

@@ -554,14 +554,14 @@ class NeighbourTable:
         """Return each neighbour's newest telemetry, by name, in the order of the fleet file."""
         return {name: self._telemetry[name] for name in self.names if name in self._telemetry}
 
-    def last_places_enu_m(self) -> dict[str, Xyz]:
+    def last_positions_enu_m(self) -> dict[str, Xyz]:
         """Return where each known neighbour was by its newest valid state [m], however old."""
-        places = {}
+        positions = {}
         for name, index in self.indices.items():
             if self.arrays.flags[KNOWN, index]:
                 x, y, z = self.arrays.numbers[index, :3].tolist()
-                places[name] = (x, y, z)
-        return places
+                positions[name] = (x, y, z)
+        return positions
 
     def other_hashes(self, own_hash: str, now_ns: int) -> dict[str, str]:
         """Return the configuration hashes that differ from ours.

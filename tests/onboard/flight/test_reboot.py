@@ -88,7 +88,7 @@ class Ground:
             fleet=self.flight.fleet,
             surroundings=OPEN_SPACE,
             others={},
-            last_places_enu_m={},
+            last_positions_enu_m={},
             distances_m={},
             not_ready=(),
             not_ready_in_air=lambda: (),

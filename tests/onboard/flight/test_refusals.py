@@ -68,7 +68,7 @@ def _facts(view: FlightView | None = None, **changes: Any) -> OrderFacts:
         "fleet": _FLEET,
         "surroundings": OPEN_SPACE,
         "others": {},
-        "last_places_enu_m": {},
+        "last_positions_enu_m": {},
         "distances_m": {},
         "not_ready": (),
         "not_ready_in_air": lambda: (),
@@ -427,9 +427,14 @@ def test_a_goal_over_a_raised_spot_is_above_that_spot(
     high = _view(position_enu_m=(0.0, 0.0, 2.2))
     _check(_refused(order, _flight(), _facts(high, fleet=hill)), words)
 
-    from_below = _refused(order, _flight(), _facts(fleet=hill))
-    is_over_spot = goal_enu_m[0] > 0.0
-    assert ("raised ground" in from_below or "above the ground" in from_below) is is_over_spot
+
+def test_a_goal_over_a_raised_spot_is_not_flown_to_through_its_side() -> None:
+    raised = replace(_FLEET.vehicles["mav1"], start_enu_m=(1.5, 0.0, 2.0))
+    hill = replace(_FLEET, vehicles={**_FLEET.vehicles, "mav1": raised})
+    order = _order("move", position_enu_m=(1.5, 0.0, 2.4))
+    for height_m, words in ((1.0, "the raised ground of a take-off spot"), (2.2, "")):
+        seen = _facts(_view(position_enu_m=(0.0, 0.0, height_m)), fleet=hill)
+        _check(_refused(order, _flight(), seen), words)
 
 
 @pytest.mark.parametrize(
@@ -455,13 +460,14 @@ def test_a_goal_keeps_its_distance_from_who_stays_on_the_ground_or_lands(
 
 
 @pytest.mark.parametrize(
-    ("last_x_m", "words"), [(1.8, ""), (1.79, "0.79 m from mav1, which is landed")]
+    ("last_x_m", "words"),
+    [(1.8, ""), (1.79, "0.79 m from mav1, which is landed and was last seen there")],
 )
 def test_a_goal_keeps_its_distance_from_who_stands_without_a_position(
     last_x_m: float, words: str
 ) -> None:
     others = _other(0.0, 0.0, is_airborne=False, is_position_valid=False, state="landed")
-    facts = _facts(others=others, last_places_enu_m={"mav1": (last_x_m, 0.0, 0.0)})
+    facts = _facts(others=others, last_positions_enu_m={"mav1": (last_x_m, 0.0, 0.0)})
     _check(_refused(_order("move", position_enu_m=_GOAL), _flight(), facts), words)
 
 

@@ -52,12 +52,12 @@ def test_a_state_ages_until_the_next_one_comes() -> None:
 
 def test_a_place_is_that_of_the_newest_valid_state_however_old() -> None:
     table = _table()
-    assert table.last_places_enu_m() == {}
+    assert table.last_positions_enu_m() == {}
 
     table.hear(_state(position_enu_m=(3.0, 0.5, 0.1)), 5 * S)
     lost = _state(position_enu_m=(0.0, 0.0, 0.0), is_valid=False, stamp_ns=6 * S, sequence=11)
     table.hear(lost, 6 * S)
-    assert table.last_places_enu_m() == {"mav1": (3.0, 0.5, 0.1)}
+    assert table.last_positions_enu_m() == {"mav1": (3.0, 0.5, 0.1)}
 
 
 def _replaced_at(table: NeighbourTable, own_place: str, now_s: int) -> list[str]:
