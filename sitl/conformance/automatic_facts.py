@@ -7,12 +7,10 @@ import math
 from sitl.conformance.fact_group import FactGroup
 from sitl.conformance.facts import FactReport, facts
 from sitl.conformance.hover import grounded
-from sitl.conformance.measurements import mean
+from sitl.conformance.measurements import descent_speed_m_s, mean
 from sitl.conformance.vehicle_client import ARM, LAND, LANDED, TAKEOFF, Stuck, VehicleClient
 
-# Heights between which the speed of the landing is measured.
-_LOWEST_M = 0.5
-_HIGHEST_M = 1.3
+_HIGHEST_M = 1.3  # greatest height at which the speed of the landing is measured
 _SAME_TIME_S = 0.3  # a text and a state within this time belong together
 UP = facts("automatic", "up")
 DOWN = facts("automatic", "down")
@@ -78,12 +76,8 @@ def _land(client: VehicleClient, report: FactReport, ground_z: float) -> None:
     disarmed = client.text("Disarmed by", since_s, wait_s=25.0)
     report.add("land.text", client.quote("Landing at", since_s))
 
-    sinking_m_s = [
-        packet.message.vz
-        for packet in client.received.of("LOCAL_POSITION_NED", since_s)
-        if _LOWEST_M < ground_z - packet.message.z < _HIGHEST_M
-    ]
-    report.add("land.speed", mean(sinking_m_s))
+    positions = client.received.of("LOCAL_POSITION_NED", since_s)
+    report.add("land.speed", descent_speed_m_s(positions, ground_z, top_m=_HIGHEST_M))
 
     detected = client.text("Landing detected", since_s)
     on_ground_s = _state_after_s(client, "ON_GROUND", since_s) + since_s

@@ -5,13 +5,11 @@ from __future__ import annotations
 from sitl.conformance.fact_group import FactGroup
 from sitl.conformance.facts import Fact, FactReport, facts, number, word
 from sitl.conformance.hover import Hover, airborne, fast_streams, grounded, settle
-from sitl.conformance.measurements import NOT_MEASURED, mean, sent_or_not
+from sitl.conformance.measurements import NOT_MEASURED, descent_speed_m_s, sent_or_not
 from sitl.conformance.vehicle_client import ARM, VehicleClient, other_system_id, quaternion
 
 _HEIGHT_M = 3.0
-# Heights between which the speed of the descent is measured.
-_LOWEST_M = 0.5
-_HIGHEST_M = 1.5
+_HIGHEST_M = 1.5  # greatest height at which the speed of the descent is measured
 _TEXT = "Failsafe activated"
 
 # COM_OBL_RC_ACT -> mode that follows a loss, in the order of the flights.
@@ -194,12 +192,8 @@ def _descend_blindly(
     client: VehicleClient, report: FactReport, hover: Hover, since_s: float
 ) -> None:
     disarmed_s = client.delay_s("Disarmed by", since_s, wait_s=20.0)
-    sinking_m_s = [
-        packet.message.vz
-        for packet in client.received.of("LOCAL_POSITION_NED", since_s)
-        if _LOWEST_M < hover.ground_z - packet.message.z < _HIGHEST_M
-    ]
-    report.add("loss.descent", mean(sinking_m_s))
+    positions = client.received.of("LOCAL_POSITION_NED", since_s)
+    report.add("loss.descent", descent_speed_m_s(positions, hover.ground_z, top_m=_HIGHEST_M))
 
     landed_s = client.delay_s("Landing detected", since_s)
     report.add("loss.landed", landed_s)

@@ -14,6 +14,9 @@ from sitl.conformance.endpoint import ReceivedPacket
 
 NOT_MEASURED = math.nan
 
+_LOWEST_M = 0.5  # lowest height of a descent that counts
+_SINKS_M_S = 0.2  # a vehicle that sinks more slowly stands
+
 
 def mean(values: Iterable[float]) -> float:
     """Return the mean of measured values; NOT_MEASURED without values."""
@@ -21,6 +24,25 @@ def mean(values: Iterable[float]) -> float:
     if not listed:
         return NOT_MEASURED
     return statistics.fmean(listed)
+
+
+def descent_speed_m_s(packets: Sequence[ReceivedPacket], ground_z: float, top_m: float) -> float:
+    """Return the mean speed of a descent close to the ground; NOT_MEASURED without a descent.
+
+    PX4's height by satellites drifts, so that a vehicle on the ground may read as high as in the
+    descent. It does not sink, and does not count.
+
+    Args:
+        packets: LOCAL_POSITION_NED messages since the descent began.
+        ground_z: z of the ground at the take-off, down [m].
+        top_m: greatest height that counts [m].
+    """
+    messages = [packet.message for packet in packets]
+    return mean(
+        message.vz
+        for message in messages
+        if _LOWEST_M < ground_z - message.z < top_m and message.vz > _SINKS_M_S
+    )
 
 
 def first_s(packets: Sequence[ReceivedPacket]) -> float:
