@@ -3,6 +3,9 @@
 A vehicle on a path is steered by the law alone, which knows no way around. It slides along the
 outline of a thin obstacle while its path passes on the other side, and stays behind at a wide one.
 So the way around decides: where it is much longer than the path, the vehicle does not keep up.
+
+Where a path comes out near the place at which it went in, the time inside decides, too. The vehicle
+waits outside, farther behind than it may be, and leaves its path when its patience is used up.
 """
 
 from __future__ import annotations
@@ -19,6 +22,7 @@ from onboard.arrays import Array
 from onboard.config.fleet import FleetConfig
 from onboard.control.path import Path
 from onboard.feasibility.finding import Finding, at_most, worst
+from onboard.flight.path_flight import BEHIND_M, CAUGHT_UP_M, PATIENCE_S, SLOWEST_RATE
 from onboard.tuples import Xyz
 
 # Most that the way around an obstacle is longer than the path. In lockstep flights at 0.25 m/s a
@@ -27,6 +31,9 @@ from onboard.tuples import Xyz
 # (1.6 m) and around more it stays behind until it leaves its path.
 _LONGER_M = 1.2
 _SPARE_M = 0.05  # the way around begins and ends this much farther from the obstacle than needed
+# Longest time on the path for which a vehicle may be too far behind. In flight it is PATIENCE_S, in
+# which the clock of the path runs at the slowest rate.
+_BEHIND_S = SLOWEST_RATE * PATIENCE_S
 
 
 class _Crossing(NamedTuple):
@@ -36,12 +43,13 @@ class _Crossing(NamedTuple):
     end_enu_m: Xyz
     length_m: float
     time_s: float  # time on the path at which it begins
+    behind_s: float  # time on the path for which the obstacle keeps the vehicle too far behind
 
 
 def crossing_findings(
     fleet: FleetConfig, paths: Mapping[str, Path], where: str
 ) -> Iterator[Finding]:
-    """Yield the finding about the path that leads most through an obstacle.
+    """Yield the findings about the paths that lead most and longest through an obstacle.
 
     Args:
         fleet: the fleet file.
@@ -51,13 +59,16 @@ def crossing_findings(
     if not fleet.obstacles:
         return
 
-    findings = []
+    ways = []
+    times = []
     flown = sample(paths)
     for index, name in enumerate(flown.names):
         for crossing in _crossings(fleet, flown.times_s, flown.values[0, :, index, :3]):
-            findings.append(_crossing_finding(fleet, name, crossing, where))
-    if findings:
-        yield worst(findings)
+            ways.append(_way_finding(fleet, name, crossing, where))
+            times.append(_time_finding(name, crossing, where))
+    if ways:
+        yield worst(ways)
+        yield worst(times)
 
 
 def _crossings(fleet: FleetConfig, times_s: Array, positions: Array) -> Iterator[_Crossing]:
@@ -69,8 +80,8 @@ def _crossings(fleet: FleetConfig, times_s: Array, positions: Array) -> Iterator
         positions: positions of the path (T, 3) [m], ENU.
     """
     gaps_m = obstacle_gaps_m(fleet, positions)
-    clear_m = 0.5 * fleet.fleet.body_diameter_m + fleet.law.obstacle_margin_m + _SPARE_M
-    near = np.flatnonzero(gaps_m < clear_m)
+    needed_m = 0.5 * fleet.fleet.body_diameter_m + fleet.law.obstacle_margin_m
+    near = np.flatnonzero(gaps_m < needed_m + _SPARE_M)
     parts = np.split(near, np.flatnonzero(np.diff(near) > 1) + 1)
 
     for part in parts:
@@ -86,18 +97,31 @@ def _crossings(fleet: FleetConfig, times_s: Array, positions: Array) -> Iterator
             end_enu_m=(end_x, end_y, end_z),
             length_m=float(np.sqrt((steps_m**2).sum(-1)).sum()),
             time_s=float(times_s[first]),
+            behind_s=_samples_behind(needed_m - gaps_m[part]) * float(times_s[1] - times_s[0]),
         )
 
 
-def _crossing_finding(fleet: FleetConfig, name: str, crossing: _Crossing, where: str) -> Finding:
-    """Return the finding about one part of a path."""
+def _samples_behind(lags_m: Array) -> int:
+    """Return the number of samples at which a vehicle is too far behind its path.
+
+    Args:
+        lags_m: smallest distance of the path from where the vehicle can be, at each sample.
+    """
+    count = 0
+    is_lagging = False
+    for lag_m in lags_m.tolist():  # as PathFlight in onboard/flight/path_flight.py does
+        limit_m = CAUGHT_UP_M if is_lagging else BEHIND_M
+        is_lagging = lag_m > limit_m
+        count += is_lagging
+    return count
+
+
+def _way_finding(fleet: FleetConfig, name: str, crossing: _Crossing, where: str) -> Finding:
+    """Return the finding about the way around the obstacle of one part of a path."""
     begin = crossing.begin_enu_m
     end = crossing.end_enu_m
     around_m = way_m(fleet, name, begin, end)
-    sentence = (
-        f"{where[0].upper()}{where[1:]}: {name}'s path leads through an obstacle from "
-        f"{crossing.time_s:.1f} s on; "
-    )
+    sentence = _begin_of_sentence(name, crossing, where)
     refuse_above = _LONGER_M
     if unreachable(fleet, name, begin, end):
         sentence += "no way leads around it"
@@ -116,4 +140,26 @@ def _crossing_finding(fleet: FleetConfig, name: str, crossing: _Crossing, where:
         sentence=sentence,
         remedy="Lead the path around the obstacle.",
         refuse_above=refuse_above,
+    )
+
+
+def _time_finding(name: str, crossing: _Crossing, where: str) -> Finding:
+    """Return the finding about the time that one part of a path stays deep inside an obstacle."""
+    return at_most(
+        name=f"path inside an obstacle, {where}",
+        value=crossing.behind_s,
+        bound=_BEHIND_S,
+        unit="s",
+        sentence=f"{_begin_of_sentence(name, crossing, where)}the obstacle keeps the vehicle more "
+        f"than {BEHIND_M:g} m behind for <value>, and a vehicle keeps up with its path if that is "
+        "<relation> <bound>",
+        remedy="Lead the path around the obstacle.",
+    )
+
+
+def _begin_of_sentence(name: str, crossing: _Crossing, where: str) -> str:
+    """Return the words that say which path leads through an obstacle, and when."""
+    return (
+        f"{where[0].upper()}{where[1:]}: {name}'s path leads through an obstacle from "
+        f"{crossing.time_s:.1f} s on; "
     )

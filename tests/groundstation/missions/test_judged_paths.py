@@ -189,6 +189,40 @@ def test_a_path_leads_through_thin_obstacles_only(
     assert [finding.status for finding in findings] == statuses
 
 
+@pytest.mark.parametrize(
+    ("seconds", "status"),
+    [
+        (4.0, "ok"),
+        (4.25, "refused"),  # for 4.87 s too far behind, and for 5.17 s until it has caught up
+        (20.0, "refused"),
+    ],
+)
+def test_a_path_into_an_obstacle_and_back_is_refused_if_it_stays_inside(
+    fleet: FleetConfig, tmp_path: Path, seconds: float, status: str
+) -> None:
+    house = Obstacle(name="house", polygon_enu_m=((-3, 1.0), (3, 1.0), (3, 5.5), (-3, 5.5)))
+    inside = path_file(tmp_path / "inside.csv", (0, 0, 1), (0, 3, 1), (0, 0, 1), seconds=seconds)
+    follow = {"do": "follow_path", "paths": {"mav1": inside}}
+    there = around(fleet, house)
+
+    (way,) = found("path through an obstacle", there, tmp_path, UP, follow, LAND)
+    assert way.status == "ok"  # no way around is needed
+    (time,) = found("path inside an obstacle", there, tmp_path, UP, follow, LAND)
+    assert time.status == status
+    assert "the obstacle keeps the vehicle more than 0.6 m behind for" in time.sentence
+
+
+def test_a_path_may_wait_where_an_obstacle_keeps_the_vehicle_near_it(
+    fleet: FleetConfig, tmp_path: Path
+) -> None:
+    in_wall = path_file(tmp_path / "wall.csv", (0, 0, 1), (0, 1.1, 1), (0, 1.1, 1), (0, 0, 1))
+    follow = {"do": "follow_path", "paths": {"mav1": in_wall}}
+
+    (time,) = found("path inside an obstacle", around(fleet, wall(3.0)), tmp_path, UP, follow, LAND)
+    assert time.status == "ok"
+    assert time.value == 0.0  # the law keeps the vehicle 0.45 m from the wall
+
+
 def test_a_path_beside_an_obstacle_says_nothing_about_ways_around(
     fleet: FleetConfig, tmp_path: Path
 ) -> None:
