@@ -22,6 +22,7 @@ from onboard.estimation.accuracies import ACCURACIES
 from onboard.feasibility.blind_descent import blind_descent_findings
 from onboard.feasibility.finding import Finding, at_least, at_most, worst, worst_first
 from onboard.feasibility.fleet_checks import ErrorClass, error_class, fleet_findings, spot_findings
+from onboard.flight.path_flight import PATIENCE_S
 from onboard.safety.area_room import length_beyond_m
 from onboard.tuples import Xyz
 
@@ -29,6 +30,9 @@ from onboard.tuples import Xyz
 _NEVER_REFUSING = ("time", "expectation", "arrival", "ending")
 _SPARE_PCT = 10.0  # charge at the end above the level at which a vehicle lands by itself
 _DETOUR_FACTOR = 1.7  # recommended time limit divided by the duration of the straight way
+# Time that a step with paths needs beside the paths: 3 s from the order to their start, and the
+# patience with one vehicle that falls behind.
+_BESIDE_PATHS_S = 3.0 + PATIENCE_S
 # Distance from the goal within which nearly every arrival with motion capture is.
 _ARRIVAL_M = 0.056
 # Factor on what another accuracy adds to the standard deviation of an axis. The distance has three
@@ -195,7 +199,18 @@ def _path_time_limit(course_step: CourseStep, step_name: str) -> Iterator[Findin
 
     paths = course_step.paths
     longest = max(paths, key=lambda name: paths[name].duration_s)
-    yield _time_limit(step.timeout_s, longest, paths[longest].duration_s, step_name)
+    duration_s = paths[longest].duration_s
+    yield at_least(
+        name=f"time, {step_name}",
+        value=step.timeout_s,
+        bound=duration_s + _BESIDE_PATHS_S,
+        unit="s",
+        sentence=f"{_capitalised(step_name)}: timeout_s is <value>; {longest}'s path takes "
+        f"{duration_s:.1f} s, so <relation> <bound> leaves room for the start and for a vehicle "
+        "that falls behind",
+        remedy="Raise its timeout_s by <difference>.",
+        refuse_below=duration_s,
+    )
 
 
 def _pathless_finding(
