@@ -32,6 +32,7 @@ from groundstation.shows.show import Drone, Show
 from onboard.arrays import Array
 from onboard.config.fleet import ConfigError
 from onboard.control.path import LONGEST_S, Path, path_of, point_at, sampled
+from onboard.estimation.accuracies import Accuracy
 from onboard.tuples import Xyz
 
 # heights of the take-off above the highest home
@@ -93,6 +94,7 @@ def converted(
     limits: FlightLimits,
     spacing_m: float,
     home_spacing_m: float,
+    accuracy: Accuracy,
     height_share: float = 0.0,
 ) -> Converted:
     """Make a show flyable.
@@ -103,6 +105,7 @@ def converted(
         limits: limits of the vehicles.
         spacing_m: least separation of paths [m].
         home_spacing_m: least horizontal distance of homes [m].
+        accuracy: accuracy of positions on which both distances depend.
         height_share: factor of height differences in the separation of paths; 0: they do not count.
 
     Returns:
@@ -127,7 +130,7 @@ def converted(
     )
     for drone in show.drones:
         flyable.own_notes[names[drone.name]] = [f"{drone.name!r} of the show {show.title!r}"]
-    _check_homes(flyable.homes, home_spacing_m)
+    _check_homes(flyable.homes, home_spacing_m, accuracy)
 
     flown_parts = {drone.name: _flown_part(drone, takeoff_m) for drone in show.drones}
     flight_begin_s = min(begin_s for begin_s, _ in flown_parts.values())
@@ -158,7 +161,7 @@ def converted(
 
     _assign_homes(flyable)
     _slow_down(flyable, limits)
-    _spread_starts(flyable, spacing_m, height_share)
+    _spread_starts(flyable, spacing_m, height_share, accuracy)
     return flyable
 
 
@@ -273,7 +276,7 @@ def _slowed(paths: Mapping[str, Path], factor: float) -> dict[str, Path]:
         ) from None
 
 
-def _check_homes(homes: Mapping[str, Xyz], spacing_m: float) -> None:
+def _check_homes(homes: Mapping[str, Xyz], spacing_m: float, accuracy: Accuracy) -> None:
     """Refuse homes that are nearer to each other than a distance."""
     names = list(homes)
     positions_m = np.array([home[:2] for home in homes.values()])
@@ -291,8 +294,19 @@ def _check_homes(homes: Mapping[str, Xyz], spacing_m: float) -> None:
     if words:
         raise ConfigError(
             f"Homes stand too near to each other: {listed_words(words)}. "
-            f"The law needs {spacing_m:.2f} m."
+            f"The law needs {spacing_m:.2f} m with positions as accurate as '{accuracy.name}'. "
+            f"Move them apart.{_accuracy_proposal(accuracy)}"
         )
+
+
+def _accuracy_proposal(accuracy: Accuracy) -> str:
+    """Return words that propose more accurate positions; empty if none are more accurate."""
+    if accuracy.name == "mocap":
+        return ""
+    return (
+        " With more accurate positions, such as by motion capture, less is enough: --fleet names "
+        "such a fleet."
+    )
 
 
 def _assign_homes(flyable: Converted) -> None:
@@ -346,7 +360,9 @@ def _slow_down(flyable: Converted, limits: FlightLimits) -> None:
         )
 
 
-def _spread_starts(flyable: Converted, spacing_m: float, height_share: float) -> None:
+def _spread_starts(
+    flyable: Converted, spacing_m: float, height_share: float, accuracy: Accuracy
+) -> None:
     """Delay vehicles that would come too near to others, one after the other.
 
     Raises:
@@ -384,9 +400,10 @@ def _spread_starts(flyable: Converted, spacing_m: float, height_share: float) ->
         listed = listed_words([pair_words(pair) for pair in in_show])
         missing_m = spacing_m - min(pair.distance_m for pair in first_pairs)
         raise ConfigError(
-            f"Paths come nearer than {spacing_m:.2f} m, which the law needs{height_words}: {listed}"
-            f" (times of the show). Move them apart, the nearest by {100.0 * missing_m:.1f} cm."
-            f"{_vertical_proposal(first_pairs, height_share)}"
+            f"Paths come nearer than {spacing_m:.2f} m, which the law needs with positions as "
+            f"accurate as '{accuracy.name}'{height_words}: {listed} (times of the show). Move them "
+            f"apart, the nearest by {100.0 * missing_m:.1f} cm."
+            f"{_vertical_proposal(first_pairs, height_share)}{_accuracy_proposal(accuracy)}"
         )
 
     flyable.paths = paths

@@ -104,6 +104,7 @@ def write_show(
         limits_of(draft, vehicles),
         spacing_m=bound_m(draft, accuracy),
         home_spacing_m=bound_m(draft, accuracy) + _EXTRA_HOME_SPACING_M,
+        accuracy=accuracy,
         height_share=height_share_of(draft, accuracy),
     )
 

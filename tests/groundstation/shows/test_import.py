@@ -178,7 +178,9 @@ def test_homes_far_from_their_paths_are_dealt_out_anew_and_said_so(tmp_path: Pat
 def test_what_comes_too_near_is_refused_with_the_pairs(tmp_path: Path) -> None:
     near = write_skyc(tmp_path / "near.skyc", line_of(3, apart_m=0.7), 12.0)
     with pytest.raises(
-        ConfigError, match=r"each other: mav0 and mav1 0\.70 m; mav1 and mav2 0\.70 m\. The law"
+        ConfigError,
+        match=r"each other: mav0 and mav1 0\.70 m; mav1 and mav2 0\.70 m\. The law needs 1\.00 m "
+        r"with positions as accurate as 'mocap'\. Move them apart\.$",
     ):
         imported(near, tmp_path / "near")
     over = {
@@ -353,6 +355,20 @@ def test_a_show_stays_at_its_place_on_earth_in_a_fleet_with_another_origin(
     assert begin_enu_m == pytest.approx((51.6, -100.0, 1.0), abs=0.06)
     text = (tmp_path / "out" / "fleet.toml").read_text()
     assert "50.00 m east and -100.00 m north of the fleet's" in text
+
+
+def test_a_refusal_of_an_outdoor_show_names_the_accuracy_and_what_helps(tmp_path: Path) -> None:
+    advice = r"more accurate positions, .* less is enough: --fleet names such a fleet\.$"
+    homes = r"The law needs 2\.40 m with positions as accurate as 'gps'\. Move them apart\. With "
+    with pytest.raises(ConfigError, match=homes + advice):
+        imported(_show_at(_HERE, tmp_path / "homes.skyc"), tmp_path / "homes")
+
+    file = tmp_path / "paths.skyc"
+    environment = {"type": "outdoor"}
+    write_skyc(file, crossing(), 16.0, show={"environment": environment})
+    paths = r"nearer than 2\.30 m, which the law needs with positions as accurate as 'gps' at any "
+    with pytest.raises(ConfigError, match=f"{paths}.* With {advice}"):
+        imported(file, tmp_path / "paths")
 
 
 def test_a_show_far_from_the_origin_of_its_fleet_is_refused(tmp_path: Path) -> None:
