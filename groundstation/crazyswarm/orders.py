@@ -19,6 +19,7 @@ from typing import Any, Literal, NamedTuple
 
 from msgspec import structs
 
+from groundstation.mission_files.path_ways import path_refusals
 from groundstation.missions.api import Fleet
 from groundstation.missions.blocking import BlockingFleet
 from groundstation.missions.ground import step_result
@@ -26,7 +27,6 @@ from groundstation.orders.grammar import OrderError
 from groundstation.orders.intents import Goto
 from groundstation.orders.plan import PlannedOrder
 from groundstation.orders.result import OrderFailed, Results
-from groundstation.paths.checks import path_findings, refusals
 from groundstation.paths.pieces import slowed
 from onboard.config.fleet import ConfigError
 from onboard.control.path import Path
@@ -371,7 +371,7 @@ class ScriptOrders:
         except ConfigError as error:
             for factor in _TIMESCALES:
                 slower = {name: slowed(path, factor) for name, path in paths.items()}
-                if not refusals(path_findings(self.fleet.config, slower, "follow_path")):
+                if not path_refusals(self.fleet.config, slower, "follow_path"):
                     raise ConfigError(
                         f"{error} A timescale that is {factor:g} times as long would do."
                     ) from None

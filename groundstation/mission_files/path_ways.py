@@ -17,7 +17,7 @@ from typing import NamedTuple
 import numpy as np
 
 from groundstation.orders.reachable_goals import unreachable, way_m
-from groundstation.paths.checks import obstacle_gaps_m, sample
+from groundstation.paths.checks import obstacle_gaps_m, path_findings, refusals, sample
 from onboard.arrays import Array
 from onboard.config.fleet import FleetConfig
 from onboard.control.path import Path
@@ -69,6 +69,18 @@ def crossing_findings(
     if ways:
         yield worst(ways)
         yield worst(times)
+
+
+def path_refusals(fleet: FleetConfig, paths: Mapping[str, Path], where: str) -> list[str]:
+    """Return the sentences that say why paths cannot be flown, the worst first; empty if they can.
+
+    Args:
+        fleet: the fleet file.
+        paths: paths of its vehicles.
+        where: position in the mission, for the sentences.
+    """
+    findings = path_findings(fleet, paths, where)
+    return refusals([*findings, *crossing_findings(fleet, paths, where)])
 
 
 def _crossings(fleet: FleetConfig, times_s: Array, positions: Array) -> Iterator[_Crossing]:

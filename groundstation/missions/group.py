@@ -23,6 +23,7 @@ from groundstation.fleet.state import FleetState
 from groundstation.fleet.stoppable import stoppable
 from groundstation.formations.frame import FormationPaths
 from groundstation.formations.slots import formation_names, formation_slots
+from groundstation.mission_files.path_ways import path_refusals
 from groundstation.mission_files.wall_time import (
     WallTime,
     check_wall_time,
@@ -78,7 +79,6 @@ from groundstation.orders.intents import (
 )
 from groundstation.orders.path_orders import OnLag
 from groundstation.orders.result import OrderFailed, Results
-from groundstation.paths.checks import path_findings, refusals
 from groundstation.paths.lights import TimedColour
 from groundstation.paths.pieces import through
 from onboard.config.fleet import ConfigError, FleetConfig
@@ -698,7 +698,7 @@ class Group:
         is_other_law = self.config.law.built_in != "covey"
         may_fly_any_path = self.state.is_simulated and is_other_law
         if not may_fly_any_path:
-            refused = refusals(path_findings(self.config, own_paths, "follow_path"))
+            refused = path_refusals(self.config, own_paths, "follow_path")
             if refused:
                 raise ConfigError(refused[0])
 

@@ -6,16 +6,21 @@ import asyncio
 import time
 from collections.abc import Callable, Coroutine, Iterator
 from types import SimpleNamespace
-from typing import Any
+from typing import Any, cast
 
+import numpy as np
 import pytest
+from msgspec.structs import replace
 
 from groundstation.crazyswarm.orders import ScriptOrders
 from groundstation.missions.ground import step_result
 from groundstation.orders.grammar import OrderError
 from groundstation.orders.intents import Intent
 from groundstation.orders.result import OrderFailed, VehicleResult
+from groundstation.paths.pieces import fitted
 from groundstation.verdict.observations import StepResult
+from onboard.config.fleet import ConfigError, FleetConfig
+from onboard.config.obstacles import Obstacle
 
 
 class Standing:
@@ -88,6 +93,24 @@ def blocking() -> Iterator[BlockingStanding]:
 @pytest.fixture
 def orders(blocking: Any) -> ScriptOrders:
     return ScriptOrders(blocking)
+
+
+@pytest.mark.parametrize(("begin_x_m", "has_proposal"), [(0.0, False), (3.0, True)])
+def test_a_slower_trajectory_is_proposed_unless_it_leads_through_a_wall(
+    fleet: FleetConfig, orders: ScriptOrders, begin_x_m: float, has_proposal: bool
+) -> None:
+    wall = Obstacle(name="wall", polygon_enu_m=((-1, 1.0), (1, 1.0), (1, 1.3), (-1, 1.3)))
+    points = np.array([[begin_x_m, y, 1.0, 0.0] for y in (0.0, 0.75, 1.5, 2.25, 3.0)])
+    refusal = ConfigError("It cannot be flown.")
+
+    async def refuse(paths: object) -> None:
+        raise refusal
+
+    walled = replace(fleet, obstacles=(wall,))
+    orders.fleet = cast(Any, SimpleNamespace(config=walled, follow_path=refuse))
+    with pytest.raises(ConfigError) as raised:
+        asyncio.run(orders._follow({"mav1": fitted(np.arange(0.0, 25.0, 5.0), points)}))
+    assert ("A timescale that is 1.25 times as long" in str(raised.value)) == has_proposal
 
 
 def test_a_take_off_replaces_a_stop_before_it(orders: ScriptOrders) -> None:

@@ -8,9 +8,12 @@ from typing import Any
 import pytest
 from msgspec.structs import replace
 
+from groundstation.client.client import FleetClient
 from groundstation.mission_files.loading import mission_from_mapping
 from groundstation.mission_files.mission_findings import mission_findings
-from onboard.config.fleet import FleetConfig, parking_distance_m
+from groundstation.missions.api import Fleet
+from groundstation.paths.path_files import load_path
+from onboard.config.fleet import ConfigError, FleetConfig, parking_distance_m
 from onboard.config.obstacles import Circle, Obstacle
 from onboard.estimation.accuracies import ACCURACIES
 from onboard.feasibility.finding import Finding
@@ -223,6 +226,17 @@ def test_a_path_may_wait_where_an_obstacle_keeps_the_vehicle_near_it(
     (time,) = found("path inside an obstacle", around(fleet, wall(3.0)), tmp_path, UP, follow, LAND)
     assert time.status == "ok"
     assert time.value == 0.0  # the law keeps the vehicle 0.45 m from the wall
+
+
+async def test_a_path_through_a_wall_is_refused_in_python_too(
+    fleet: FleetConfig, bus: Any, tmp_path: Path
+) -> None:
+    through = tmp_path / path_file(tmp_path / "through.csv", (0, 0, 1), (0, 4, 1))
+    flown = Fleet(FleetClient(around(fleet, wall(3.0)), author="tester", bus=bus))
+
+    with pytest.raises(ConfigError, match="Follow_path: mav1's path leads through an obstacle"):
+        await flown.follow_path({"mav1": load_path(through)})
+    assert bus.orders == []
 
 
 def test_a_path_beside_an_obstacle_says_nothing_about_ways_around(
