@@ -82,6 +82,32 @@ class CourseStep:
     alone_s: Mapping[str, float] = field(default_factory=dict)
     expected_s: float = 0.0
 
+    @property
+    def duration_s(self) -> float:
+        """Time [s] that the step is expected to take, all times together."""
+        return self.times * self.expected_s
+
+    @property
+    def flying_after(self) -> frozenset[str]:
+        """Vehicles that fly after the step."""
+        if isinstance(self.step, Land | Home):
+            return self.flying.difference(self.goals)
+        return self.flying.union(self.goals)
+
+    def may_fly(self, name: str) -> bool:
+        """Return whether a vehicle flies during the step, or begins or ends its flight with it."""
+        if not self.is_known:
+            return True
+        return name in self.flying or name in self.goals
+
+    def may_fly_after(self, name: str) -> bool:
+        """Return whether a vehicle flies after the step."""
+        return not self.is_known or name in self.flying_after
+
+
+# a step, and its key without the branches around it
+_KeyedStep = tuple[str, CourseStep]
+
 
 @dataclass(slots=True)
 class _CourseFleet:
@@ -132,29 +158,81 @@ def expected_duration_s(course_steps: Iterable[CourseStep]) -> float:
     Args:
         course_steps: steps of one mission.
     """
-    return _duration_s(
-        [
-            (course_step.key, course_step.times * course_step.expected_s)
-            for course_step in course_steps
-        ]
+    return _duration_s([(course_step.key, course_step) for course_step in course_steps])
+
+
+def expected_flight_s(course_steps: Iterable[CourseStep], name: str) -> float:
+    """Return the time [s] for which a vehicle is expected to fly.
+
+    After a fault or a reaction it is not known which vehicles fly: then all do.
+
+    Args:
+        course_steps: steps of one mission.
+        name: the vehicle.
+    """
+    return _flight_s([(course_step.key, course_step) for course_step in course_steps], name)
+
+
+def _duration_s(steps: Iterable[_KeyedStep]) -> float:
+    """Return the time [s] of steps."""
+    outside, blocks = _in_blocks(steps)
+    total_s = sum(course_step.duration_s for course_step in outside)
+    for branches in blocks:
+        total_s += max(_duration_s(branch) for branch in branches)
+    return total_s
+
+
+def _flight_s(steps: Iterable[_KeyedStep], name: str) -> float:
+    """Return the time [s] of steps for which a vehicle flies."""
+    outside, blocks = _in_blocks(steps)
+    total_s = sum(course_step.duration_s for course_step in outside if course_step.may_fly(name))
+    for branches in blocks:
+        total_s += _flight_in_block_s(branches, name)
+    return total_s
+
+
+def _flight_in_block_s(branches: Sequence[Sequence[_KeyedStep]], name: str) -> float:
+    """Return the time [s] for which a vehicle flies while branches are flown side by side.
+
+    The course has the branches one after the other. So only the branch in which the vehicle takes
+    off or lands says when it flies; at its end, the vehicle waits for the other branches.
+    """
+    block_s = max(_duration_s(branch) for branch in branches)
+    for branch in branches:
+        if not _begins_or_ends_flight(branch, name):
+            continue
+        flight_s = _flight_s(branch, name)
+        _, last_step = branch[-1]
+        if last_step.may_fly_after(name):
+            flight_s += block_s - _duration_s(branch)
+        return flight_s
+
+    may_fly = any(course_step.may_fly(name) for branch in branches for _, course_step in branch)
+    return block_s if may_fly else 0.0
+
+
+def _begins_or_ends_flight(branch: Iterable[_KeyedStep], name: str) -> bool:
+    """Return whether a vehicle takes off or lands in a branch."""
+    return any(
+        isinstance(course_step.step, _VerticalIntent) and name in course_step.goals
+        for _, course_step in branch
     )
 
 
-def _duration_s(steps: Iterable[tuple[str, float]]) -> float:
-    """Return the time [s] of steps, each a key, or the end of one, and its own time."""
-    total_s = 0.0
-    blocks: dict[str, dict[str, list[tuple[str, float]]]] = {}  # branches of each parallel step
-    for key, step_s in steps:
+def _in_blocks(
+    steps: Iterable[_KeyedStep],
+) -> tuple[list[CourseStep], list[list[list[_KeyedStep]]]]:
+    """Return the steps outside of parallel steps, and the branches of each parallel step."""
+    outside = []
+    blocks: dict[str, dict[str, list[_KeyedStep]]] = {}
+    for key, course_step in steps:
         block, _, in_branches = key.partition(".branches[")
         if not in_branches:
-            total_s += step_s
+            outside.append(course_step)
             continue
         branch, _, inner_key = in_branches.partition("]")
-        blocks.setdefault(block, {}).setdefault(branch, []).append((inner_key, step_s))
-
-    for branches in blocks.values():
-        total_s += max(_duration_s(branch_steps) for branch_steps in branches.values())
-    return total_s
+        blocks.setdefault(block, {}).setdefault(branch, []).append((inner_key, course_step))
+    return outside, [list(branches.values()) for branches in blocks.values()]
 
 
 def resolved(intent: Intent, fleet: FleetConfig) -> Intent:

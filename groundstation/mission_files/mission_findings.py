@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping
 
-from groundstation.mission_files.expected_course import CourseStep, begins_of, expected_duration_s
+from groundstation.mission_files.expected_course import CourseStep, begins_of, expected_flight_s
 from groundstation.mission_files.mission import Mission
 from groundstation.mission_files.path_ways import crossing_findings
 from groundstation.mission_files.steps import FlyFormationStep, FollowPathStep
@@ -122,7 +122,7 @@ def _capitalised(words: str) -> str:
 def _step_findings(mission: Mission, errors: ErrorClass | None) -> Iterator[Finding]:
     """Yield findings about the steps, in their order, and about the end of the mission."""
     fleet = mission.fleet
-    flying: set[str] = set()
+    flying: frozenset[str] = frozenset()
 
     for course_step in mission.course():
         step = course_step.step
@@ -154,7 +154,7 @@ def _step_findings(mission: Mission, errors: ErrorClass | None) -> Iterator[Find
         yield from _unreachable_findings(fleet, course_step, step_name, course_step.goals, "goal")
         if fleet.fences:
             yield from _way_findings(fleet, course_step, step_name)
-        flying = _flying_after(course_step)
+        flying = course_step.flying_after
         if not isinstance(step, Land | Home):
             positions = {**course_step.positions, **course_step.goals}
             # in the order of the fleet, so that the findings are the same each time
@@ -316,13 +316,6 @@ def _way_findings(fleet: FleetConfig, course_step: CourseStep, step_name: str) -
     )
 
 
-def _flying_after(course_step: CourseStep) -> set[str]:
-    """Return the vehicles that fly after a step with an order."""
-    if isinstance(course_step.step, Land | Home):
-        return set(course_step.flying).difference(course_step.goals)
-    return set(course_step.flying).union(course_step.goals)
-
-
 def _time_limit(timeout_s: float, name: str, alone_s: float, step_name: str) -> Finding:
     """Return the finding about the time that a step gives to one vehicle."""
     return at_least(
@@ -383,7 +376,7 @@ def _endurance(mission: Mission) -> Iterator[Finding]:
         hover_s = fleet.vehicles[name].hover_time_s
         if hover_s is None:
             continue
-        needed_s = expected_duration_s(step for step in course if _may_fly(name, step))
+        needed_s = expected_flight_s(course, name)
         if not needed_s:
             continue
         yield at_least(
@@ -397,10 +390,3 @@ def _endurance(mission: Mission) -> Iterator[Finding]:
             remedy="Make the mission shorter, or split it.",
             refuse_below=fleet.fleet.battery_land_pct,
         )
-
-
-def _may_fly(name: str, course_step: CourseStep) -> bool:
-    """Return whether a vehicle flies during a step, or begins or ends its flight with it."""
-    if not course_step.is_known:
-        return True
-    return name in course_step.flying or name in course_step.goals

@@ -9,7 +9,7 @@ from typing import Any
 import msgspec
 import pytest
 
-from groundstation.mission_files.expected_course import expected_duration_s
+from groundstation.mission_files.expected_course import expected_duration_s, expected_flight_s
 from groundstation.mission_files.loading import mission_from_mapping
 from groundstation.mission_files.mission import Mission
 from groundstation.mission_files.mission_findings import mission_findings
@@ -247,6 +247,36 @@ def test_a_battery_is_charged_for_the_flights_of_its_own_vehicle(fleet: FleetCon
     # after a fault nobody knows who flies
     fault = {"do": "fault", "name": "no_poses", "vehicles": ["mav0"], "duration_s": 0.1}
     assert endurance(steps[0], fault, *steps[1:]).status == "refused"
+
+
+def test_a_flight_among_branches_is_as_long_in_each_order_of_them(fleet: FleetConfig) -> None:
+    up = {**UP, "vehicles": "mav0"}
+    land = {"do": "land", "vehicles": "mav0"}
+    wait = {"do": "wait", "duration_s": 5.0}
+
+    def flights_s(before: list[dict[str, Any]], *branch: dict[str, Any]) -> list[float]:
+        """Return mav0's flight with the branch as the first one of three, and as the last one."""
+        times_s = []
+        for branches in ([list(branch), [LONG], [wait]], [[LONG], [wait], list(branch)]):
+            mission = make(fleet, *before, {"do": "parallel", "branches": branches})
+            times_s.append(expected_flight_s(mission.course(), "mav0"))
+        return times_s
+
+    up_s = expected_flight_s(make(fleet, up).course(), "mav0")
+    land_s = expected_flight_s(make(fleet, up, land).course(), "mav0") - up_s
+
+    for flight_s, expected_s in (
+        (flights_s([up], wait, land), up_s + 5.0 + land_s),  # ends in its branch
+        (flights_s([up], wait, land, wait, up), up_s + 60.0 - 5.0),  # lands, and flies again
+        (flights_s([], wait, up), 60.0 - 5.0),  # begins in its branch, waits for the others
+        (flights_s([], up, wait, land), up_s + 5.0 + land_s),
+        (flights_s([up], wait), up_s + 60.0),
+        (flights_s([], wait), 0.0),
+    ):
+        assert flight_s == pytest.approx([expected_s, expected_s])
+
+    inner = {"do": "parallel", "branches": [[wait], [land, LONG]]}
+    assert flights_s([up], wait, inner) == pytest.approx(2 * [up_s + 5.0 + land_s])
 
 
 def test_a_timed_step_after_branches_is_not_refused_as_too_late(fleet: FleetConfig) -> None:
