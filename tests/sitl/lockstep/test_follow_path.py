@@ -99,7 +99,7 @@ def test_the_others_wait_for_one_that_falls_behind_until_a_hovering_one_has_step
     times_s = [float(line.split(",")[0]) for line in blocked[1:]]
     # past where mav2 hovers, so that mav1 stays more than BEHIND_M behind; their goals are nearer
     # than the distance to keep, so mav2 steps aside for it after a while
-    east = [f"{t},{1.7 * (t / SECONDS) ** 2 * (3 - 2 * t / SECONDS)},-1.5,1" for t in times_s]
+    east = [f"{t},{1.6 * (t / SECONDS) ** 2 * (3 - 2 * t / SECONDS)},-1.5,1" for t in times_s]
     (tmp_path / "mav1.csv").write_text("t,x,y,z\n" + "\n".join(east), encoding="utf-8")
     verdict = flight.fly(show(tmp_path, paper, {name: paths[name] for name in ("mav0", "mav1")}))
     assert min(rates) == 0.5
