@@ -672,7 +672,8 @@ class Group:
             lights: colours of vehicles, see :func:`groundstation.paths.lights.load_lights`.
             on_lag: reaction of a vehicle that falls behind for too long; the others go on.
             at: wall-clock time at which they start; empty: at once.
-            timeout_s: longest flight along the paths [s]; None: their own duration plus a minute.
+            timeout_s: longest flight along the paths [s]; None: twice their own duration and a
+                minute.
         """
         self.ground.check_not_ended()
         if timeout_s is not None:
