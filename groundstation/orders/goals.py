@@ -143,7 +143,7 @@ def _home(intent: Home, facts: GoalFacts) -> Goals:
             lowest_m = float(ground_under_m(facts.fleet, x, y)) + least_height_m(vehicle)
             _, _, present_height_m = destinations[name]
             height_m = max(present_height_m, lowest_m)
-            height_m = _height_of_way_home_m(facts, name, (x, y, height_m))
+            height_m = _height_at_home_m(facts, name, (x, y, height_m))
         goals[name] = (x, y, height_m)
     return Goals(intent, goals)
 
@@ -181,7 +181,7 @@ def _bring_home(intent: BringHome, facts: GoalFacts) -> Goals:
             lowest_m = float(ground_under_m(facts.fleet, x, y)) + least_m
             _, _, present_height_m = positions[name]
             height_m = max(present_height_m, lowest_m)
-            height_m = _height_of_way_home_m(facts, name, (x, y, height_m))
+            height_m = _height_at_home_m(facts, name, (x, y, height_m))
         goals[name] = (x, y, height_m)
 
     if not intent.duration_s:
@@ -194,14 +194,14 @@ def _bring_home(intent: BringHome, facts: GoalFacts) -> Goals:
     return Goals(intent, goals)
 
 
-def _height_of_way_home_m(facts: GoalFacts, name: str, goal_enu_m: Xyz) -> float:
-    """Return the height of a goal at home to which the way passes over raised ground [m].
+def _height_at_home_m(facts: GoalFacts, name: str, goal_enu_m: Xyz) -> float:
+    """Return the height of a goal at home to which a flight passes over raised ground [m].
 
     It is the goal's own height if there is no such height below the fence's top.
     """
     _, _, height_m = goal_enu_m
     view = None if facts.state is None else facts.state.vehicles.get(name)
-    if view is None or view.telemetry is None:  # it is not known where the way begins
+    if view is None or view.telemetry is None:  # it is not known where the flight begins
         return height_m
 
     # the order may begin anywhere from here to where the vehicle can stop
