@@ -13,7 +13,7 @@ from groundstation.mission_files.mission import Mission
 from groundstation.mission_files.path_ways import crossing_findings
 from groundstation.mission_files.steps import FlyFormationStep, FollowPathStep
 from groundstation.orders.intents import GoalIntent, Home, Intent, Land
-from groundstation.orders.reachable_goals import raised_ground, unreachable
+from groundstation.orders.reachable_goals import unreachable
 from groundstation.paths.checks import highest_points, path_findings
 from onboard.config.fleet import ConfigError, FleetConfig
 from onboard.config.flight_space import flight_space_of
@@ -268,15 +268,16 @@ def _unreachable_findings(
 
     The goals of paths are their first points; the noun names a goal in the sentence.
     """
-    ends_on_ground = isinstance(course_step.step, Land | Home)
+    clear_share: float | None = IN_MISSION
+    if isinstance(course_step.step, Land | Home):  # it ends on the ground
+        clear_share = None
+
     without_way = {}
     for name, goal in goals.items():
         begin = course_step.positions.get(name)
         if begin is None:  # a path of a vehicle that was disabled after the loading
             continue
-        words = unreachable(fleet, name, begin, goal)
-        if not words and not ends_on_ground:
-            words = raised_ground(fleet, name, begin, goal, IN_MISSION)
+        words = unreachable(fleet, name, begin, goal, clear_share)
         if words:
             without_way[name] = words
     if not without_way:

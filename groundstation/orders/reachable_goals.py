@@ -21,32 +21,30 @@ from onboard.control.vertical_limits import planned_m_s2
 from onboard.tuples import Xyz
 
 
-def unreachable(fleet: FleetConfig, name: str, begin_enu_m: Xyz, goal_enu_m: Xyz) -> str:
+def unreachable(
+    fleet: FleetConfig,
+    name: str,
+    begin_enu_m: Xyz,
+    goal_enu_m: Xyz,
+    clear_share: float | None = None,
+) -> str:
     """Return the words that say why a vehicle finds no way to a goal; empty if it finds one.
 
     Args:
         fleet: the fleet file.
         name: one of its vehicles.
         begin_enu_m, goal_enu_m: position of the vehicle, and the goal [m], ENU.
+        clear_share: clearance above raised ground, one of the shares in
+            onboard/control/raised_ground.py; None: raised ground may be in the way.
     """
-    return no_way(_around(fleet, name), name, begin_enu_m, goal_enu_m)
-
-
-def raised_ground(
-    fleet: FleetConfig, name: str, begin_enu_m: Xyz, goal_enu_m: Xyz, clear_share: float
-) -> str:
-    """Return the words that say which raised ground a vehicle would touch; empty: none.
-
-    Args:
-        fleet: the fleet file.
-        name: one of its vehicles.
-        begin_enu_m, goal_enu_m: position of the vehicle, and the goal [m], ENU.
-        clear_share: one of the shares in onboard/control/raised_ground.py.
-    """
+    around = _around(fleet, name)
+    words = no_way(around, name, begin_enu_m, goal_enu_m)
+    if words or clear_share is None:
+        return words
     return ground_in_the_way(
         fleet=fleet,
         vehicle=fleet.vehicles[name],
-        around=_around(fleet, name),
+        around=around,
         begin_enu_m=begin_enu_m,
         goal_enu_m=goal_enu_m,
         clear_share=clear_share,
