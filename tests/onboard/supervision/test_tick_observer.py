@@ -338,11 +338,17 @@ def test_full_thrust_below_the_trajectory_without_climbing_is_sinking() -> None:
 # -- an attitude that is lost waits for a heartbeat, for a pilot may tilt the vehicle
 
 
-def test_a_lost_attitude_counts_when_a_heartbeat_since_then_says_that_no_pilot_flies() -> None:
+def _without_heartbeats(attitude_wxyz: Wxyz) -> Observed:
+    """A flight in which heartbeats stop and the attitude changes, after a second."""
     observed = Observed()
     observed.run(1.0)
     observed.sends_heartbeats = False
-    observed.view["attitude_wxyz"] = leaning(30.0)
+    observed.view["attitude_wxyz"] = attitude_wxyz
+    return observed
+
+
+def test_a_lost_attitude_counts_when_a_heartbeat_since_then_says_that_no_pilot_flies() -> None:
+    observed = _without_heartbeats(leaning(30.0))
     assert not observed.run(0.8).is_attitude_lost
     assert observed.observer.reports.is_heartbeat_wanted
 
@@ -352,10 +358,7 @@ def test_a_lost_attitude_counts_when_a_heartbeat_since_then_says_that_no_pilot_f
 
 
 def test_an_attitude_is_not_lost_if_the_heartbeat_says_that_px4_flies_no_setpoints() -> None:
-    observed = Observed()
-    observed.run(1.0)
-    observed.sends_heartbeats = False
-    observed.view["attitude_wxyz"] = leaning(30.0)
+    observed = _without_heartbeats(leaning(30.0))
     assert not observed.run(0.8).is_attitude_lost
 
     observed.sends_heartbeats = True
@@ -367,10 +370,7 @@ def test_an_attitude_is_not_lost_if_the_heartbeat_says_that_px4_flies_no_setpoin
 
 
 def test_a_lost_attitude_counts_without_a_heartbeat_when_none_comes_any_more() -> None:
-    observed = Observed()
-    observed.run(1.0)
-    observed.sends_heartbeats = False
-    observed.view["attitude_wxyz"] = leaning(30.0)
+    observed = _without_heartbeats(leaning(30.0))
     assert not observed.run(1.30).is_attitude_lost
     assert observed.tick().is_attitude_lost
 
@@ -385,19 +385,13 @@ def test_a_heartbeat_from_before_the_attitude_was_lost_says_nothing() -> None:
 
 
 def test_an_upset_vehicle_awaits_no_heartbeat() -> None:
-    observed = Observed()
-    observed.run(1.0)
-    observed.sends_heartbeats = False
-    observed.view["attitude_wxyz"] = ON_ITS_SIDE
+    observed = _without_heartbeats(ON_ITS_SIDE)
     assert observed.run(0.14).is_attitude_lost
     assert not observed.observer.reports.is_heartbeat_wanted
 
 
 def test_a_vehicle_that_follows_again_wants_no_heartbeat() -> None:
-    observed = Observed()
-    observed.run(1.0)
-    observed.sends_heartbeats = False
-    observed.view["attitude_wxyz"] = leaning(30.0)
+    observed = _without_heartbeats(leaning(30.0))
     observed.run(0.8)
     observed.view["attitude_wxyz"] = leaning(0.0)
     observed.run(0.5)
