@@ -637,7 +637,14 @@ class Group:
             timeout_s: longest wait [s].
         """
         names = self._stoppable(self.select(vehicles))
-        return await self.order(Skip(vehicles=names), timeout_s)
+        results = await self.order(Skip(vehicles=names), timeout_s)
+
+        # an order that follows at once is for those that still follow, so they have to report it
+        def have_left(state: FleetState) -> bool:
+            return not stoppable(state, _done_by(results))
+
+        await self.client.wait_for(have_left, timeout_s)
+        return results
 
     def _stoppable(self, names: tuple[str, ...]) -> tuple[str, ...]:
         """Return the vehicles that follow a path or another vehicle.
@@ -662,8 +669,9 @@ class Group:
 
         Before that, the vehicles fly to the first points of their paths. A vehicle that leaves its
         path fails in the results only: the others go on. ``OrderFailed`` comes when no vehicle has
-        arrived, or when the time is over. After the paths of a formation, the present formation is
-        the one at their end.
+        arrived, or when the time is over. Vehicles that another task of the script orders elsewhere
+        (``bring_home`` in a pause) are ``superseded`` and fail nothing. After the paths of a
+        formation, the present formation is the one at their end.
 
         Args:
             paths: path of each vehicle, by name or index, see

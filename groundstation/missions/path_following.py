@@ -28,7 +28,7 @@ from groundstation.missions.pause_watch import PauseWatch
 from groundstation.orders.intents import FollowPath, Goto, Hold, Intent
 from groundstation.orders.path_orders import OnLag, parts_of, starts_of
 from groundstation.orders.reachable_goals import longest_move_s
-from groundstation.orders.result import OrderFailed, OrderResult, Results
+from groundstation.orders.result import OrderFailed, OrderResult, Results, VehicleResult
 from groundstation.paths.lights import Colour, TimedColour, colour_at
 from groundstation.verdict.observations import StepResult
 from onboard.bus.schema import Light as LightMessage
@@ -124,7 +124,8 @@ async def follow_paths(
     Raises:
         OrderFailed: a vehicle does not accept its path or its start, so no vehicle starts; all were
             brought home in a pause; or no vehicle has followed its path to the end, or one still
-            follows it after the timeout, and the mission does not go on without them.
+            follows it after the timeout, and the mission does not go on without them. Vehicles
+            that the mission itself has ordered elsewhere meanwhile do not count.
         CountdownEnded: the countdown ended before the start, so no vehicle starts.
     """
 
@@ -185,11 +186,34 @@ async def follow_paths(
     if duration_s > AHEAD_S:
         ground.say(f"  followed in {duration_s - AHEAD_S:.1f} s")
 
-    is_followed = any(result.is_done for result in results.values())
-    is_in_time = all(result.phase != "unfinished" for result in results.values())
-    if ground.goes_on_without or not is_followed or not is_in_time:
-        await ground.go_on_or_fail(order.intent, results)
+    await _judge_end(ground, order.intent, results)
     return results
+
+
+async def _judge_end(ground: PathGround, intent: Intent, results: Results) -> None:
+    """Fail the step if no vehicle has followed its path to the end, or one still follows it.
+
+    A vehicle that a later order of this mission has taken from its path counts for neither.
+
+    Raises:
+        OrderFailed: the step has failed, and the mission does not go on without these vehicles.
+        FleetTaken: somebody has taken the fleet, and that is why.
+    """
+    judged = {
+        name: result
+        for name, result in results.items()
+        if not _is_replaced_by_mission(ground.client, result)
+    }
+    is_followed = any(result.is_done for result in judged.values())
+    is_in_time = all(result.phase != "unfinished" for result in judged.values())
+    if ground.goes_on_without or not is_followed or not is_in_time:
+        await ground.go_on_or_fail(intent, judged)
+
+
+def _is_replaced_by_mission(client: FleetClient, result: VehicleResult) -> bool:
+    """Whether a later order of the same mission has replaced a vehicle's order."""
+    is_newest = client.is_newest_of_mission(result.vehicle, result.order_id)
+    return result.phase == "superseded" and not is_newest
 
 
 async def _end_of(ground: PathGround, order: OrderResult, timeout_s: float) -> Results:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import asyncio
+import time
 from collections.abc import Collection, Sequence
 from typing import Any
 
@@ -9,7 +11,10 @@ import pytest
 
 from groundstation.missions.ground import MissionGround
 from groundstation.missions.path_following import follow_paths
+from groundstation.orders.intents import Land
 from groundstation.orders.result import OrderFailed, Results
+from onboard.bus.schema import Event
+from onboard.bus.topics import Topic
 from onboard.config.fleet import FleetConfig
 from tests.groundstation.conftest import FakeBus
 from tests.groundstation.missions.test_path_begins import begin_above_the_starts
@@ -27,6 +32,7 @@ class Flight:
         self._paths = begin_above_the_starts(fleet, bus)
         self._arrived: Collection[str] = ()
         self._failed: Collection[str] = ()
+        self._has_begun = asyncio.Event()
         bus.accept_only = {"follow_path"}
 
     async def follow(
@@ -35,16 +41,40 @@ class Flight:
         *,
         arrived: Collection[str] = (),
         failed: Collection[str] = (),
+        timeout_s: float = 0.25,
     ) -> Results:
         self._arrived = arrived
         self._failed = failed
         paths = {name: self._paths[name] for name in names}
-        return await follow_paths(self.ground, paths, lights={}, on_lag="land", timeout_s=0.25)
+        return await follow_paths(self.ground, paths, lights={}, on_lag="land", timeout_s=timeout_s)
+
+    async def supersede(self, names: Sequence[str] = ALL) -> None:
+        """Once all follow their paths, let the vehicles report that an order has replaced these."""
+        await self._has_begun.wait()
+        for name, order in self._bus.orders:
+            if order.kind == "follow_path" and name in names:
+                event = Event(
+                    vehicle=name,
+                    stamp_ns=time.monotonic_ns(),
+                    severity="info",
+                    code="order",
+                    sentence="Ended by order land.",
+                    order_id=order.order_id,
+                    order_outcome="superseded",
+                )
+                self._bus.on_message[Topic.EVENT](Topic.EVENT, name, event)
+
+    async def land(self, names: Sequence[str]) -> None:
+        """Once all follow their paths, let the mission land some, as another task of it does."""
+        await self.supersede(())
+        self.ground.client.submit_now(Land(vehicles=tuple(names)), is_by_mission=True)
+        await self.supersede(names)
 
     def _say(self, line: str) -> None:
         self.lines.append(line)
         if not line.startswith("follow_path"):
             return
+        self._has_begun.set()
         for name, order in self._bus.orders:
             if order.kind == "follow_path" and name in self._arrived:
                 self._bus._end(name, order, "")
@@ -76,6 +106,33 @@ async def test_the_others_go_on_when_one_has_left_its_path(flight: Flight) -> No
     results = await flight.follow(arrived=ALL[1:], failed=["mav0"])
     assert [name for name, result in results.items() if result.is_done] == ["mav1", "mav2"]
     assert flight.ground.left_out == set()
+
+
+async def test_vehicles_that_the_mission_itself_lands_do_not_fail_their_paths(
+    flight: Flight,
+) -> None:
+    following = asyncio.create_task(flight.follow(timeout_s=5.0))
+    await flight.land(ALL)
+    results = await following
+    assert {result.phase for result in results.values()} == {"superseded"}
+
+
+async def test_the_step_fails_when_the_mission_lands_one_and_all_others_have_left(
+    flight: Flight,
+) -> None:
+    following = asyncio.create_task(flight.follow(failed=ALL[1:], timeout_s=5.0))
+    await flight.land(ALL[:1])
+    with pytest.raises(OrderFailed, match="The motor is weak"):
+        await following
+
+
+async def test_the_step_fails_when_orders_of_somebody_else_replace_all_paths(
+    flight: Flight,
+) -> None:
+    following = asyncio.create_task(flight.follow(timeout_s=5.0))
+    await flight.supersede()
+    with pytest.raises(OrderFailed, match="superseded"):
+        await following
 
 
 async def test_a_mission_that_goes_on_leaves_out_who_has_not_arrived(flight: Flight) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import functools
 import math
 from typing import Any
 
@@ -10,6 +11,7 @@ import numpy as np
 import pytest
 from msgspec.structs import replace
 
+from groundstation.missions.api import Fleet
 from groundstation.missions.ground import MissionGround
 from groundstation.missions.path_following import follow_paths
 from groundstation.orders.battery_reserve import Discharge, weakest
@@ -80,6 +82,18 @@ async def test_all_are_brought_home_from_where_they_are_and_not_from_the_ends_of
         x, y, _ = fleet.vehicles[name].start_enu_m
         assert order.position_enu_m == pytest.approx((x, y, 1.5))
         assert order.then_land
+
+
+async def test_an_order_after_skip_is_not_for_those_that_have_skipped(
+    bus: FakeBus, flying: Any
+) -> None:
+    script = Fleet(flying)
+    report = functools.partial(bus.tell, "mav1", show_id="")
+    asyncio.get_running_loop().call_later(0.3, report)  # later than the result of its order
+    skipped = await script.skip("mav1")
+    assert skipped["mav1"].is_done
+    resumed = await script.resume()
+    assert set(resumed) == {"mav0", "mav2"}
 
 
 @pytest.mark.parametrize("line", ["home", "bring home"])
