@@ -74,6 +74,26 @@ def carry(flight: Lockstep, name: str, x: float, y: float) -> None:
     flight.run(3.0)
 
 
+def test_a_spare_is_ready_although_the_mocap_still_sees_the_vehicle_that_was_carried_away(
+    lockstep: Callable[..., Lockstep],
+) -> None:
+    """The agent of mav2 is dead, so its last position is the spot on which mav7 stands now."""
+    flight = lockstep(fleet())
+    flight.ready()
+    flight.order("disable mav7")
+    flight.inject(Fault("agent_dead", "mav2", at_s=flight.time_s))
+    flight.run(3.0)
+
+    carry(flight, "mav2", 3.5, -2.5)
+    carry(flight, "mav7", *SPOTS["mav2"])
+    assert flight.order("swap mav2 mav7")["mav7"].phase == "done"
+    flight.run(5.0)
+    for name in ("mav0", "mav1", "mav7"):
+        telemetry = flight.state.vehicles[name].telemetry
+        assert telemetry is not None
+        assert not telemetry.not_ready, telemetry.not_ready
+
+
 @pytest.mark.long
 def test_a_spare_flies_the_part_of_the_vehicle_whose_place_it_has(
     lockstep: Callable[..., Lockstep],
@@ -106,7 +126,10 @@ def test_a_spare_flies_the_part_of_the_vehicle_whose_place_it_has(
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("dead", [("agent_dead", "mocap_lost"), ("autopilot_hang", "mocap_lost")])
+@pytest.mark.parametrize(
+    "dead",
+    [("agent_dead",), ("agent_dead", "mocap_lost"), ("autopilot_hang", "mocap_lost")],
+)
 def test_a_spare_takes_off_where_a_vehicle_was_last_seen_that_nobody_sees_any_more(
     lockstep: Callable[..., Lockstep], dead: tuple[str, ...]
 ) -> None:
