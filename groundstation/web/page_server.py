@@ -200,6 +200,8 @@ class PageServer:
             async for message in socket:
                 if message.type is WSMsgType.TEXT:
                     await obey(message.data, self._feed)
+                    # many messages may have arrived at once: all pages get their cards in between
+                    await asyncio.sleep(0)
         finally:
             self._sockets.discard(socket)
             self._feed.close(page)

@@ -663,6 +663,33 @@ async def test_one_page_too_many_is_turned_away(
             await socket.close()
 
 
+async def test_a_page_that_sends_many_lines_at_once_closes_no_other_page(
+    fleet: FleetConfig, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(live_feed, "MAX_QUEUED", 50)
+    lines = 2000
+
+    async def count_cards(page: aiohttp.ClientWebSocketResponse) -> int:
+        cards = 0
+        while cards < lines:
+            message = await page.receive()
+            assert message.type is aiohttp.WSMsgType.TEXT, f"closed after {cards} cards"
+            cards += json.loads(message.data)["kind"] == "card"
+        return cards
+
+    async for served in serve(fleet, can_order=True):
+        async with aiohttp.ClientSession() as session:
+            reading = await session.ws_connect(served.address + "ws")
+            sending = await session.ws_connect(served.address + "ws")
+            counting = [asyncio.create_task(count_cards(page)) for page in (reading, sending)]
+            for _ in range(lines):
+                await sending.send_json({"do": "order", "text": "nonsense"})
+            async with asyncio.timeout(60.0):
+                assert await asyncio.gather(*counting) == [lines, lines]
+            for page in (reading, sending):
+                await page.close()
+
+
 @pytest.mark.realtime
 async def test_of_200_sockets_at_once_50_are_served_and_one_that_answers_nothing_is_closed(
     watched: Served, monkeypatch: pytest.MonkeyPatch
