@@ -242,7 +242,7 @@ GROUND = (
     Row((S.DISARMING, S.FAILED_DISARMING), E.TICK, when=p.px4_is_armed, request=Disarm()),
     Row((S.KILLING,), E.TICK, when=p.px4_is_armed, request=Kill()),
     Row((S.FAILED,), E.TICK, when=p.px4_is_disarmed_on_ground, to=S.LANDED,
-        says=("info", "landed", "On the ground and disarmed.")),
+        reason=sentences.reason_on_ground, says=("info", "landed", "On the ground and disarmed.")),
 )
 
 TAKEOFF = (

@@ -82,6 +82,13 @@ def left_its_hold(flight: FlightContext, view: FlightView) -> str:
     return f"PX4 left its hold before it was taken over (now {mode}): it flies without this agent."
 
 
+def reason_on_ground(flight: FlightContext, view: FlightView) -> str:
+    """Return why a vehicle on the ground failed, without advice about its flight."""
+    if flight.reason == FLIES_WITHOUT_AGENT:
+        return "PX4 landed it without this agent."
+    return flight.reason
+
+
 def still_armed(flight: FlightContext, view: FlightView) -> str:
     """Return the reason why an order to disarm or to kill has not been confirmed."""
     if view.snapshot.is_armed:

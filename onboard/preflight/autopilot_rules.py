@@ -207,6 +207,8 @@ def _failsafe(facts: PreflightFacts, fleet: FleetConfig, vehicle: Vehicle) -> Ju
     ]
     if not names:
         return PASSED
+    if names == [Condition.DISK_FULL.value]:
+        return "disk full", {}
     text = ", ".join(names)
     return "condition holds", {"conditions": text[0].upper() + text[1:]}
 

@@ -335,8 +335,14 @@ def test_an_agent_started_while_the_vehicle_flies_stays_silent_and_says_so() -> 
     assert rig.snapshot.landed is Landed.IN_AIR
     rig.run(0.3)
     assert rig.core.flight.state == "failed"
-    assert "without this agent" in rig.core.flight.reason
+    assert "order land or kill" in rig.core.flight.reason
     assert rig.count(agent_commands.SendAttitude) == 0
+
+    # PX4 has landed it: nobody shall be told to land or to kill it any more
+    rig.position = np.array([0.0, 0.0, 0.0])
+    rig.is_armed = False
+    rig.until("landed")
+    assert rig.core.flight.reason == "PX4 landed it without this agent."
 
 
 def test_the_state_message_says_cooperative_only_while_the_law_flies() -> None:

@@ -155,6 +155,10 @@ CASES: dict[tuple[str, str], tuple[dict[str, Any], str]] = {
     ("disarmed", "not known"): ({"has_landed_report": False}, "does not tell"),
     ("disarmed", "airborne"): ({"is_airborne": True, "is_armed": True}, "in the air"),
     ("disarmed", "armed"): ({"is_armed": True}, "armed already"),
+    ("failsafe", "disk full"): (
+        {"conditions": frozenset({Condition.DISK_FULL, Condition.POSITION_STALE})},
+        "The disk on which this agent logs is full.",
+    ),
     ("failsafe", "condition holds"): (
         {
             "conditions": frozenset(
