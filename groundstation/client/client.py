@@ -61,7 +61,7 @@ from groundstation.orders.plan import (
 from groundstation.orders.result import OrderResult, Results
 from onboard.bus.control_token import EMERGENCY
 from onboard.bus.protocol import Bus
-from onboard.bus.schema import Event, FaultOrder, Message, PathOrder
+from onboard.bus.schema import Event, FaultOrder, Message, Order, PathOrder
 from onboard.bus.topics import Topic
 from onboard.config.fleet import FleetConfig
 from onboard.message_counts import in_words
@@ -379,7 +379,16 @@ class FleetClient:
             vehicle: name of the vehicle.
             order_id: identifier of an order of a mission.
         """
-        return self._orders.newest_of_missions.get(vehicle) == order_id
+        newest = self.newest_of_mission(vehicle)
+        return newest is not None and newest.order_id == order_id
+
+    def newest_of_mission(self, vehicle: str) -> Order | None:
+        """Return the newest order that a mission of this ground has given a vehicle, if any.
+
+        Args:
+            vehicle: name of the vehicle.
+        """
+        return self._orders.newest_of_missions.get(vehicle)
 
     def is_own(self, order_id: str) -> bool:
         """Whether this ground has given an order.

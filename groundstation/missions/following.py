@@ -5,9 +5,12 @@ plus the follower's offset. The goals of all followers are one order, which is c
 During a pause no goals are sent. The duration includes neither pauses nor the time in which this
 ground hears no vehicle.
 
-A vehicle may cease to follow before the end: by an order to skip the rest, by an order of the
-mission to land, or because the mission goes on without it. If a failsafe stops it, or its goals are
+A vehicle may cease to follow before the end: by an order to skip the rest, by another order of the
+mission, or because the mission goes on without it. If a failsafe stops it, or its goals are
 refused, it has failed.
+
+The followers also hold when their leader lands, or the mission goes on without it. If a failsafe
+brings the leader down, or nobody hears where it is, the leader has failed.
 """
 
 from __future__ import annotations
@@ -39,6 +42,8 @@ _MOVED_M = 0.1  # a goal that has moved less is not ordered again
 _REFUSED_S = 5.0  # longest time for which all goals of a vehicle may be refused
 _REFUSED_AT_END_S = 1.5  # longest such time just before the end
 _HEARD_S = 1.0  # longest wait for the leader's telemetry after this ground's link is back
+# these orders of the mission do not take a follower from its leader: all others do
+_OF_A_PAUSE = ("pause", "resume", "skip")
 _INSIDE_M = 0.1  # smallest distance of goals from the fence
 _HOLD_S = 15.0  # longest wait for the hold at the end
 
@@ -49,7 +54,7 @@ async def follow(
     """Have vehicles follow another one for a time; then they hold, even when this is cancelled.
 
     A vehicle that a failsafe stops, or whose goals are refused for several seconds, follows no
-    longer and has failed; the others go on.
+    longer and has failed; the others go on. All hold when the leader lands or fails.
 
     Args:
         ground: gives the mission's orders and keeps their results.
@@ -59,16 +64,19 @@ async def follow(
 
     Returns:
         The result of the order to hold for each vehicle; of one that has failed, why. Vehicles that
-        the mission has landed or goes on without have none.
+        the mission has given another order or goes on without have none.
 
     Raises:
         ConfigError: the leader follows itself, or does not report where it is.
         OrderFailed: a vehicle has failed or does not hold, and the mission does not go on without
             it; or all were brought home in a pause.
     """
-    ground.client.fleet.select([leader])
+    client = ground.client
+    client.fleet.select([leader])
     if leader in offsets:
         raise ConfigError(f"{leader} cannot follow itself. Leave it out of the followers.")
+    if client.state.vehicles[leader].position_enu_m(client.now_ns()) is None:
+        raise ConfigError(f"{leader} does not report where it is, so nobody can follow it.")
 
     ground.say(f"{', '.join(offsets)} follow {leader} for {duration_s:g} s")
     following = _Following(ground, leader, offsets)
@@ -100,6 +108,9 @@ class _Following:
         self._failed: Results = {}  # vehicles that follow no longer, though nobody has ordered so
         self._pause = FollowPause(ground, leader, self._holding)
         self._left_out_before = frozenset(ground.left_out)
+        self._has_leader_flown = False
+        # follower -> the newest order of the mission that it had or that this has given it
+        self._own_orders = {name: self._client.newest_of_mission(name) for name in offsets}
 
         self._begin_ns = self._client.now_ns()
         self._accepted_goals: dict[str, Xyz] = {}  # vehicle -> the last goal that it has accepted
@@ -121,7 +132,7 @@ class _Following:
 
                 self._note_stopped()
                 self._fail_refused(is_over=False)
-                if not self._offsets:
+                if not self._offsets or not self._can_follow_leader():
                     break
 
                 await self._order_goals()
@@ -183,7 +194,41 @@ class _Following:
         if not holding or is_taken:
             return
         await self._ground.order(Hold(vehicles=tuple(holding)), _HOLD_S)
+        self._note_own_orders(holding)
         self._pause.begin_anew(holding)
+
+    def _can_follow_leader(self) -> bool:
+        """Return whether the leader can still be followed; otherwise say why not.
+
+        A leader that stands when the following begins, or that a pilot flies, can be followed.
+        """
+        leader = self._leader
+        if leader in self._ground.left_out - self._left_out_before:
+            self._ground.say(f"  the mission goes on without {leader}: nobody follows it any more")
+            return False
+
+        view = self._client.state.vehicles[leader]
+        telemetry = view.telemetry
+        if telemetry is None or view.position_enu_m(self._client.now_ns()) is None:
+            self._fail_leader("It does not report where it is.")
+            return False
+
+        if telemetry.state in ("taking off", "flying", "holding") or telemetry.is_flown_by_hand:
+            self._has_leader_flown = True
+            return True
+        if not self._has_leader_flown:
+            return True
+
+        if telemetry.reason in ("", ORDERED):
+            self._ground.say(f"  {leader} lands: nobody follows it any more")
+        else:
+            self._fail_leader(telemetry.reason)
+        return False
+
+    def _fail_leader(self, reason: str) -> None:
+        """Note and say that the leader has failed."""
+        self._failed[self._leader] = VehicleResult(self._leader, "", "failed", reason)
+        self._ground.say(f"  nobody follows {self._leader} any more: {reason}")
 
     def _hears_leader(self, state: FleetState) -> bool:
         return state.vehicles[self._leader].is_fresh(self._client.now_ns())
@@ -199,33 +244,44 @@ class _Following:
     def _note_stopped(self) -> None:
         """Note and say who follows no longer, by an order of the mission or by a failsafe."""
         self._forget(self._ground.left_out - self._left_out_before)
-        self._note_landed(_landed_by_mission(self._client, self._offsets))
+        ordered = self._ordered_elsewhere()
+        if ordered:
+            self._ground.say(
+                f"  {', '.join(ordered)} has another order, and follows {self._leader} no longer"
+            )
+            self._forget(ordered)
         is_taken = self._ground.watch.takeover() is not None
         if is_taken:  # somebody has given them other orders
             return
 
-        landed = []
         skipped = []
         for name, telemetry in self._pause.stopped().items():
             if telemetry.reason != ORDERED:
                 reason = telemetry.reason or f"It is {telemetry.state}."
                 self._fail(VehicleResult(name, telemetry.order_id, "failed", reason))
                 self._forget([name])
-            elif telemetry.state == "holding":
-                skipped.append(name)
             else:
-                landed.append(name)
-
-        self._note_landed(landed)
+                skipped.append(name)
         if skipped:
             self._ground.say(f"  {', '.join(skipped)} skips the rest of following {self._leader}")
             self._follow_without(skipped)
 
-    def _note_landed(self, names: Collection[str]) -> None:
-        """Note and say which vehicles land by an order of the mission."""
-        if names:
-            self._ground.say(f"  {', '.join(names)} lands and follows {self._leader} no longer")
-            self._forget(names)
+    def _ordered_elsewhere(self) -> list[str]:
+        """Return the followers that the mission has given another order meanwhile."""
+        if self._ground.is_ending:
+            return []  # these are orders of the end; the next goals are refused because of it
+        ordered = []
+        for name in self._offsets:
+            newest = self._client.newest_of_mission(name)
+            is_own = newest is self._own_orders[name]
+            if newest is not None and not is_own and newest.kind not in _OF_A_PAUSE:
+                ordered.append(name)
+        return ordered
+
+    def _note_own_orders(self, names: Iterable[str]) -> None:
+        """Note that the newest orders of these vehicles are of the following itself."""
+        for name in names:
+            self._own_orders[name] = self._client.newest_of_mission(name)
 
     def _fail_refused(self, *, is_over: bool) -> None:
         """Fail the vehicles whose goals were all refused for too long.
@@ -285,6 +341,7 @@ class _Following:
         goto = Goto(vehicles=tuple(goals), goals=goals, follows=self._leader)
         await self._ground.check_open(goto)
         order = await self._client.submit(goto, is_by_mission=True)
+        self._note_own_orders(order.planned.orders)
         for result in order.results.values():  # some may be refused already
             self._note_answer(goals, result)
         order.add_listener(functools.partial(self._note_answer, goals))
@@ -305,18 +362,6 @@ class _Following:
             self._refused.pop(name, None)
         elif result.phase in ("refused", "no answer"):
             self._refused[name] = result
-
-
-def _landed_by_mission(client: FleetClient, names: Iterable[str]) -> tuple[str, ...]:
-    """Return the vehicles whose newest order is to land, and was given by this mission."""
-    landed = []
-    for name in names:
-        telemetry = client.state.vehicles[name].telemetry
-        if telemetry is None or telemetry.order_kind != "land":
-            continue
-        if client.is_of_mission(telemetry.order_id):
-            landed.append(name)
-    return tuple(landed)
 
 
 def present_offsets(client: FleetClient, leader: str, names: Sequence[str]) -> dict[str, Xyz]:
@@ -364,9 +409,8 @@ def _goals(client: FleetClient, leader: str, offsets: Mapping[str, Xyz]) -> dict
     """Return the followers' goals, ahead of the leader's present position and inside the fence."""
     view = client.state.vehicles[leader]
     position_enu_m = view.position_enu_m(client.now_ns())
-    if position_enu_m is None or view.telemetry is None:
-        raise ConfigError(f"{leader} does not report where it is, so nobody can follow it.")
-
+    assert position_enu_m is not None  # checked just before
+    assert view.telemetry is not None
     velocity_enu_m_s = view.telemetry.velocity_enu_m_s
     ahead_enu_m = [
         coordinate_m + _AHEAD_S * speed_m_s

@@ -744,6 +744,8 @@ class Group:
         for name in self.select(list(own_waypoints)):
             telemetry = self.state.vehicles[name].telemetry
             if telemetry is None or not telemetry.is_airborne:
+                if name in self.ground.left_out:
+                    continue
                 raise ConfigError(f"{name} does not fly: order take-off first.")
 
             goals = as_positions(own_waypoints[name], "fly_through")
@@ -763,7 +765,10 @@ class Group:
         """Follow another vehicle for a time, each at its offset; then hold.
 
         The followers hold even when this call is cancelled. One that a failsafe stops, or whose
-        goals are refused for 5 s or at the end, fails; the others go on.
+        goals are refused for 5 s or at the end, fails; the others go on. One that another task of
+        the script gives an order (``home``, ``yaw``) follows no longer. When the leader lands, or
+        the mission goes on without it, all hold; when a failsafe lands it, or it reports no
+        position, it fails as well.
 
         Args:
             leader: name or index of the vehicle that is followed.

@@ -107,6 +107,89 @@ async def test_who_is_stopped_by_a_failsafe_has_failed_and_the_others_follow_on(
     assert flight.kinds_of("mav2")[-1] == "hold"
 
 
+@pytest.mark.parametrize("order", ["land", "home", "yaw"])
+async def test_who_gets_another_order_of_the_script_follows_no_longer(
+    flight: Flight, order: str
+) -> None:
+    follow = asyncio.create_task(flight.fleet.follow("mav0", 1.0, offsets=BESIDE))
+    await asyncio.sleep(0.15)
+    vehicle = flight.fleet["mav1"]
+    orders = {"land": vehicle.land, "home": vehicle.home, "yaw": lambda: vehicle.yaw(90.0)}
+    assert (await orders[order]())["mav1"].is_done
+    before = len(flight.kinds_of("mav1"))
+
+    x, y, z = flight.bus.vehicles["mav0"].position_enu_m
+    flight.bus.tell("mav0", position_enu_m=(x, y + 0.5, z))
+    assert list(await follow) == ["mav2"]
+    assert len(flight.kinds_of("mav1")) == before
+    words = "mav1 has another order, and follows mav0 no longer"
+    assert [line.strip() for line in flight.lines].count(words) == 1
+
+
+async def test_all_come_home_that_are_ordered_home_while_they_follow(flight: Flight) -> None:
+    follow = asyncio.create_task(flight.fleet.follow("mav0", 5.0, offsets=BESIDE))
+    await asyncio.sleep(0.15)
+    flight.bus.tell("mav0", velocity_enu_m_s=(0.5, 0.0, 0.0))  # the next goals are others
+    brought = await flight.fleet.bring_home()
+    assert all(result.is_done for result in brought.values())
+    assert await asyncio.wait_for(follow, 1.0) == {}
+    assert flight.kinds_of("mav1")[-1] == flight.kinds_of("mav2")[-1] == "move"
+
+
+@pytest.mark.parametrize("state", ["landing", "landed", "failed"])
+async def test_the_followers_hold_and_the_leader_has_failed_when_a_failsafe_ends_its_flight(
+    flight: Flight, state: str
+) -> None:
+    follow = asyncio.create_task(flight.fleet.follow("mav0", 5.0, offsets=BESIDE))
+    await asyncio.sleep(0.15)
+    x, y, _ = flight.bus.vehicles["mav0"].position_enu_m
+    flight.bus.tell(
+        "mav0", state=state, reason="The battery has 5 %: landing.", position_enu_m=(x, y, 0.3)
+    )
+    with pytest.raises(
+        OrderFailed, match=r"'follow mav0' failed\. mav0 failed: The battery"
+    ) as error:
+        await asyncio.wait_for(follow, 2.0)
+    phases = {name: result.phase for name, result in error.value.results.items()}
+    assert phases == {"mav0": "failed", "mav1": "done", "mav2": "done"}
+    assert flight.kinds_of("mav1") == ["takeoff", "move", "hold"]
+
+
+async def test_the_others_go_on_without_a_leader_that_nobody_hears(flight: Flight) -> None:
+    flight.fleet.ground.goes_on_without = True
+    follow = asyncio.create_task(flight.fleet.follow("mav0", 5.0, offsets=BESIDE))
+    await asyncio.sleep(0.15)
+    flight.bus.tell("mav0", is_position_valid=False)
+    results = await asyncio.wait_for(follow, 2.0)
+    assert results["mav0"].sentence == "It does not report where it is."
+    assert flight.fleet.names == ("mav1", "mav2")
+    assert flight.kinds_of("mav1")[-1] == "hold"
+
+
+@pytest.mark.parametrize("is_left_out", [False, True])
+async def test_the_followers_hold_when_the_leader_lands_by_order_or_is_left_out(
+    flight: Flight, is_left_out: bool
+) -> None:
+    follow = asyncio.create_task(flight.fleet.follow("mav0", 5.0, offsets=BESIDE))
+    await asyncio.sleep(0.15)
+    if is_left_out:
+        flight.fleet.leave_out("mav0")
+    else:
+        assert (await flight.fleet["mav0"].land())["mav0"].is_done
+    results = await asyncio.wait_for(follow, 2.0)
+    assert {name: result.phase for name, result in results.items()} == {
+        "mav1": "done",
+        "mav2": "done",
+    }
+
+
+async def test_a_leader_that_stands_can_be_followed(flight: Flight) -> None:
+    flight.bus.tell("mav0", state="landed", is_airborne=False, reason="The battery has 5 %.")
+    await asyncio.sleep(0.1)
+    results = await flight.fleet.follow("mav0", 0.3, offsets=BESIDE)
+    assert all(result.is_done for result in results.values())
+
+
 async def test_who_is_left_out_follows_no_longer_and_keeps_its_order(flight: Flight) -> None:
     follow = asyncio.create_task(flight.fleet.follow("mav0", 0.3, offsets=BESIDE))
     await asyncio.sleep(0.15)
