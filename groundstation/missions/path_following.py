@@ -50,6 +50,7 @@ _HOME_S = 120.0  # longest wait for vehicles that are brought home
 _LIGHT_S = 0.2  # time between two checks for a new colour
 _AT_BEGIN_M = 0.4  # largest distance from the first point before the start; agents allow AT_START_M
 _AT_BEGIN_S = 20.0  # longest wait for all vehicles to be there at the same time
+_NO_PATH = "No path is flown, because the mission goes on without these vehicles."
 _SPARE_S = 0.3  # margin of the time that an order needs
 
 Paths = Mapping[str, Path]  # by vehicle
@@ -119,7 +120,8 @@ async def follow_paths(
 
     Returns:
         One result per vehicle that has started. A vehicle that has left its path has failed; the
-        others go on. A vehicle that is left out before the start does not start.
+        others go on. A vehicle that is left out before the start does not start, nor does one that
+        is left out already and does not fly.
 
     Raises:
         OrderFailed: a vehicle does not accept its path or its start, so no vehicle starts; all were
@@ -128,6 +130,13 @@ async def follow_paths(
             that the mission itself has ordered elsewhere meanwhile do not count.
         CountdownEnded: the countdown ended before the start, so no vehicle starts.
     """
+    grounded = _grounded(ground, paths)
+    if grounded:
+        ground.say(f"  the mission goes on without {listed(grounded)}: no path for them")
+        paths = {name: path for name, path in paths.items() if name not in grounded}
+    if not paths:
+        ground.say(_NO_PATH)
+        return {}
 
     def taking_part() -> dict[str, Path]:
         return {name: paths[name] for name in ground.still_taking_part(paths, left_out_before)}
@@ -154,7 +163,7 @@ async def follow_paths(
         begin_words = f"from {at.words} on"
     names = tuple(order.results)
     if not names:
-        ground.say("No path is flown, because the mission goes on without these vehicles.")
+        ground.say(_NO_PATH)
         return {}
     longest_s = max(paths[name].duration_s for name in names)
     ground.say(f"follow_path {listed(names)}: {longest_s:.0f} s, {begin_words}")
@@ -188,6 +197,12 @@ async def follow_paths(
 
     await _judge_end(ground, order.intent, results)
     return results
+
+
+def _grounded(ground: PathGround, names: Iterable[str]) -> list[str]:
+    """Return the vehicles without which the mission goes on and that do not fly."""
+    vehicles = ground.client.state.vehicles
+    return [name for name in names if name in ground.left_out and not vehicles[name].is_airborne]
 
 
 async def _judge_end(ground: PathGround, intent: Intent, results: Results) -> None:

@@ -181,7 +181,9 @@ def _battery_words(flight: FlightContext, view: FlightView) -> str:
 
 
 def resumed(flight: FlightContext, view: FlightView) -> str:
-    """Return the end of an order to resume."""
+    """Return the end of an order to resume, which is given before the pause ends."""
+    if not flight.path.is_paused:
+        return "This vehicle was not paused."
     return f"Going on at {flight.path.time_s:.1f} s of its path, once all others go on."
 
 

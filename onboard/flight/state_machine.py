@@ -108,8 +108,8 @@ def change_path(flight: FlightContext, view: FlightView, order: Order) -> None:
         flight.path.is_paused = True
         sentence = sentences.paused(flight, view)
     else:
-        flight.path.is_paused = False
         sentence = sentences.resumed(flight, view)
+        flight.path.is_paused = False
     flight.say(view, "info", order.kind, sentence, order.order_id, "done")
 
 

@@ -70,6 +70,10 @@ class Flight:
         self.ground.client.submit_now(Land(vehicles=tuple(names)), is_by_mission=True)
         await self.supersede(names)
 
+    def land_at_once(self, name: str) -> None:
+        """Let a vehicle stand on the ground."""
+        self._bus.tell(name, state="landed", is_airborne=False, is_armed=False)
+
     def _say(self, line: str) -> None:
         self.lines.append(line)
         if not line.startswith("follow_path"):
@@ -133,6 +137,21 @@ async def test_the_step_fails_when_orders_of_somebody_else_replace_all_paths(
     await flight.supersede()
     with pytest.raises(OrderFailed, match="superseded"):
         await following
+
+
+async def test_who_was_left_out_before_and_does_not_fly_keeps_no_other_from_its_path(
+    flight: Flight,
+) -> None:
+    flight.ground.goes_on_without = True
+    flight.ground.leave_out("mav0")
+    flight.land_at_once("mav0")
+    await asyncio.sleep(0.1)
+    results = await flight.follow(arrived=ALL)
+    assert {name: result.phase for name, result in results.items()} == {
+        "mav1": "done",
+        "mav2": "done",
+    }
+    assert await flight.follow(["mav0"]) == {}
 
 
 async def test_a_mission_that_goes_on_leaves_out_who_has_not_arrived(flight: Flight) -> None:

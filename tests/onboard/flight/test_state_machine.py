@@ -181,6 +181,7 @@ def test_a_part_of_a_path_is_taken_beside_the_flight() -> None:
     [
         ("pause", False, True, False, "Pausing at 10.0 s of its path."),
         ("resume", True, False, False, "Going on at 10.0 s of its path"),
+        ("resume", False, False, False, "This vehicle was not paused."),
         ("skip", True, True, True, "Leaving its path at 10.0 s"),
     ],
 )
