@@ -10,15 +10,22 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from typing import TypeVar
 
-from groundstation.fleet.state import FleetState
+from groundstation.fleet.state import FleetState, VehicleView
 from onboard.config.fleet import ConfigError, FleetConfig
 from onboard.tuples import Xyz
 
 Value = TypeVar("Value")
+# A spare that has been silent for longer than this, while the vehicle that it replaced reports that
+# it has its own place, has been replaced by it.
+_SILENT_NS = 2_000_000_000
 
 
 def stand_ins(state: FleetState | None) -> dict[str, str]:
     """Return the vehicles that stand in for others: name of the place -> vehicle.
+
+    A spare whose agent has died may have been replaced since, by another spare or by the vehicle
+    that has the place in the fleet file. Its last report still names the place, so the newest
+    report about a place counts.
 
     Args:
         state: the fleet as known now; None: nothing is known, so the result is empty.
@@ -26,45 +33,63 @@ def stand_ins(state: FleetState | None) -> dict[str, str]:
     if state is None:
         return {}
 
-    vehicle_by_place = {}
+    vehicle_by_place: dict[str, str] = {}
     for name, view in state.vehicles.items():
         telemetry = view.telemetry
         if telemetry is None or telemetry.disabled_by:
             continue
         # This is also false for an empty name, and for a name that is not of this fleet.
-        if telemetry.stands_in_for not in state.vehicles:
+        place = telemetry.stands_in_for
+        if place not in state.vehicles:
             continue
-        vehicle_by_place[telemetry.stands_in_for] = name
+        other = vehicle_by_place.get(place)
+        if other is None or view.received_ns >= state.vehicles[other].received_ns:
+            vehicle_by_place[place] = name
+
+    for place, name in tuple(vehicle_by_place.items()):
+        owner = state.vehicles[place]
+        silent_ns = owner.received_ns - state.vehicles[name].received_ns
+        if _has_own_place(owner) and silent_ns > _SILENT_NS:
+            del vehicle_by_place[place]
     return vehicle_by_place
+
+
+def _has_own_place(view: VehicleView) -> bool:
+    """Whether a vehicle reports that it is in service and stands in for nobody."""
+    telemetry = view.telemetry
+    return telemetry is not None and not telemetry.disabled_by and not telemetry.stands_in_for
 
 
 def out_of_service(state: FleetState) -> set[str]:
     """Return the vehicles that take part in no flight.
 
-    They are disabled, or gave their place to another vehicle and took no other place.
+    They are disabled, or gave their place to another vehicle and took no other place, be it their
+    own place or one in which they stood in.
 
     Args:
         state: the fleet as known now.
     """
     disabled = {name for name, view in state.vehicles.items() if view.is_disabled}
     vehicle_by_place = stand_ins(state)
-    gave_their_place = vehicle_by_place.keys()
-    have_a_place = vehicle_by_place.values()
+    gave_their_place = set(vehicle_by_place)
+    for name, view in state.vehicles.items():
+        if view.telemetry is not None and view.telemetry.stands_in_for in state.vehicles:
+            gave_their_place.add(name)
+    have_a_place = set(vehicle_by_place.values())
     return disabled | (gave_their_place - have_a_place)
 
 
 def empty_places(state: FleetState) -> set[str]:
     """Return the places that no vehicle takes in a flight.
 
-    Their vehicle is disabled, or stands in for another one.
+    Their vehicle is out of service, or stands in for another one.
 
     Args:
         state: the fleet as known now.
     """
     vehicle_by_place = stand_ins(state)
     standing_in = set(vehicle_by_place.values())
-    disabled = {name for name, view in state.vehicles.items() if view.is_disabled}
-    return (disabled | standing_in) - vehicle_by_place.keys()
+    return (out_of_service(state) | standing_in) - vehicle_by_place.keys()
 
 
 def place_of(name: str, state: FleetState | None) -> str:

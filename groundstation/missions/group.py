@@ -18,7 +18,7 @@ from typing import NamedTuple, get_args
 import numpy as np
 
 from groundstation.client.client import FleetClient
-from groundstation.fleet.places import by_vehicle, out_of_service, vehicles_at
+from groundstation.fleet.places import by_vehicle, out_of_service, place_of, vehicles_at
 from groundstation.fleet.state import FleetState
 from groundstation.fleet.stoppable import stoppable
 from groundstation.formations.frame import FormationPaths
@@ -490,7 +490,7 @@ class Group:
         names, is_everybody = self._selected(vehicles)
         if is_everybody:
             slots = formation_slots(self.config, name)
-            names = tuple(vehicle for vehicle in names if vehicle in slots)
+            names = tuple(vehicle for vehicle in names if place_of(vehicle, self.state) in slots)
 
         intent = Formation(
             vehicles=names,
