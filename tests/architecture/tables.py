@@ -65,7 +65,7 @@ def steps() -> str:
             "state",
             "shown beside it",
             "situation for failsafes",
-            "phase of the pipeline",
+            "control mode",
             "setpoints",
         )
     ]
