@@ -232,7 +232,7 @@ def flown_table() -> str:
     """Return the table of the faults that have been flown, for docs/failsafe.md."""
     lines = [
         line(
-            "what breaks",
+            "fault",
             "flights",
             "wrong",
             "missions",
@@ -240,7 +240,7 @@ def flown_table() -> str:
             "heights m",
             "wind m/s",
             "smallest distance m",
-            "of pairs with the silenced one m",
+            "to a vehicle that stops avoiding m",
         ),
         "|---" * 9 + "|",
     ]

@@ -263,8 +263,7 @@ def cases(every: int, counts: Iterable[int] = (3, 6), stagger: int = 0) -> list[
 def summary(outcomes: Sequence[Outcome]) -> str:
     """Counts and smallest distances as Markdown, then what is wrong."""
     lines = [
-        "| what breaks | flights | wrong | smallest distance m | of pairs with the silenced one "
-        "m |",
+        "| fault | flights | wrong | smallest distance m | to a vehicle that stops avoiding m |",
         "|---|---|---|---|---|",
     ]
     for injection in INJECTIONS:
