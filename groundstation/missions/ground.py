@@ -170,7 +170,9 @@ class MissionGround:
         results = explained(ended, order.planned, client.fleet, client.state, client.now_ns())
 
         for name, message in order.planned.orders.items():
-            if not results[name].is_done:  # the listener has noted the arrival of all others
+            # The listener has noted the arrival of those that have done it. The others count as
+            # late, unless the mission goes on without them.
+            if not results[name].is_done and not self.goes_on_without:
                 self._add_arrival_at_goal(intent.verb, name, message)
             self.note_done(str(intent), name, message, results)
 

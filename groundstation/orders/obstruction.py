@@ -75,10 +75,13 @@ def in_the_way(fleet: FleetConfig, state: FleetState, name: str, goal: Xyz, now_
     ]
     hindrances.sort()  # by distance
     words = "; ".join(text for _, text in hindrances[:_MAX_NAMED])
-    way_sentence = "Nothing known is in its way."
+    law_sentence = _law_words(view.telemetry)
+    way_sentence = ""
     if words:
-        way_sentence = f"In its way: {words}."
-    return f"{distance_sentence} {way_sentence}{_law_words(view.telemetry)}"
+        way_sentence = f" In its way: {words}."
+    elif not law_sentence:
+        way_sentence = " Nothing known is in its way."
+    return f"{distance_sentence}{way_sentence}{law_sentence}"
 
 
 def _law_words(telemetry: Telemetry) -> str:

@@ -16,7 +16,7 @@ from groundstation.client.client import FleetClient
 from groundstation.formations.slots import formation_slots
 from groundstation.mission_files.loading import load_mission, mission_from_mapping
 from groundstation.missions import runner
-from groundstation.missions.api import Fleet
+from groundstation.missions.api import Fleet, OrderFailed
 from groundstation.missions.connection import hosted
 from groundstation.missions.runner import MissionRun
 from groundstation.paths.pieces import fitted
@@ -153,6 +153,18 @@ async def test_a_step_after_a_vehicle_has_come_down_is_for_the_others(
     if step["do"] == "formation":
         (duration_s,) = {order.duration_s for _, order in bus.orders if order.kind == "move"}
         assert duration_s > 0.0, "the speed of the step"
+
+
+@pytest.mark.parametrize("goes_on", [False, True])
+async def test_who_has_not_arrived_counts_as_late_unless_the_mission_goes_on_without_it(
+    going_on: Fleet, bus: Any, goes_on: bool
+) -> None:
+    going_on.ground.goes_on_without = goes_on
+    bus.misbehave["mav1"] = "fail"
+    with contextlib.suppress(OrderFailed):
+        await going_on.move((0.5, 0.0, 1.0))
+    arrived = {arrival.vehicle for arrival in going_on.ground.arrivals}
+    assert arrived == {"mav0", "mav2"} | (set() if goes_on else {"mav1"})
 
 
 async def test_goals_of_a_script_are_for_those_who_have_not_come_down(

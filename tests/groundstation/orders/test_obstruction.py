@@ -52,10 +52,10 @@ def test_a_vehicle_without_a_position_that_another_one_replaces_is_not_in_the_wa
     assert "Nothing known is in its way." in in_the_way(fleet, state, "mav0", GOAL, 10 * S)
 
 
-def test_who_a_vehicle_gives_way_to_is_said_though_nothing_known_is_in_its_way(
+def test_a_vehicle_that_gives_way_to_one_beside_its_way_is_not_said_to_have_a_free_way(
     fleet: FleetConfig,
 ) -> None:
     state = _state(fleet, avoids="mav2", intervention_m_s2=1.25)
     assert in_the_way(fleet, state, "mav0", (-1.5, 0.0, 1.0), 10 * S) == (
-        "It is 1.50 m from its goal. Nothing known is in its way. It gives way to mav2 by 1.2 m/s²."
+        "It is 1.50 m from its goal. It gives way to mav2 by 1.2 m/s²."
     )
