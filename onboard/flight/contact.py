@@ -74,14 +74,14 @@ _BLIND_UNDER_GROUND_M = -1.0  # no error explains a height this low, so the vehi
 
 
 class ContactSigns(Struct, frozen=True):
-    """Signs of contact; each time [ns] is the last time at which the sign did not hold."""
+    """Signs of contact, and since when [ns] each of them has held: now while it does not hold."""
 
     height_m: float = 0.0  # height at which the vehicle has been still
-    still_ns: int = 0  # the vehicle does not move vertically
-    light_ns: int = 0  # its thrust is much less than its weight
-    reported_ns: int = 0  # PX4 reports the ground
-    slow_ns: int = 0  # its vertical speed is much less than in a fall with little thrust
-    pushing_ns: int = 0  # its thrust is much more than its weight, and it does not move along
+    still_since_ns: int = 0  # the vehicle does not move vertically
+    light_since_ns: int = 0  # its thrust is much less than its weight
+    reported_since_ns: int = 0  # PX4 reports the ground
+    slow_since_ns: int = 0  # its vertical speed is much less than in a fall with little thrust
+    pushing_since_ns: int = 0  # its thrust is much more than its weight, and it does not move along
     # The times for which little lift must last are longer by this factor for a vehicle that may
     # sink with little acceleration only. In the air it would gain the same speed within them.
     patience: float = 1.0
@@ -130,11 +130,11 @@ def observe(
     is_pushing = view.thrust_share * up_share > _PUSHES_SHARE and along_m_s < _STUCK_M_S
     return ContactSigns(
         height_m=still_height_m,
-        still_ns=signs.still_ns if is_still else now_ns,
-        light_ns=signs.light_ns if is_light else now_ns,
-        reported_ns=signs.reported_ns if view.is_on_ground else now_ns,
-        slow_ns=signs.slow_ns if is_slow else now_ns,
-        pushing_ns=signs.pushing_ns if is_pushing else now_ns,
+        still_since_ns=signs.still_since_ns if is_still else now_ns,
+        light_since_ns=signs.light_since_ns if is_light else now_ns,
+        reported_since_ns=signs.reported_since_ns if view.is_on_ground else now_ns,
+        slow_since_ns=signs.slow_since_ns if is_slow else now_ns,
+        pushing_since_ns=signs.pushing_since_ns if is_pushing else now_ns,
         patience=(1.0 - _LIGHT_SHARE) / (1.0 - little),
     )
 
@@ -148,9 +148,9 @@ def is_agreed(signs: ContactSigns, view: FlightView, ground_z_m: float, is_late:
         ground_z_m: height of the expected ground [m].
         is_late: whether the vehicle should have landed a while ago.
     """
-    since_ns = view.now_ns - round(1e9 * AGREED_S)
-    is_still = signs.still_ns < since_ns
-    is_reported = signs.reported_ns < since_ns
+    needed_since_ns = view.now_ns - round(1e9 * AGREED_S)
+    is_still = signs.still_since_ns < needed_since_ns
+    is_reported = signs.reported_since_ns < needed_since_ns
 
     _, _, z_m = view.position_enu_m
     height_m = z_m - ground_z_m
@@ -160,7 +160,7 @@ def is_agreed(signs: ContactSigns, view: FlightView, ground_z_m: float, is_late:
     if _is_light_at_rest(signs, view):
         return True
 
-    has_stalled = view.now_ns - signs.still_ns > 1e9 * _STALLED_S
+    has_stalled = view.now_ns - signs.still_since_ns > 1e9 * _STALLED_S
     return is_late and _UNDER_GROUND_M < height_m < _STALLED_M and has_stalled
 
 
@@ -174,8 +174,10 @@ def is_agreed_by_thrust(signs: ContactSigns, view: FlightView) -> bool:
     if _is_light_at_rest(signs, view):
         return True
 
-    long_ago_ns = view.now_ns - round(1e9 * signs.patience * _LIGHT_LONG_S)
-    return signs.light_ns < long_ago_ns and signs.slow_ns < long_ago_ns
+    needed_since_ns = view.now_ns - round(1e9 * signs.patience * _LIGHT_LONG_S)
+    is_light = signs.light_since_ns < needed_since_ns
+    is_slow = signs.slow_since_ns < needed_since_ns
+    return is_light and is_slow
 
 
 def _is_light_at_rest(signs: ContactSigns, view: FlightView) -> bool:
@@ -185,10 +187,10 @@ def _is_light_at_rest(signs: ContactSigns, view: FlightView) -> bool:
     last one before the lift-off, does not count.
     """
     agreed_ns = round(1e9 * AGREED_S)
-    long_ago_ns = view.now_ns - round(signs.patience * agreed_ns)
-    is_light = signs.light_ns < long_ago_ns
-    is_still = signs.still_ns < long_ago_ns
-    is_reported = signs.light_ns <= signs.reported_ns < view.now_ns - agreed_ns
+    needed_since_ns = view.now_ns - round(signs.patience * agreed_ns)
+    is_light = signs.light_since_ns < needed_since_ns
+    is_still = signs.still_since_ns < needed_since_ns
+    is_reported = signs.light_since_ns <= signs.reported_since_ns < view.now_ns - agreed_ns
     return is_light and (is_still or is_reported)
 
 
@@ -200,10 +202,12 @@ def is_stuck(signs: ContactSigns, view: FlightView, goal_z_m: float) -> bool:
         view: what the flight sees at this tick.
         goal_z_m: height of its goal [m].
     """
-    since_ns = view.now_ns - round(1e9 * _STUCK_S)
+    needed_since_ns = view.now_ns - round(1e9 * _STUCK_S)
     _, _, z_m = view.position_enu_m
     is_below = z_m < goal_z_m - _STUCK_BELOW_M
-    return is_below and signs.still_ns < since_ns and signs.pushing_ns < since_ns
+    is_still = signs.still_since_ns < needed_since_ns
+    is_pushing = signs.pushing_since_ns < needed_since_ns
+    return is_below and is_still and is_pushing
 
 
 def is_agreed_blind(
@@ -246,5 +250,5 @@ def _has_stood_low(signs: ContactSigns, view: FlightView, height_m: float, for_s
     there, the height is known.
     """
     low_m = _BLIND_LOW_M if view.is_blind else LOW_M
-    stands_s = (view.now_ns - signs.still_ns) * 1e-9
+    stands_s = (view.now_ns - signs.still_since_ns) * 1e-9
     return height_m < low_m and stands_s > for_s

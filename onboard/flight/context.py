@@ -56,7 +56,7 @@ class FlightContext:
     step: FlightStep = FlightStep.WAITING
     reason: str = ""  # why the step began; shown to people beside the state
     step_ns: int = 0  # time when the step began
-    steady_ns: int = 0  # last time in this step when the vehicle was not steady
+    steady_since_ns: int = 0  # since when the vehicle has been steady; now if it is not
     request_ns: int = 0  # time of the last request to PX4 in this step
     deadline_ns: int = 0  # time by which a move or a landing must end
 
@@ -181,7 +181,7 @@ class FlightContext:
 
     def steady_s(self, view: FlightView) -> float:
         """Return the time for which the vehicle has been steady in this step [s]."""
-        return (view.now_ns - self.steady_ns) * 1e-9
+        return (view.now_ns - self.steady_since_ns) * 1e-9
 
     def overdue(self, view: FlightView) -> str | None:
         """Return why a move or a landing is overdue, or None if it is not overdue.

@@ -405,7 +405,7 @@ def px4_should_have_disarmed(flight: FlightContext, view: FlightView) -> bool:
 
 def px4_stays_armed_on_ground(flight: FlightContext, view: FlightView) -> bool:
     """Return whether PX4 has reported the ground for long enough that it should have disarmed."""
-    reported_s = 1e-9 * (view.now_ns - flight.contact.reported_ns)
+    reported_s = 1e-9 * (view.now_ns - flight.contact.reported_since_ns)
     return view.is_on_ground and reported_s > _DISARM_AFTER_S
 
 
@@ -427,7 +427,7 @@ def stopped_while_sinking(flight: FlightContext, view: FlightView) -> bool:
     PX4 reports the ground as soon as it is disarmed, and its heartbeat says disarmed up to a second
     later. If it has reported the ground for longer than that, it has disarmed after a landing.
     """
-    reported_s = 1e-9 * (view.now_ns - flight.contact.reported_ns)
+    reported_s = 1e-9 * (view.now_ns - flight.contact.reported_since_ns)
     is_new = view.has_landed_report and reported_s < _DISARMED_KNOWN_S
     return is_new and px4_confirms_disarmed(flight, view)
 

@@ -212,7 +212,7 @@ def advance(flight: FlightContext, view: FlightView) -> None:
         flight.lowest_m = min(flight.lowest_m, height_m)
 
     if not is_steady(flight, view):
-        flight.steady_ns = view.now_ns
+        flight.steady_since_ns = view.now_ns
 
     row = _match(flight, view, FlightEvent.TICK)
     if row is not None:
@@ -266,7 +266,7 @@ def _begin_step(flight: FlightContext, view: FlightView, step: FlightStep) -> No
 
     flight.step = step
     flight.step_ns = view.now_ns
-    flight.steady_ns = view.now_ns
+    flight.steady_since_ns = view.now_ns
     flight.request_ns = 0
 
 

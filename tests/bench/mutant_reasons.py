@@ -499,10 +499,10 @@ ACCEPTED = (
         "nothing is sent or observed in the first nanosecond of a clock",
         "flight/contact.py",
         (
-            ("still_ns: int = 0", "0 becomes larger"),
-            ("light_ns: int = 0", "0 becomes larger"),
-            ("reported_ns: int = 0", "0 becomes larger"),
-            ("slow_ns: int = 0", "0 becomes larger"),
+            ("still_since_ns: int = 0", "0 becomes larger"),
+            ("light_since_ns: int = 0", "0 becomes larger"),
+            ("reported_since_ns: int = 0", "0 becomes larger"),
+            ("slow_since_ns: int = 0", "0 becomes larger"),
         ),
     ),
     Accepted(
@@ -519,7 +519,7 @@ ACCEPTED = (
                 "0.0 becomes larger",
             ),
             ("step_ns: int = 0", "0 becomes larger"),
-            ("steady_ns: int = 0", "0 becomes larger"),
+            ("steady_since_ns: int = 0", "0 becomes larger"),
             ("deadline_ns: int = 0", "0 becomes larger"),
         ),
     ),

@@ -25,7 +25,12 @@ def _arrives_after_s(miss_m: float, gust_m_s2: float, *, near_after_s: float = 9
         order_id="o", author="x", kind="takeoff", stamp_ns=0, deadline_ns=0, height_m=_HEIGHT_M
     )
     flight = FlightContext(
-        config, vehicle, step=FlightStep.CLIMB, order=order, step_ns=_START_NS, steady_ns=_START_NS
+        config,
+        vehicle,
+        step=FlightStep.CLIMB,
+        order=order,
+        step_ns=_START_NS,
+        steady_since_ns=_START_NS,
     )
     snapshot = Snapshot(is_armed=True, mode="OFFBOARD", landed=Landed.IN_AIR)
     still = (0.0, 0.0, 0.0)

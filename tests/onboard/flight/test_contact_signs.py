@@ -65,7 +65,7 @@ def _observed(
 
 def _lasted(**since_ms: float) -> ContactSigns:
     """Signs that have lasted so long; the others begin now."""
-    stamps_ns = {f"{sign}_ns": _NOW_NS - round(ms * _MS) for sign, ms in since_ms.items()}
+    stamps_ns = {f"{sign}_since_ns": _NOW_NS - round(ms * _MS) for sign, ms in since_ms.items()}
     return replace(ContactSigns(2.0, _NOW_NS, _NOW_NS, _NOW_NS, _NOW_NS), **stamps_ns)
 
 
@@ -73,42 +73,44 @@ def _lasted(**since_ms: float) -> ContactSigns:
 
 
 @pytest.mark.parametrize(
-    ("height_m", "still_ns", "from_m"),
+    ("height_m", "still_since_ns", "from_m"),
     [(0.019, _BEFORE_NS, 0.0), (0.02, _NOW_NS, 0.02), (-0.021, _NOW_NS, -0.021)],
 )
 def test_with_a_mocap_it_is_still_while_its_height_stays_within_two_centimetres(
-    height_m: float, still_ns: int, from_m: float
+    height_m: float, still_since_ns: int, from_m: float
 ) -> None:
     signs = _observed(_view(height_m), height_m=0.0)
-    assert (signs.still_ns, signs.height_m) == (still_ns, from_m)
+    assert (signs.still_since_ns, signs.height_m) == (still_since_ns, from_m)
 
 
 @pytest.mark.parametrize(
-    ("sinks_m_s", "still_ns"), [(0.149, _BEFORE_NS), (0.15, _NOW_NS), (-0.15, _NOW_NS)]
+    ("sinks_m_s", "still_since_ns"), [(0.149, _BEFORE_NS), (0.15, _NOW_NS), (-0.15, _NOW_NS)]
 )
-def test_without_a_mocap_it_is_still_by_px4s_speed(sinks_m_s: float, still_ns: int) -> None:
+def test_without_a_mocap_it_is_still_by_px4s_speed(sinks_m_s: float, still_since_ns: int) -> None:
     signs = _observed(_view(2.5, sinks_m_s=sinks_m_s), has_mocap=False)
-    assert (signs.still_ns, signs.height_m) == (still_ns, 2.5)
+    assert (signs.still_since_ns, signs.height_m) == (still_since_ns, 2.5)
 
 
 @pytest.mark.parametrize("has_mocap", [True, False])
 @pytest.mark.parametrize(
-    ("sinks_m_s", "still_ns"), [(0.249, _BEFORE_NS), (0.25, _NOW_NS), (-3.0, _BEFORE_NS)]
+    ("sinks_m_s", "still_since_ns"), [(0.249, _BEFORE_NS), (0.25, _NOW_NS), (-3.0, _BEFORE_NS)]
 )
 def test_without_poses_it_is_still_unless_it_sinks(
-    has_mocap: bool, sinks_m_s: float, still_ns: int
+    has_mocap: bool, sinks_m_s: float, still_since_ns: int
 ) -> None:
     view = _view(2.0, sinks_m_s=sinks_m_s, is_blind=True)
-    assert _observed(view, has_mocap=has_mocap).still_ns == still_ns
+    assert _observed(view, has_mocap=has_mocap).still_since_ns == still_since_ns
 
 
-@pytest.mark.parametrize(("thrust_share", "light_ns"), [(0.79, _BEFORE_NS), (0.8, _NOW_NS)])
-def test_it_is_light_below_four_fifths_of_the_thrust(thrust_share: float, light_ns: int) -> None:
-    assert _observed(_view(thrust_share=thrust_share)).light_ns == light_ns
+@pytest.mark.parametrize(("thrust_share", "light_since_ns"), [(0.79, _BEFORE_NS), (0.8, _NOW_NS)])
+def test_it_is_light_below_four_fifths_of_the_thrust(
+    thrust_share: float, light_since_ns: int
+) -> None:
+    assert _observed(_view(thrust_share=thrust_share)).light_since_ns == light_since_ns
 
 
 @pytest.mark.parametrize(
-    ("hover_thrust_frac", "lift_share", "light_ns"),
+    ("hover_thrust_frac", "lift_share", "light_since_ns"),
     [
         (0.75, 0.89, _BEFORE_NS),
         (0.75, 0.90, _NOW_NS),
@@ -117,27 +119,27 @@ def test_it_is_light_below_four_fifths_of_the_thrust(thrust_share: float, light_
     ],
 )
 def test_a_vehicle_with_little_lift_reserve_is_light_while_it_sinks_as_hard_as_it_may(
-    hover_thrust_frac: float, lift_share: float, light_ns: int
+    hover_thrust_frac: float, lift_share: float, light_since_ns: int
 ) -> None:
     # it leans against the wind, so its whole thrust is more than its lift
     view = _view(thrust_share=1.1, lift_share=lift_share)
-    assert _observed(view, hover_thrust_frac=hover_thrust_frac).light_ns == light_ns
+    assert _observed(view, hover_thrust_frac=hover_thrust_frac).light_since_ns == light_since_ns
     hardest = 1.0 - baseline_m_s2(hover_thrust_frac) / GRAVITY_M_S2
     assert hardest < contact.light_share(hover_thrust_frac) - 0.01
 
 
 @pytest.mark.parametrize(
-    ("sinks_m_s", "slow_ns"), [(0.69, _BEFORE_NS), (0.7, _NOW_NS), (-0.7, _NOW_NS)]
+    ("sinks_m_s", "slow_since_ns"), [(0.69, _BEFORE_NS), (0.7, _NOW_NS), (-0.7, _NOW_NS)]
 )
 def test_it_is_slow_below_what_a_vehicle_sinks_with_that_nothing_carries(
-    sinks_m_s: float, slow_ns: int
+    sinks_m_s: float, slow_since_ns: int
 ) -> None:
-    assert _observed(_view(sinks_m_s=sinks_m_s)).slow_ns == slow_ns
+    assert _observed(_view(sinks_m_s=sinks_m_s)).slow_since_ns == slow_since_ns
 
 
 def test_the_report_of_the_ground_begins_anew_when_px4_stops_reporting_it() -> None:
-    assert _observed(_view(is_reported=True)).reported_ns == _BEFORE_NS
-    assert _observed(_view(is_reported=False)).reported_ns == _NOW_NS
+    assert _observed(_view(is_reported=True)).reported_since_ns == _BEFORE_NS
+    assert _observed(_view(is_reported=False)).reported_since_ns == _NOW_NS
 
 
 # -- what they say together ------------------------------------------------------------------------

@@ -420,7 +420,7 @@ def test_what_it_says_of_its_step_its_order_and_its_place() -> None:
 
 
 def test_how_long_a_step_has_lasted_and_been_steady() -> None:
-    flight = _flight(steady_ns=_NOW_NS + 500_000_000)
+    flight = _flight(steady_since_ns=_NOW_NS + 500_000_000)
     assert flight.seconds(_view(after_s=2.0)) == pytest.approx(2.0)
     assert flight.steady_s(_view(after_s=2.0)) == pytest.approx(1.5)
 

@@ -34,7 +34,12 @@ _PATH = path_of([[1.0, *[0.0] * 32]])
 def _flight(**changes: Any) -> FlightContext:
     """A flight whose step has just begun, with a goal a metre above the ground."""
     goal = Goal(Vec3(0.0, 0.0, 1.0), 0.0, 1)
-    values = {"step": FlightStep.LEG, "step_ns": _BEGIN_NS, "steady_ns": _BEGIN_NS, "goal": goal}
+    values = {
+        "step": FlightStep.LEG,
+        "step_ns": _BEGIN_NS,
+        "steady_since_ns": _BEGIN_NS,
+        "goal": goal,
+    }
     return FlightContext(**{"fleet": _FLEET, "vehicle": _VEHICLE, **values, **changes})
 
 
@@ -345,9 +350,11 @@ def test_it_comes_to_rest_where_its_lag_and_its_acceleration_let_it() -> None:
 
 def _stands(light_ms: float, still_ms: float, now_s: float) -> ContactSigns:
     now_ns = _ns(now_s)
-    light_ns = now_ns - round(light_ms * 1e6)
-    still_ns = now_ns - round(still_ms * 1e6)
-    return ContactSigns(0.0, still_ns, light_ns, reported_ns=now_ns, slow_ns=now_ns)
+    light_since_ns = now_ns - round(light_ms * 1e6)
+    still_since_ns = now_ns - round(still_ms * 1e6)
+    return ContactSigns(
+        0.0, still_since_ns, light_since_ns, reported_since_ns=now_ns, slow_since_ns=now_ns
+    )
 
 
 @pytest.mark.parametrize("has_mocap", [True, False])
@@ -379,7 +386,7 @@ def test_beside_a_roof_its_height_is_no_sign_of_contact(height_m: float) -> None
     assert not predicates.touched_down(beside, view)
 
     # with little thrust it stands, as on a roof that is larger than the file knows
-    light = replace(still, light_ns=still.still_ns)
+    light = replace(still, light_since_ns=still.still_since_ns)
     stands = _flight(goal=goal, contact=light, may_ground_be_lower=True)
     assert predicates.touched_down(stands, view)
 
@@ -550,14 +557,14 @@ def test_px4_should_have_disarmed_half_a_second_after_it_sees_the_ground(
     view = _view(now_s, landed=landed)
     assert predicates.px4_should_have_disarmed(_flight(), view) is should_have
 
-    reported = replace(contact.ContactSigns(), reported_ns=_BEGIN_NS)
+    reported = replace(contact.ContactSigns(), reported_since_ns=_BEGIN_NS)
     flight = _flight(step_ns=0, contact=reported)
     is_down = landed is Landed.ON_GROUND
     assert predicates.px4_stays_armed_on_ground(flight, view) is (is_down and now_s > 4.0)
 
 
 def test_px4_stays_armed_on_the_ground_that_it_has_reported_for_four_seconds() -> None:
-    flight = _flight(contact=replace(ContactSigns(), reported_ns=_BEGIN_NS))
+    flight = _flight(contact=replace(ContactSigns(), reported_since_ns=_BEGIN_NS))
     on_ground = _view(4.001, landed=Landed.ON_GROUND)
     assert predicates.px4_stays_armed_on_ground(flight, on_ground)
     assert not predicates.px4_stays_armed_on_ground(flight, _view(4.0, landed=Landed.ON_GROUND))

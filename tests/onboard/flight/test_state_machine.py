@@ -47,7 +47,11 @@ _MOVES = _order("move", order_id="m", position_enu_m=(2.0, 0.0, 1.0))
 
 def _flight(step: FlightStep, **changes: Any) -> FlightContext:
     """A flight whose step has just begun, with a goal a metre above the origin."""
-    values = {"step_ns": _NOW_NS, "steady_ns": _NOW_NS, "goal": Goal(Vec3(0.0, 0.0, 1.0), 0.0, 1)}
+    values = {
+        "step_ns": _NOW_NS,
+        "steady_since_ns": _NOW_NS,
+        "goal": Goal(Vec3(0.0, 0.0, 1.0), 0.0, 1),
+    }
     return FlightContext(
         **{"fleet": _FLEET, "vehicle": _VEHICLE, "step": step, **values, **changes}
     )
@@ -98,7 +102,7 @@ def test_a_new_order_ends_the_one_before_it_and_goes_at_full_speed() -> None:
     assert flight.order.order_id == "o"
     assert (flight.step, flight.reason, flight.is_slow) == (FlightStep.LEG, "", False)
     assert flight.goal.position_enu_m == (3.0, 0.0, 1.0)
-    assert (flight.step_ns, flight.steady_ns) == (_NOW_NS + 10**9, _NOW_NS + 10**9)
+    assert (flight.step_ns, flight.steady_since_ns) == (_NOW_NS + 10**9, _NOW_NS + 10**9)
     assert flight.follow == FollowFlight()
 
 
