@@ -314,7 +314,7 @@ class AgentCore:
         """Return the estimate of our own motion for this tick."""
         step = self.flight.step
         is_on_ground = step.control_mode is ControlMode.GROUND or step is FlightStep.LIFTOFF
-        seems_to_stand = predicates.seems_to_stand_blind(self.flight, self._view)
+        may_stand = predicates.may_have_ground_contact_without_poses(self.flight, self._view)
 
         self.own.is_flown = step.is_streaming
         return self.own.update(
@@ -323,7 +323,7 @@ class AgentCore:
             snapshot=self._snapshot,
             thrust_frac=self._setpoints.sent_thrust_frac,
             hover_frac=self.control.hover_frac,
-            is_on_ground=is_on_ground or seems_to_stand,
+            is_on_ground=is_on_ground or may_stand,
         )
 
     def _expected_push(self, now_ns: int) -> Vec3:

@@ -5,7 +5,8 @@ A vehicle stands on the ground if both are true:
     it is low and its thrust is less than its weight, or its thrust is much less;
     it does not move vertically, or PX4 reports the ground.
 
-A report from before the vehicle had little thrust counts only if it is low.
+PX4's report of the ground counts at any time for a low vehicle. For another one it counts only if
+it came after the thrust became little.
 
 Little thrust together with no vertical motion needs neither a height nor PX4. In the air, a vehicle
 with so little thrust would, within a third of a second, move more than "no vertical motion" allows.
@@ -69,7 +70,7 @@ _STALLED_S = 1.5
 _BLIND_LOW_M = 0.6  # the ground may be below this height
 _BLIND_SINKS_M_S = 0.25  # a vehicle that sinks more slowly than this stands
 _BLIND_STANDS_S = 0.26  # a vehicle that stands for this time has landed
-_BLIND_TOUCHES_S = 0.06  # a vehicle that stands for this time seems to have landed
+_BLIND_TOUCHES_S = 0.06  # a vehicle that stands for this time may have landed
 _BLIND_UNDER_GROUND_M = -1.0  # no error explains a height this low, so the vehicle has landed
 
 
@@ -139,8 +140,10 @@ def observe(
     )
 
 
-def is_agreed(signs: ContactSigns, view: FlightView, ground_z_m: float, is_late: bool) -> bool:
-    """Return whether the signs agree that the vehicle stands on the ground.
+def has_ground_contact(
+    signs: ContactSigns, view: FlightView, ground_z_m: float, is_late: bool
+) -> bool:
+    """Return whether the vehicle stands on the ground, by its height, motion and thrust.
 
     Args:
         signs: signs of contact at this tick.
@@ -164,8 +167,8 @@ def is_agreed(signs: ContactSigns, view: FlightView, ground_z_m: float, is_late:
     return is_late and _UNDER_GROUND_M < height_m < _STALLED_M and has_stalled
 
 
-def is_agreed_by_thrust(signs: ContactSigns, view: FlightView) -> bool:
-    """Return whether thrust and motion say that a vehicle stands, without using its height.
+def has_ground_contact_by_thrust(signs: ContactSigns, view: FlightView) -> bool:
+    """Return whether a vehicle stands on the ground, by its motion and thrust, not its height.
 
     Args:
         signs: signs of contact at this tick.
@@ -210,7 +213,7 @@ def is_stuck(signs: ContactSigns, view: FlightView, goal_z_m: float) -> bool:
     return is_below and is_still and is_pushing
 
 
-def is_agreed_blind(
+def has_ground_contact_without_poses(
     signs: ContactSigns, view: FlightView, ground_z_m: float, lowest_ground_m: float
 ) -> bool:
     """Return whether a vehicle that descends without poses stands, by PX4's speed and height.
@@ -227,11 +230,13 @@ def is_agreed_blind(
     return _has_stood_low(signs, view, z_m - ground_z_m, _BLIND_STANDS_S)
 
 
-def seems_to_stand_blind(signs: ContactSigns, view: FlightView, ground_z_m: float) -> bool:
-    """Return whether a vehicle that descends without poses seems to have met the ground.
+def may_have_ground_contact_without_poses(
+    signs: ContactSigns, view: FlightView, ground_z_m: float
+) -> bool:
+    """Return whether a vehicle that descends without poses may have met the ground.
 
-    This is known earlier than :func:`is_agreed_blind`, and does not end the flight. It ends dead
-    reckoning, because that model has no contact forces.
+    This is known earlier than :func:`has_ground_contact_without_poses`, and does not end the
+    flight. It ends dead reckoning, because that model has no contact forces.
 
     Args:
         signs: signs of contact at this tick.

@@ -269,29 +269,30 @@ def not_slowed_yet(flight: FlightContext, view: FlightView) -> bool:
 
 
 def touched_down(flight: FlightContext, view: FlightView) -> bool:
-    """Return whether several signs have agreed for a moment that it stands on the ground."""
+    """Return whether it has had contact with the ground for a moment, by several signs."""
     since_begin_s = flight.seconds(view)
     if not flight.vehicle.mocap_required or flight.may_ground_be_lower:  # its height is no sign
-        return since_begin_s > _BEGUN_S and contact.is_agreed_by_thrust(flight.contact, view)
+        has_contact = contact.has_ground_contact_by_thrust(flight.contact, view)
+        return has_contact and since_begin_s > _BEGUN_S
 
     is_late = since_begin_s > flight.goal.duration_s + _LATE_DESCENT_S
-    is_agreed = contact.is_agreed(flight.contact, view, flight.ground_z_m, is_late)
-    return is_agreed and since_begin_s > _BEGUN_S
+    has_contact = contact.has_ground_contact(flight.contact, view, flight.ground_z_m, is_late)
+    return has_contact and since_begin_s > _BEGUN_S
 
 
 def touched_down_blind(flight: FlightContext, view: FlightView) -> bool:
     """Return whether it stands on the ground by PX4's motion."""
-    is_stopped = contact.is_agreed_blind(
+    is_stopped = contact.has_ground_contact_without_poses(
         flight.contact, view, flight.ground_z_m, flight.lowest_ground_m
     )
     return is_stopped and flight.seconds(view) > _BLIND_BEGUN_S
 
 
-def seems_to_stand_blind(flight: FlightContext, view: FlightView) -> bool:
-    """Return whether it seems to have met the ground, by PX4's motion."""
+def may_have_ground_contact_without_poses(flight: FlightContext, view: FlightView) -> bool:
+    """Return whether it may have met the ground, by PX4's motion."""
     if flight.step is not FlightStep.SINKING or flight.seconds(view) < _BLIND_BEGUN_S:
         return False
-    return contact.seems_to_stand_blind(flight.contact, view, flight.ground_z_m)
+    return contact.may_have_ground_contact_without_poses(flight.contact, view, flight.ground_z_m)
 
 
 def is_blind(flight: FlightContext, view: FlightView) -> bool:

@@ -183,7 +183,7 @@ class TickObserver:
             height_above_lowest_ground_m=height_above_lowest_ground_m,
             has_risen=self._has_risen(height_above_lowest_ground_m),
             height_m=height_m,
-            is_standing=contact.is_agreed_by_thrust(flight.contact, view),
+            is_standing=contact.has_ground_contact_by_thrust(flight.contact, view),
             is_stuck=contact.is_stuck(flight.contact, view, flight.goal_position_enu_m[2]),
             mocap_required=self._vehicle.mocap_required,
             jumps=own.jumps,

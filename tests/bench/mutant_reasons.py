@@ -433,13 +433,8 @@ ACCEPTED = (
             ("return flight.seconds(view) > LIFTOFF_TIMEOUT_S", _LARGER),
             ("return flight.steady_s(view) > _REST_S", _LARGER),
             ("return flight.seconds(view) > HOLD_TIMEOUT_S", _LARGER),
-            (
-                "return since_begin_s > _BEGUN_S and "
-                "contact.is_agreed_by_thrust(flight.contact, view)",
-                _LARGER,
-            ),
             ("is_late = since_begin_s > flight.goal.duration_s + _LATE_DESCENT_S", _LARGER),
-            ("return is_agreed and since_begin_s > _BEGUN_S", _LARGER),
+            ("return has_contact and since_begin_s > _BEGUN_S", _LARGER),
             ("return is_stopped and flight.seconds(view) > _BLIND_BEGUN_S", _LARGER),
             (
                 "if flight.step is not FlightStep.SINKING or "

@@ -166,14 +166,14 @@ def test_a_vehicle_with_a_mocap_is_down_by_two_signs_that_agree_for_a_moment(
     height_m: float, signs: ContactSigns, is_down: bool
 ) -> None:
     view = _view(height_m, thrust_share=0.96)
-    assert contact.is_agreed(signs, view, 0.0, is_late=False) is is_down
+    assert contact.has_ground_contact(signs, view, 0.0, is_late=False) is is_down
     # and so it is above ground of another height
     lower = _view(height_m - 0.5, thrust_share=0.96)
-    assert contact.is_agreed(signs, lower, -0.5, is_late=False) is is_down
+    assert contact.has_ground_contact(signs, lower, -0.5, is_late=False) is is_down
 
 
 def test_a_vehicle_whose_thrust_carries_it_hovers_however_low() -> None:
-    assert not contact.is_agreed(
+    assert not contact.has_ground_contact(
         _lasted(still=351), _view(0.02, thrust_share=0.97), 0.0, is_late=False
     )
 
@@ -193,7 +193,7 @@ def test_a_vehicle_that_should_be_down_and_stands_low_for_long_is_down(
     height_m: float, still_ms: float, is_late: bool, is_down: bool
 ) -> None:
     signs = _lasted(still=still_ms)
-    assert contact.is_agreed(signs, _view(height_m), 0.0, is_late) is is_down
+    assert contact.has_ground_contact(signs, _view(height_m), 0.0, is_late) is is_down
 
 
 @pytest.mark.parametrize(
@@ -213,7 +213,7 @@ def test_a_vehicle_that_should_be_down_and_stands_low_for_long_is_down(
 def test_a_vehicle_whose_height_says_nothing_is_down_by_thrust_and_motion(
     signs: ContactSigns, is_down: bool
 ) -> None:
-    assert contact.is_agreed_by_thrust(signs, _view(2.0)) is is_down
+    assert contact.has_ground_contact_by_thrust(signs, _view(2.0)) is is_down
 
 
 @pytest.mark.parametrize(
@@ -233,24 +233,24 @@ def test_a_vehicle_without_poses_is_down_when_it_does_not_sink_where_the_ground_
 ) -> None:
     signs = _lasted(still=still_ms)
     view = _view(height_m, is_blind=True)
-    assert contact.seems_to_stand_blind(signs, view, 0.0) is seems_down
-    assert contact.is_agreed_blind(signs, view, 0.0, 0.0) is is_down
+    assert contact.may_have_ground_contact_without_poses(signs, view, 0.0) is seems_down
+    assert contact.has_ground_contact_without_poses(signs, view, 0.0, 0.0) is is_down
 
 
 def test_without_poses_the_height_is_that_above_the_ground_of_the_take_off() -> None:
     signs = _lasted(still=261)
     above = _view(4.5, is_blind=True)
     below = _view(0.5, is_blind=True)
-    assert contact.is_agreed_blind(signs, above, 4.0, 4.0)
-    assert contact.seems_to_stand_blind(signs, above, 4.0)
-    assert not contact.is_agreed_blind(signs, below, -4.0, -4.0)
-    assert not contact.seems_to_stand_blind(signs, below, -4.0)
+    assert contact.has_ground_contact_without_poses(signs, above, 4.0, 4.0)
+    assert contact.may_have_ground_contact_without_poses(signs, above, 4.0)
+    assert not contact.has_ground_contact_without_poses(signs, below, -4.0, -4.0)
+    assert not contact.may_have_ground_contact_without_poses(signs, below, -4.0)
 
 
 def test_without_poses_it_may_sink_to_the_lowest_ground() -> None:
     deep = _view(-3.0, is_blind=True)
-    assert contact.is_agreed_blind(_lasted(), deep, 0.0, -1.9)
-    assert not contact.is_agreed_blind(_lasted(), deep, 0.0, -2.1)
+    assert contact.has_ground_contact_without_poses(_lasted(), deep, 0.0, -1.9)
+    assert not contact.has_ground_contact_without_poses(_lasted(), deep, 0.0, -2.1)
 
 
 @pytest.mark.parametrize(("height_m", "is_down"), [(0.059, True), (0.061, False)])
@@ -259,5 +259,5 @@ def test_with_poses_for_a_moment_a_vehicle_is_down_only_where_its_gear_may_touch
 ) -> None:
     signs = _lasted(still=500)
     seen = _view(height_m, is_blind=False)
-    assert contact.seems_to_stand_blind(signs, seen, 0.0) is is_down
-    assert contact.is_agreed_blind(signs, seen, 0.0, 0.0) is is_down
+    assert contact.may_have_ground_contact_without_poses(signs, seen, 0.0) is is_down
+    assert contact.has_ground_contact_without_poses(signs, seen, 0.0, 0.0) is is_down
