@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
-from typing import Literal
+from typing import Literal, NamedTuple
 
 from onboard.agent_commands import Command, Publish
 from onboard.bus.schema import AgentState, Event, Order, OrderOutcome, Severity
@@ -43,6 +43,12 @@ _PX4_HEIGHT_RISEN_M = 1.5
 _MAY_FOLLOW_VEHICLE = (FlightStep.LEG, FlightStep.ARRIVED, FlightStep.HOLDING, FlightStep.COASTING)
 _NEAR_THE_GROUND = (FlightStep.LIFTOFF, FlightStep.DESCENT, FlightStep.SINKING)
 _NO_GOAL = Goal(position_enu_m=ZERO_3, duration_s=0.0, sequence=0)
+
+
+class Overdue(NamedTuple):
+    """A move or a landing that takes too long."""
+
+    reason: str  # empty: its deadline has passed, without a known reason
 
 
 @dataclass(slots=True)
@@ -183,11 +189,8 @@ class FlightContext:
         """Return the time for which the vehicle has been steady in this step [s]."""
         return (view.now_ns - self.steady_since_ns) * 1e-9
 
-    def overdue(self, view: FlightView) -> str | None:
-        """Return why a move or a landing is overdue, or None if it is not overdue.
-
-        The reason is an empty text if only the deadline has passed.
-        """
+    def overdue(self, view: FlightView) -> Overdue | None:
+        """Return why a move or a landing is overdue, or None if it is not overdue."""
         step = self.step
         if step is FlightStep.DESCENT or step is FlightStep.CONTACT:
             is_height_known = view.has_position and not view.is_blind
@@ -197,14 +200,14 @@ class FlightContext:
             _, _, z_m = view.position_enu_m
             risen_m = z_m - self.lowest_m
             if is_height_known and risen_m > limit_m:
-                return f"it has risen by {risen_m:.2f} m"
+                return Overdue(f"it has risen by {risen_m:.2f} m")
 
         if step is FlightStep.CONTACT and self.seconds(view) > _CONTACT_LIMIT_S:
-            return "PX4 does not see that it is down"
+            return Overdue("PX4 does not see that it is down")
 
         is_timed = step is FlightStep.LEG or step is FlightStep.DESCENT
         if is_timed and view.now_ns > self.deadline_ns:
-            return ""
+            return Overdue("")
         return None
 
     def say(

@@ -229,17 +229,26 @@ class ReportConfirmation:
         self._requested_ns = now_ns
         return True
 
-    def contradicted_s(self, now_ns: int) -> float:
-        """Return how long reports have contradicted each other [s]; 0 without contradictions.
+    def has_contradiction(self, now_ns: int) -> bool:
+        """Return whether two reports have just contradicted each other.
 
         Args:
             now_ns: our clock.
         """
-        if not self._contradicted_ns or now_ns - self._contradicted_ns > 1e9 * CONTRADICTED_S:
+        is_recent = now_ns - self._contradicted_ns <= 1e9 * CONTRADICTED_S
+        return self._contradicted_ns != 0 and is_recent
+
+    def contradicted_s(self, now_ns: int) -> float:
+        """Return the time from the first contradiction to the last one [s].
+
+        It is 0 after a single contradiction, and without one.
+
+        Args:
+            now_ns: our clock.
+        """
+        if not self.has_contradiction(now_ns):
             return 0.0
-        # a single contradiction has no duration, but must differ from 0, which means no
-        # contradiction
-        return max(1e-9, (self._contradicted_ns - self._run_begin_ns) * 1e-9)
+        return (self._contradicted_ns - self._run_begin_ns) * 1e-9
 
     def _is_withheld(
         self, kind: ReportKind, waiting: _Waiting, new: Snapshot, expected: Expected

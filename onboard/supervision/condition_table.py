@@ -335,7 +335,7 @@ ROWS: tuple[ConditionRow, ...] = (
     _row(_C.AUTOPILOT_FROZEN, Cause(_fact("is_px4_frozen"), checks=LIVE_CHECKS)),
     _row(_C.AUTOPILOT_BACK, Cause(_fact("is_px4_back"))),
     _row(_C.HEARTBEAT_LOST, Cause(_fact("is_heartbeat_late"), checks=LIVE_CHECKS)),
-    _row(_C.REPORTS_CONTRADICT, Cause(_fact("contradicted_s"), detail=_fact("contradicted"))),
+    _row(_C.REPORTS_CONTRADICT, Cause(_fact("has_contradiction"), detail=_fact("contradicted"))),
     _row(
         _C.REPORTS_CONTRADICT_LONG,
         Cause(_fact("contradicted_s"), above=CONTRADICTED_LONG_S, detail=_fact("contradicted")),
@@ -373,7 +373,7 @@ ROWS: tuple[ConditionRow, ...] = (
     ),
     _row(
         _C.ORDER_OVERDUE,
-        Cause(lambda facts: facts.overdue is not None, detail=lambda facts: facts.overdue or ""),
+        Cause(_fact("is_overdue"), detail=_fact("overdue_reason")),
     ),
     # -- other vehicles
     _row(

@@ -78,8 +78,8 @@ class TickFacts(Struct, frozen=True, kw_only=True):
     is_under_law: bool = False  # whether the vehicle flies the output of the avoidance law
     is_airborne: bool = False  # whether other vehicles must expect this vehicle in the air
     is_in_contact: bool = False  # it stands after a landing that PX4 has not confirmed yet
-    # why the move or the landing is overdue; None: it is not overdue
-    overdue: str | None = None
+    is_overdue: bool = False  # the move or the landing takes too long
+    overdue_reason: str = ""  # why it does
 
     # own motion
     has_position: bool = True  # known from poses or by dead reckoning
@@ -105,7 +105,8 @@ class TickFacts(Struct, frozen=True, kw_only=True):
     is_heartbeat_late: bool = False
     is_px4_rebooted: bool = False  # PX4 rebooted within the last seconds
     is_px4_back: bool = False  # PX4's clock advanced again within the last seconds
-    contradicted_s: float = 0.0  # how long PX4's reports have contradicted each other
+    has_contradiction: bool = False  # two reports of PX4 have just contradicted each other
+    contradicted_s: float = 0.0  # time from the first such contradiction to the last one
     contradicted: str = ""  # kind of those reports
     has_landed_report: bool = True  # whether the last report of the landed state is recent
     is_on_ground: bool = False  # whether a recent report says that it is on the ground

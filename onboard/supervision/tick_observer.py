@@ -149,8 +149,11 @@ class TickObserver:
 
         # the order, and the other vehicles
         overdue = flight.overdue(view)
-        if overdue == "":  # the deadline has passed, without a known reason
-            overdue = neighbours.kept_off_by(flight.goal_position_enu_m, view)
+        overdue_reason = ""
+        if overdue is not None:
+            overdue_reason = overdue.reason
+            if not overdue_reason:
+                overdue_reason = neighbours.kept_off_by(flight.goal_position_enu_m, view)
         if step is FlightStep.LEG:
             neighbours.count_avoided(context.active_neighbour)
         silence = neighbours.update(now_ns)
@@ -174,7 +177,8 @@ class TickObserver:
             is_under_law=step.is_under_law,
             is_airborne=context.is_airborne,
             is_in_contact=step is FlightStep.CONTACT,
-            overdue=overdue,
+            is_overdue=overdue is not None,
+            overdue_reason=overdue_reason,
             # own motion
             has_position=view.has_position,
             position_age_s=view.position_age_s,
@@ -197,6 +201,7 @@ class TickObserver:
             is_heartbeat_late=self._autopilot.is_heartbeat_late,
             is_px4_rebooted=self._autopilot.is_rebooted,
             is_px4_back=self._autopilot.is_back,
+            has_contradiction=self.reports.has_contradiction(now_ns),
             contradicted_s=self.reports.contradicted_s(now_ns),
             contradicted=self.reports.contradicted,
             has_landed_report=has_landed_report,

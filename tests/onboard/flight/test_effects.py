@@ -17,7 +17,7 @@ from onboard.control.climb_duration import climb_duration_s
 from onboard.control.path import path_of
 from onboard.control.router import surroundings
 from onboard.flight import effects, state_machine
-from onboard.flight.context import FlightContext
+from onboard.flight.context import FlightContext, Overdue
 from onboard.flight.path_flight import PathFlight
 from onboard.flight.types import FlightStep, FlightView
 from onboard.safety.failsafe_table import Situation
@@ -364,20 +364,20 @@ def test_seeing_again_without_a_goal_it_climbs_on(order: Order | None) -> None:
 def test_what_is_overdue() -> None:
     descent = _flight(step=FlightStep.DESCENT, lowest_m=1.0, deadline_ns=_NOW_NS)
     assert descent.overdue(_view(z=1.5)) is None
-    assert descent.overdue(_view(z=1.51)) == "it has risen by 0.51 m"
+    assert descent.overdue(_view(z=1.51)) == Overdue("it has risen by 0.51 m")
     assert descent.overdue(_view(z=1.51, is_blind=True)) is None
     assert descent.overdue(_view(z=1.51, has_position=False)) is None
-    assert descent.overdue(_view(after_s=0.001)) == ""
+    assert descent.overdue(_view(after_s=0.001)) == Overdue("")
 
     wandering = _flight(step=FlightStep.CONTACT, lowest_m=1.0, vehicle=_BY_SATELLITES)
     assert wandering.overdue(_view(z=2.5)) is None
-    assert wandering.overdue(_view(z=2.51)) == "it has risen by 1.51 m"
+    assert wandering.overdue(_view(z=2.51)) == Overdue("it has risen by 1.51 m")
     assert wandering.overdue(_view(after_s=8.0)) is None
-    assert wandering.overdue(_view(after_s=8.001)) == "PX4 does not see that it is down"
+    assert wandering.overdue(_view(after_s=8.001)) == Overdue("PX4 does not see that it is down")
 
     leg = _flight(step=FlightStep.LEG, lowest_m=0.0, deadline_ns=_NOW_NS)
     assert leg.overdue(_view(z=3.0)) is None
-    assert leg.overdue(_view(after_s=0.001)) == ""
+    assert leg.overdue(_view(after_s=0.001)) == Overdue("")
     assert _flight(step=FlightStep.PATH).overdue(_view(z=3.0, after_s=99.0)) is None
 
 

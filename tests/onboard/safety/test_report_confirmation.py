@@ -62,7 +62,9 @@ def test_one_wrong_report_is_never_believed_and_contradicted_by_the_next(kind) -
                 assert getattr(believed, name) == getattr(TRUE, name), (name, value)
         assert believed == _later(kind.name, kind.stamp, 3)
         assert reports.contradicted == kind.name
-        assert 0.0 < reports.contradicted_s(S + 3 * STEP_NS[kind.name]) < 0.01
+        now_ns = S + 3 * STEP_NS[kind.name]
+        assert reports.has_contradiction(now_ns)
+        assert reports.contradicted_s(now_ns) == 0.0
 
 
 @pytest.mark.parametrize("kind", KINDS, ids=lambda kind: kind.name)
@@ -104,6 +106,7 @@ def test_contradictions_that_go_on_count_as_long_and_a_single_one_is_forgotten()
         wrong = {"is_armed": False} if second % 2 == 0 else {}
         reports.believe(replace(TRUE, heartbeat_ns=second * S, **wrong), FLYING)
     assert reports.contradicted_s(6 * S) == pytest.approx(2.0)  # in the third and the fifth second
+    assert not reports.has_contradiction(9 * S)
     assert reports.contradicted_s(9 * S) == 0.0
 
 
@@ -301,6 +304,7 @@ def test_contradictions_within_three_seconds_belong_together_and_count_for_two(
     apart_s: float, lasts_s: float
 ) -> None:
     reports = ReportConfirmation()
+    assert not reports.has_contradiction(S)
     assert reports.contradicted_s(S) == 0.0
     second_ns = 3 * S + round(apart_s * S)
     for right_ns in (3 * S, second_ns):
@@ -310,5 +314,6 @@ def test_contradictions_within_three_seconds_belong_together_and_count_for_two(
         reports.believe(replace(TRUE, heartbeat_ns=right_ns), FLYING)
 
     assert reports.contradicted_s(second_ns) == pytest.approx(lasts_s, abs=1e-6)
-    assert reports.contradicted_s(second_ns + 2 * S) > 0.0
+    assert reports.has_contradiction(second_ns + 2 * S)
+    assert not reports.has_contradiction(second_ns + 2 * S + 1)
     assert reports.contradicted_s(second_ns + 2 * S + 1) == 0.0

@@ -97,7 +97,7 @@ WRONG: dict[Condition, TickFacts] = {
     Condition.AUTOPILOT_FROZEN: replace(FINE, is_px4_frozen=True),
     Condition.AUTOPILOT_BACK: replace(FINE, is_px4_back=True),
     Condition.HEARTBEAT_LOST: replace(FINE, is_heartbeat_late=True),
-    Condition.REPORTS_CONTRADICT: replace(FINE, contradicted_s=0.1, contradicted="battery"),
+    Condition.REPORTS_CONTRADICT: replace(FINE, has_contradiction=True, contradicted="battery"),
     Condition.REPORTS_CONTRADICT_LONG: replace(FINE, contradicted_s=2.1, contradicted="battery"),
     Condition.LANDED_UNKNOWN: replace(FINE, has_landed_report=False),
     Condition.LANDED_WRONG: replace(
@@ -121,7 +121,7 @@ WRONG: dict[Condition, TickFacts] = {
     Condition.BUS_LOST_LONG: replace(FINE, bus_age_s=1.1),
     Condition.GROUND_LOST: replace(FINE, has_ground=False),
     Condition.GROUND_LOST_LONG: replace(FINE, has_ground=False),
-    Condition.ORDER_OVERDUE: replace(FINE, overdue=""),
+    Condition.ORDER_OVERDUE: replace(FINE, is_overdue=True),
     Condition.COLLISION_SUSPECTED: replace(FINE, is_airborne=True, nearest_m=0.1, touched="mav1"),
     Condition.SEPARATION_BREACHED: replace(FINE, is_airborne=True, nearest_m=0.1),
     Condition.SEPARATION_PREDICTED: replace(FINE, slow=SlowFacts(endangered=("mav1",))),
@@ -386,7 +386,7 @@ def test_a_late_position_counts_at_once_and_is_called_so() -> None:
 
 def test_an_order_that_is_overdue_says_what_it_waits_for() -> None:
     for said in ("", "kept off by mav1"):
-        held = ConditionMonitor(LIMITS).update(replace(FINE, overdue=said))
+        held = ConditionMonitor(LIMITS).update(replace(FINE, is_overdue=True, overdue_reason=said))
         assert held == {Condition.ORDER_OVERDUE: said}
 
 

@@ -470,8 +470,10 @@ def test_an_order_that_is_late_says_how_far_and_who_kept_it_off() -> None:
     goal = Goal(Vec3(0.0, 2.0, 1.0), 0.0, 1)
     observed.flies(order=order, goal=goal, deadline_ns=BEGIN_NS + S)
     observed.context["active_neighbour"] = observed.table.indices["mav2"]
-    assert observed.run(1.0).overdue is None
-    assert observed.tick().overdue == "still 2.00 m to go, kept off by mav2"
+    assert not observed.run(1.0).is_overdue
+    late = observed.tick()
+    assert late.is_overdue
+    assert late.overdue_reason == "still 2.00 m to go, kept off by mav2"
 
 
 def test_neighbours_that_are_avoided_while_it_hovers_keep_it_off_nothing() -> None:
@@ -480,13 +482,13 @@ def test_neighbours_that_are_avoided_while_it_hovers_keep_it_off_nothing() -> No
     observed.run(2.0)
     observed.context["active_neighbour"] = -1
     observed.flies(step=FlightStep.LEG, goal=Goal(Vec3(0.0, 2.0, 1.0), 0.0, 1))
-    assert observed.tick().overdue == "still 2.00 m to go"
+    assert observed.tick().overdue_reason == "still 2.00 m to go"
 
 
 def test_a_landing_that_rises_says_so_and_nothing_of_a_way() -> None:
     observed = Observed(FlightStep.DESCENT)
     observed.flies(lowest_m=0.2, deadline_ns=BEGIN_NS + 9 * S)
-    assert observed.tick().overdue == "it has risen by 0.80 m"
+    assert observed.tick().overdue_reason == "it has risen by 0.80 m"
 
 
 # -- the fence
