@@ -13,7 +13,7 @@ from groundstation.mission_files.mission import Mission
 from groundstation.mission_files.path_ways import crossing_findings
 from groundstation.mission_files.steps import FlyFormationStep, FollowPathStep
 from groundstation.orders.intents import GoalIntent, Home, Intent, Land
-from groundstation.orders.reachable_goals import unreachable
+from groundstation.orders.reachable_goals import reach_refusal
 from groundstation.paths.checks import highest_points, path_findings
 from onboard.config.fleet import ConfigError, FleetConfig
 from onboard.config.flight_space import flight_space_of
@@ -277,7 +277,7 @@ def _unreachable_findings(
         begin = course_step.positions.get(name)
         if begin is None:  # a path of a vehicle that was disabled after the loading
             continue
-        words = unreachable(fleet, name, begin, goal, clear_share)
+        words = reach_refusal(fleet, name, begin, goal, clear_share)
         if words:
             without_way[name] = words
     if not without_way:
@@ -290,7 +290,7 @@ def _unreachable_findings(
         bound=0.0,
         unit="",
         sentence=f"{_capitalised(step_name)}: the {noun} of {name} {words}",
-        remedy="Choose another goal, or move what stands in the way.",
+        remedy="Or move what stands in the way.",
     )
 
 

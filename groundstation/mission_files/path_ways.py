@@ -16,7 +16,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from groundstation.orders.reachable_goals import unreachable, way_m
+from groundstation.orders.reachable_goals import reach_refusal, way_m
 from groundstation.paths.checks import obstacle_gaps_m, path_findings, refusals, sample
 from onboard.arrays import Array
 from onboard.config.fleet import FleetConfig
@@ -135,7 +135,7 @@ def _way_finding(fleet: FleetConfig, name: str, crossing: _Crossing, where: str)
     around_m = way_m(fleet, name, begin, end)
     sentence = _begin_of_sentence(name, crossing, where)
     refuse_above = _LONGER_M
-    if unreachable(fleet, name, begin, end):
+    if reach_refusal(fleet, name, begin, end):
         sentence += "no way leads around it"
         refuse_above = -math.inf
     else:

@@ -38,7 +38,7 @@ from groundstation.orders.intents import (
     Takeoff,
     for_fewer,
 )
-from groundstation.orders.reachable_goals import unreachable
+from groundstation.orders.reachable_goals import reach_refusal
 from groundstation.orders.swap import names_that_hear, swap_refusals, with_place
 from onboard.bus.schema import BY_MISSION, ON_PATHS, Order
 from onboard.config.fleet import (
@@ -511,10 +511,10 @@ def _way_refusal(name: str, goal: Xyz, fleet: FleetConfig, state: FleetState | N
     if telemetry is None or not telemetry.is_position_valid:
         return None
 
-    words = unreachable(fleet, name, telemetry.position_enu_m, goal, IN_ORDER)
+    words = reach_refusal(fleet, name, telemetry.position_enu_m, goal, IN_ORDER)
     if not words:
         return None
-    return f"{name}: the goal {_goal_text(goal)} {words}. Choose another one."
+    return f"{name}: the goal {_goal_text(goal)} {words}."
 
 
 def _goal_text(goal: Xyz) -> str:

@@ -14,21 +14,21 @@ from groundstation.fleet.state import FleetState
 from onboard.avoidance.params import Capsule, LawParams, law_params, still
 from onboard.config.fleet import FleetConfig, Vehicle
 from onboard.control import router
-from onboard.control.raised_ground import ground_in_the_way, height_over_ground_m
-from onboard.control.reachability import no_way
+from onboard.control.raised_ground import ground_refusal, height_over_ground_m
+from onboard.control.reachability import route_refusal
 from onboard.control.trajectory import TrajectoryParams, shortest_duration_s
 from onboard.control.vertical_limits import planned_m_s2
 from onboard.tuples import Xyz
 
 
-def unreachable(
+def reach_refusal(
     fleet: FleetConfig,
     name: str,
     begin_enu_m: Xyz,
     goal_enu_m: Xyz,
     clear_share: float | None = None,
 ) -> str:
-    """Return the words that say why a vehicle finds no way to a goal; empty if it finds one.
+    """Return why a vehicle cannot reach a goal, and what to do first; empty if it can.
 
     Args:
         fleet: the fleet file.
@@ -38,10 +38,10 @@ def unreachable(
             onboard/control/raised_ground.py; None: raised ground may be in the way.
     """
     around = _around(fleet, name)
-    words = no_way(around, name, begin_enu_m, goal_enu_m)
+    words = route_refusal(around, name, begin_enu_m, goal_enu_m)
     if words or clear_share is None:
         return words
-    return ground_in_the_way(
+    return ground_refusal(
         fleet=fleet,
         vehicle=fleet.vehicles[name],
         around=around,

@@ -51,7 +51,7 @@ class _Profile(NamedTuple):
         return float(touched_m.max(initial=-math.inf))
 
 
-def ground_in_the_way(
+def ground_refusal(
     fleet: FleetConfig,
     vehicle: Vehicle,
     around: Surroundings,
@@ -59,7 +59,7 @@ def ground_in_the_way(
     goal_enu_m: Xyz,
     clear_share: float,
 ) -> str:
-    """Return the words that say why a flight would touch raised ground; empty if it would not.
+    """Return why a flight would touch raised ground, and what to do first; empty if it would not.
 
     Args:
         fleet: the fleet file.
@@ -82,14 +82,14 @@ def ground_in_the_way(
     over_m = max(begin_z, math.ceil(10.0 * (top_m + spare_m)) / 10.0)
     above = (begin_x, begin_y, over_m)
     if _profile(fleet, around, above, goal_enu_m, clear_m).top_m == -math.inf:
-        how = f"after a climb to {over_m:.2f} m it can"
+        first = f"climb to {over_m:.2f} m"
     elif over_m == begin_z:
-        how = f"from beside that ground, after a flight at {over_m:.2f} m, it can"
+        first = f"fly at {over_m:.2f} m to a point beside it"
     else:
-        how = f"after a climb to {over_m:.2f} m, and a flight at that height, it can"
+        first = f"climb to {over_m:.2f} m and fly past it at that height"
     return (
         f"cannot be reached from ({begin_x:.2f}, {begin_y:.2f}, {begin_z:.2f}): the raised ground "
-        f"of a take-off spot is in the way; {how}"
+        f"of a take-off spot is in the way; first {first}"
     )
 
 

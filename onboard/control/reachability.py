@@ -1,4 +1,4 @@
-"""Says whether there is a route to a goal around the static things of a fleet. Pure."""
+"""Says why there is no route to a goal around the static things of a fleet. Pure."""
 
 from __future__ import annotations
 
@@ -12,8 +12,10 @@ from onboard.vectors import Vec2
 _TOO_NEAR_M = 0.1
 
 
-def no_way(around: Surroundings, vehicle_name: str, begin_enu_m: Xyz, goal_enu_m: Xyz) -> str:
-    """Return the words that say why there is no route to a goal; empty if there is a route.
+def route_refusal(
+    around: Surroundings, vehicle_name: str, begin_enu_m: Xyz, goal_enu_m: Xyz
+) -> str:
+    """Return why a vehicle cannot fly to a goal, and what to do first; empty if it can.
 
     Args:
         around: static things around the vehicle.
@@ -24,42 +26,37 @@ def no_way(around: Surroundings, vehicle_name: str, begin_enu_m: Xyz, goal_enu_m
     goal_x, goal_y, goal_z = goal_enu_m
     where_from = f"cannot be reached from ({begin_x:.2f}, {begin_y:.2f}, {begin_z:.2f})"
 
-    # The vehicle changes its height on its whole way, so it sinks into a fence below it.
+    # The vehicle changes its height on its whole route, so it sinks into a fence below it.
     if _is_above_fence(around, begin_enu_m, goal_z):
         beside = (goal_x, goal_y, begin_z)
-        words = _no_way_at_once(around, vehicle_name, beside, goal_enu_m)
+        words = _route_refusal_at_all_heights(around, vehicle_name, beside, goal_enu_m)
         if words:
             return words
-        return (
-            f"{where_from}: a fence is below; from beside it, after a flight at {begin_z:.2f} m, "
-            "it can"
-        )
+        return f"{where_from}: a fence is below; first fly at {begin_z:.2f} m to a point beside it"
 
     # It climbs into a fence above it, too.
     if is_below_fence(around, begin_enu_m, goal_z):
-        words = _no_way_at_once(around, vehicle_name, goal_enu_m, goal_enu_m)
+        words = _route_refusal_at_all_heights(around, vehicle_name, goal_enu_m, goal_enu_m)
         if words:
             return words
-        return f"{where_from}: a fence is above that place; from beside the fence it can"
+        return f"{where_from}: a fence is above this point; first fly out from below it"
 
-    words = _no_way_at_once(around, vehicle_name, begin_enu_m, goal_enu_m)
+    words = _route_refusal_at_all_heights(around, vehicle_name, begin_enu_m, goal_enu_m)
     if not words:
         return ""
 
     # A fence that ends below the goal, or begins above it, is in the way only while the height
     # changes.
     at_goal_height = (begin_x, begin_y, goal_z)
-    leads_to_height = not _no_way_at_once(around, vehicle_name, begin_enu_m, at_goal_height)
-    if leads_to_height and not _no_way_at_once(around, vehicle_name, at_goal_height, goal_enu_m):
+    to_height = _route_refusal_at_all_heights(around, vehicle_name, begin_enu_m, at_goal_height)
+    at_height = _route_refusal_at_all_heights(around, vehicle_name, at_goal_height, goal_enu_m)
+    if not to_height and not at_height:
+        fence = "a fence that ends below the goal"
         change = "climb"
-        ways = "up to a lower"
         if goal_z < begin_z:
-            change = "descent"
-            ways = "down to a greater"
-        return (
-            f"{where_from}: a fence is in the way {ways} height; after a {change} to "
-            f"{goal_z:.2f} m it can"
-        )
+            fence = "a fence that begins above the goal"
+            change = "descend"
+        return f"{where_from}: {fence} is in the way; first {change} to {goal_z:.2f} m"
     return words
 
 
@@ -89,10 +86,13 @@ def _is_above_fence(around: Surroundings, position_enu_m: Xyz, low_m: float) -> 
     return is_beyond(Vec2(float(x), float(y)), below)
 
 
-def _no_way_at_once(
+def _route_refusal_at_all_heights(
     around: Surroundings, vehicle_name: str, begin_enu_m: Xyz, goal_enu_m: Xyz
 ) -> str:
-    """Return the same words for a flight that may pass all heights between begin and goal."""
+    """Return why no route exists that may use every height between those of begin and goal.
+
+    It is empty if one does.
+    """
     if not around.still:
         return ""
 
@@ -107,7 +107,7 @@ def _no_way_at_once(
     if room_m < -_TOO_NEAR_M:
         return (
             f"cannot be reached: it is {-room_m:.2f} m too near to an obstacle, of which "
-            f"{vehicle_name} keeps {clearance_m:.2f} m clear"
+            f"{vehicle_name} keeps {clearance_m:.2f} m clear; choose another point"
         )
 
     # an incomplete map does not find every route
@@ -116,5 +116,5 @@ def _no_way_at_once(
 
     return (
         f"cannot be reached from ({begin.x:.2f}, {begin.y:.2f}): no way around the obstacles and "
-        f"fences leaves {clearance_m:.2f} m on both sides of {vehicle_name}"
+        f"fences leaves {clearance_m:.2f} m on both sides of {vehicle_name}; choose another point"
     )

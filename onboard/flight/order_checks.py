@@ -19,8 +19,8 @@ from onboard.config.ground import ground_under_m, least_height_m
 from onboard.config.pair_separation import separation_m
 from onboard.config.stand_in import stand_in_refusal
 from onboard.control.control_mode import ControlMode
-from onboard.control.raised_ground import ON_VEHICLE, ground_in_the_way
-from onboard.control.reachability import is_below_fence, no_way
+from onboard.control.raised_ground import ON_VEHICLE, ground_refusal
+from onboard.control.reachability import is_below_fence, route_refusal
 from onboard.control.router import Surroundings
 from onboard.flight import follow_flight, path_flight, sentences, takeover
 from onboard.flight.context import FlightContext
@@ -414,9 +414,9 @@ def _refusal_to_move(order: Order, flight: FlightContext, facts: OrderFacts) -> 
 
     if facts.view.has_position:
         here_enu_m = facts.view.position_enu_m
-        words = no_way(facts.surroundings, vehicle.name, here_enu_m, goal)
+        words = route_refusal(facts.surroundings, vehicle.name, here_enu_m, goal)
         if not words:
-            words = ground_in_the_way(
+            words = ground_refusal(
                 fleet=facts.fleet,
                 vehicle=vehicle,
                 around=facts.surroundings,

@@ -318,7 +318,7 @@ def test_a_goal_without_a_way_is_refused_and_one_with_a_way_around_is_not(
     closed = planned(parse("move mav0 3 0 1", fleet), walled(5.0), state)
     assert closed.refusals["mav0"] == (
         "mav0: the goal (3.00, 0.00, 1.00) cannot be reached from (0.00, 0.00): no way around the "
-        "obstacles and fences leaves 0.45 m on both sides of mav0. Choose another one."
+        "obstacles and fences leaves 0.45 m on both sides of mav0; choose another point."
     )
     open_north = planned(parse("move mav0 3 0 1", fleet), walled(2.0), state)
     assert not open_north.refusals

@@ -15,7 +15,7 @@ from onboard.control.raised_ground import (
     IN_MISSION,
     IN_ORDER,
     ON_VEHICLE,
-    ground_in_the_way,
+    ground_refusal,
     height_over_ground_m,
 )
 from onboard.control.router import Surroundings, surroundings
@@ -51,20 +51,20 @@ def words_of(
 ) -> str:
     fleet = fleet or roof()
     vehicle = replace(fleet.vehicles["mav1"], mocap_required=mocap)
-    return ground_in_the_way(fleet, vehicle, around(fleet), begin, goal, clear_share)
+    return ground_refusal(fleet, vehicle, around(fleet), begin, goal, clear_share)
 
 
 @pytest.mark.parametrize(
     ("begin", "goal", "words"),
     [
         # along the yard, through the roof and past it
-        ((3.0, 0.0, 0.8), (-3.0, 0.0, 0.8), "a climb to 3.30 m, and a flight at that height, it"),
+        ((3.0, 0.0, 0.8), (-3.0, 0.0, 0.8), "first climb to 3.30 m and fly past it at that"),
         ((3.0, 1.1, 0.8), (-3.0, 1.1, 0.8), ""),
         # up to a goal above the roof, from its side and from above
-        ((3.0, 0.0, 0.8), (0.0, 0.0, 4.0), "after a climb to 3.30 m it can"),
+        ((3.0, 0.0, 0.8), (0.0, 0.0, 4.0), "; first climb to 3.30 m"),
         ((3.0, 0.0, 3.1), (0.0, 0.0, 4.0), ""),
         # down to the yard: onto the roof's edge, and beyond it
-        ((0.0, 0.0, 4.0), (3.0, 0.0, 0.8), "beside that ground, after a flight at 4.00 m, it can"),
+        ((0.0, 0.0, 4.0), (3.0, 0.0, 0.8), "; first fly at 4.00 m to a point beside it"),
         ((0.0, 0.0, 4.0), (5.0, 0.0, 1.0), ""),
         ((0.0, 0.0, 4.0), (3.0, 0.0, 4.0), ""),
         # from low above the roof
@@ -96,7 +96,7 @@ def test_each_check_leaves_something_to_the_next_one(mocap: bool) -> None:
             found = words_of(begin, goal, mocap=mocap, clear_share=clear_share)
             assert bool(found) is not is_free
             if found:  # the climb that is advised passes every check
-                advised_m = float(found.partition("a climb to ")[2].partition(" m")[0])
+                advised_m = float(found.partition("climb to ")[2].partition(" m")[0])
                 assert advised_m >= ROOF_M + 1.25 * least_m - 1e-6
     assert lowest == sorted(set(lowest))
 
@@ -135,7 +135,7 @@ def test_a_goal_is_so_high_that_the_flight_passes_over_the_roof(
     # the vehicle still passes when it has moved on for a moment
     begin_x, begin_y, begin_z = begin
     later = (begin_x - 0.2, begin_y, begin_z)
-    found = ground_in_the_way(
+    found = ground_refusal(
         fleet, vehicle, around(fleet), later, (x, y, found_m), clear_share=ON_VEHICLE
     )
     assert found == ""
