@@ -17,7 +17,7 @@ from groundstation.orders.reachable_goals import reach_refusal
 from groundstation.paths.checks import highest_points, path_findings
 from onboard.config.fleet import ConfigError, FleetConfig
 from onboard.config.flight_space import flight_space_of
-from onboard.control.raised_ground import IN_MISSION
+from onboard.control.raised_ground import CLEARANCE_IN_MISSION
 from onboard.estimation.accuracies import ACCURACIES
 from onboard.feasibility.blind_descent import blind_descent_findings
 from onboard.feasibility.finding import Finding, at_least, at_most, worst, worst_first
@@ -268,16 +268,16 @@ def _unreachable_findings(
 
     The goals of paths are their first points; the noun names a goal in the sentence.
     """
-    clear_share: float | None = IN_MISSION
+    clearance_share: float | None = CLEARANCE_IN_MISSION
     if isinstance(course_step.step, Land | Home):  # it ends on the ground
-        clear_share = None
+        clearance_share = None
 
     without_way = {}
     for name, goal in goals.items():
         begin = course_step.positions.get(name)
         if begin is None:  # a path of a vehicle that was disabled after the loading
             continue
-        words = reach_refusal(fleet, name, begin, goal, clear_share)
+        words = reach_refusal(fleet, name, begin, goal, clearance_share)
         if words:
             without_way[name] = words
     if not without_way:

@@ -52,7 +52,7 @@ from onboard.config.flight_space import flight_space_of
 from onboard.config.ground import ground_under_m, least_height_m
 from onboard.config.pair_separation import separation_m
 from onboard.config.toml_reading import convert
-from onboard.control.raised_ground import IN_ORDER
+from onboard.control.raised_ground import CLEARANCE_IN_ORDER
 from onboard.tuples import Xyz
 
 ORDER_LIFE_S = 2.0  # time from an order to its deadline
@@ -511,7 +511,7 @@ def _way_refusal(name: str, goal: Xyz, fleet: FleetConfig, state: FleetState | N
     if telemetry is None or not telemetry.is_position_valid:
         return None
 
-    words = reach_refusal(fleet, name, telemetry.position_enu_m, goal, IN_ORDER)
+    words = reach_refusal(fleet, name, telemetry.position_enu_m, goal, CLEARANCE_IN_ORDER)
     if not words:
         return None
     return f"{name}: the goal {_goal_text(goal)} {words}."

@@ -26,7 +26,7 @@ def reach_refusal(
     name: str,
     begin_enu_m: Xyz,
     goal_enu_m: Xyz,
-    clear_share: float | None = None,
+    clearance_share: float | None = None,
 ) -> str:
     """Return why a vehicle cannot reach a goal, and what to do first; empty if it can.
 
@@ -34,12 +34,12 @@ def reach_refusal(
         fleet: the fleet file.
         name: one of its vehicles.
         begin_enu_m, goal_enu_m: position of the vehicle, and the goal [m], ENU.
-        clear_share: clearance above raised ground, one of the shares in
+        clearance_share: clearance above raised ground, one of the shares in
             onboard/control/raised_ground.py; None: raised ground may be in the way.
     """
     around = _around(fleet, name)
     words = route_refusal(around, name, begin_enu_m, goal_enu_m)
-    if words or clear_share is None:
+    if words or clearance_share is None:
         return words
     return ground_refusal(
         fleet=fleet,
@@ -47,7 +47,7 @@ def reach_refusal(
         around=around,
         begin_enu_m=begin_enu_m,
         goal_enu_m=goal_enu_m,
-        clear_share=clear_share,
+        clearance_share=clearance_share,
     )
 
 

@@ -8,26 +8,26 @@ route around fences and obstacles.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
 
-from onboard.arrays import Array
+from onboard.arrays import Array, BoolArray
 from onboard.config.fleet import FleetConfig, Vehicle
 from onboard.config.ground import ground_by_spots_m, ground_m, is_level, least_height_m
-from onboard.control.router import Surroundings, in_the_way, map_of
+from onboard.control.router import Surroundings, route_between
 from onboard.tuples import Xyz
 from onboard.vectors import Vec2
 
-# Height at which a flight passes above raised ground, as a share of the least height of goals
-# there. A vehicle that is not where a mission or an order expected it still passes the later check.
-IN_MISSION = 1.0
-IN_ORDER = 0.75
-ON_VEHICLE = 0.5
-_CHOSEN = 1.5  # of a goal whose height is chosen
-_ADVISED = 1.25  # of a height that is advised
+# Clearances of a flight above raised ground, as shares of the least height of goals there. A
+# vehicle that is not where a mission or an order expected it still passes the later check.
+CLEARANCE_IN_MISSION = 1.0
+CLEARANCE_IN_ORDER = 0.75
+CLEARANCE_ON_VEHICLE = 0.5
+_CLEARANCE_CHOSEN = 1.5  # of a goal whose height is chosen
+_CLEARANCE_ADVISED = 1.25  # of a height that is advised
 
 # Over the ground on which it began, a flight may be lower than that, but not this much lower than
 # its begin.
@@ -42,13 +42,13 @@ class _Profile(NamedTuple):
 
     shares: Array  # (n,) of the change of height
     heights_m: Array  # (n,)
-    least_m: Array  # (n,) least height there; minus infinity where the ground is not raised
+    # (n,) least height at which it passes there; minus infinity where the ground is not raised
+    passing_m: Array
 
     @property
-    def top_m(self) -> float:
-        """Least height at which the flight passes everything that it would touch, or -inf."""
-        touched_m = self.least_m[self.heights_m < self.least_m]
-        return float(touched_m.max(initial=-math.inf))
+    def touches(self) -> BoolArray:
+        """Whether the flight would touch raised ground at each point."""
+        return self.heights_m < self.passing_m
 
 
 def ground_refusal(
@@ -57,7 +57,7 @@ def ground_refusal(
     around: Surroundings,
     begin_enu_m: Xyz,
     goal_enu_m: Xyz,
-    clear_share: float,
+    clearance_share: float,
 ) -> str:
     """Return why a flight would touch raised ground, and what to do first; empty if it would not.
 
@@ -66,22 +66,24 @@ def ground_refusal(
         vehicle: one of its vehicles.
         around: static things around it.
         begin_enu_m, goal_enu_m: its position, and the goal [m], ENU.
-        clear_share: one of the shares above.
+        clearance_share: one of the clearances above.
     """
     begin_x, begin_y, begin_z = begin_enu_m
     _, _, goal_z = goal_enu_m
-    clear_m = clear_share * least_height_m(vehicle)
-    if is_level(fleet) or min(begin_z, goal_z) >= _highest_spot_m(fleet) + clear_m:
+    clearance_m = clearance_share * least_height_m(vehicle)
+    if is_level(fleet) or min(begin_z, goal_z) >= _highest_spot_m(fleet) + clearance_m:
         return ""
 
-    top_m = _profile(fleet, around, begin_enu_m, goal_enu_m, clear_m).top_m
-    if top_m == -math.inf:
+    profile = _profile(fleet, around, begin_enu_m, goal_enu_m, clearance_m)
+    if not profile.touches.any():
         return ""
 
-    spare_m = (_ADVISED - clear_share) * least_height_m(vehicle)
-    over_m = max(begin_z, math.ceil(10.0 * (top_m + spare_m)) / 10.0)
+    highest_m = float(profile.passing_m[profile.touches].max())
+    spare_m = (_CLEARANCE_ADVISED - clearance_share) * least_height_m(vehicle)
+    over_m = max(begin_z, math.ceil(10.0 * (highest_m + spare_m)) / 10.0)
     above = (begin_x, begin_y, over_m)
-    if _profile(fleet, around, above, goal_enu_m, clear_m).top_m == -math.inf:
+    from_above = _profile(fleet, around, above, goal_enu_m, clearance_m)
+    if not from_above.touches.any():
         first = f"climb to {over_m:.2f} m"
     elif over_m == begin_z:
         first = f"fly at {over_m:.2f} m to a point beside it"
@@ -115,12 +117,12 @@ def height_over_ground_m(
     if is_level(fleet):
         return height_m
 
-    clear_m = _CHOSEN * least_height_m(vehicle)
+    clearance_m = _CLEARANCE_CHOSEN * least_height_m(vehicle)
     for begin_enu_m in begins_enu_m:
         _, _, begin_z = begin_enu_m
-        profile = _profile(fleet, around, begin_enu_m, goal_enu_m, clear_m)
-        touches = profile.heights_m < profile.least_m
-        climbs_m = (profile.least_m[touches] - begin_z) / profile.shares[touches]
+        profile = _profile(fleet, around, begin_enu_m, goal_enu_m, clearance_m)
+        touches = profile.touches
+        climbs_m = (profile.passing_m[touches] - begin_z) / profile.shares[touches]
         height_m = max(height_m, begin_z + float(climbs_m.max(initial=-math.inf)))
     return height_m
 
@@ -130,41 +132,54 @@ def _highest_spot_m(fleet: FleetConfig) -> float:
 
 
 def _profile(
-    fleet: FleetConfig, around: Surroundings, begin_enu_m: Xyz, goal_enu_m: Xyz, clear_m: float
+    fleet: FleetConfig,
+    around: Surroundings,
+    begin_enu_m: Xyz,
+    goal_enu_m: Xyz,
+    clearance_m: float,
 ) -> _Profile:
     """Return points of a flight that passes at this clearance above raised ground."""
     begin_x, begin_y, begin_z = begin_enu_m
-    goal_x, goal_y, goal_z = goal_enu_m
-    begin = Vec2(float(begin_x), float(begin_y))
-    goal = Vec2(float(goal_x), float(goal_y))
-    route_map = map_of(in_the_way(around.still, begin_z, goal_z), around)
-    route = route_map.route(begin, goal)
-    if not route:  # the vehicle would fly straight
-        route = [goal]
+    _, _, goal_z = goal_enu_m
+    x_m, y_m, shares = _sampled(route_between(around, begin_enu_m, goal_enu_m))
+    grounds_m = ground_by_spots_m(fleet, x_m, y_m)
+    from_begin_m = np.hypot(x_m - begin_x, y_m - begin_y)
 
+    is_over_first = _is_over_first_ground(grounds_m, from_begin_m, begin_z)
+    passing_m = grounds_m + clearance_m
+    passing_m = np.where(is_over_first, np.minimum(passing_m, begin_z - _SINKS_M), passing_m)
+    return _Profile(
+        shares=shares,
+        heights_m=begin_z + shares * (goal_z - begin_z),
+        passing_m=np.where(grounds_m > ground_m(fleet), passing_m, -np.inf),
+    )
+
+
+def _sampled(route: Sequence[Vec2]) -> tuple[Array, Array, Array]:
+    """Return points on a route: x and y [m], and the share of the change of height made there.
+
+    The height changes up to the first corner.
+    """
     xs = []
     ys = []
     shares = []
     first_share = 0.0
-    for here, there in pairwise([begin, *route]):
+    for here, there in pairwise(route):
         count = 2 + math.ceil(math.dist(here, there) / _STEP_M)
         xs.append(np.linspace(here.x, there.x, count))
         ys.append(np.linspace(here.y, there.y, count))
         shares.append(np.linspace(first_share, 1.0, count))
-        first_share = 1.0  # the height changes up to the first corner
+        first_share = 1.0
+    return np.concatenate(xs), np.concatenate(ys), np.concatenate(shares)
 
-    x_m = np.concatenate(xs)
-    y_m = np.concatenate(ys)
-    share = np.concatenate(shares)
-    grounds_m = ground_by_spots_m(fleet, x_m, y_m)
-    least_m = grounds_m + clear_m
 
-    is_begun_on = np.logical_and.accumulate(grounds_m <= grounds_m[0])
+def _is_over_first_ground(grounds_m: Array, from_begin_m: Array, begin_z: float) -> BoolArray:
+    """Return whether each point is still over the ground over which the flight began.
+
+    A flight that begins below that ground, as beside a table, is over it only near its begin.
+    """
+    is_no_higher = grounds_m <= grounds_m[0]
+    is_over = np.logical_and.accumulate(is_no_higher)
     if begin_z < grounds_m[0]:
-        is_begun_on &= np.hypot(x_m - begin.x, y_m - begin.y) <= _ASIDE_M
-    least_m = np.where(is_begun_on, np.minimum(least_m, begin_z - _SINKS_M), least_m)
-    return _Profile(
-        shares=share,
-        heights_m=begin_z + share * (goal_z - begin_z),
-        least_m=np.where(grounds_m > ground_m(fleet), least_m, -np.inf),
-    )
+        is_over &= from_begin_m <= _ASIDE_M
+    return is_over

@@ -350,19 +350,33 @@ def route_length_m(around: Surroundings, begin_enu_m: Xyz, goal_enu_m: Xyz) -> f
     if not around.still:
         return math.dist(begin_enu_m, goal_enu_m)
 
+    level_m = 0.0
+    for here, there in pairwise(route_between(around, begin_enu_m, goal_enu_m)):
+        level_m += math.dist(here, there)
+
+    _, _, begin_z = begin_enu_m
+    _, _, goal_z = goal_enu_m
+    return math.hypot(level_m, goal_z - begin_z)
+
+
+def route_between(around: Surroundings, begin_enu_m: Xyz, goal_enu_m: Xyz) -> list[Vec2]:
+    """Return the points of the route to a goal, with begin and goal.
+
+    Without a route it is the straight line, which the vehicle would fly.
+
+    Args:
+        around: static things of the fleet.
+        begin_enu_m, goal_enu_m: where the vehicle is, and its goal [m], ENU.
+    """
     begin_x, begin_y, begin_z = begin_enu_m
     goal_x, goal_y, goal_z = goal_enu_m
-    begin = Vec2(begin_x, begin_y)
-    goal = Vec2(goal_x, goal_y)
+    begin = Vec2(float(begin_x), float(begin_y))
+    goal = Vec2(float(goal_x), float(goal_y))
     still = in_the_way(around.still, begin_z, goal_z)
     route = map_of(still, around).route(begin, goal)
     if not route:
         route = [goal]
-
-    level_m = 0.0
-    for here, there in pairwise([begin, *route]):
-        level_m += math.dist(here, there)
-    return math.hypot(level_m, goal_z - begin_z)
+    return [begin, *route]
 
 
 def in_the_way(

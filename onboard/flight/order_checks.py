@@ -19,7 +19,7 @@ from onboard.config.ground import ground_under_m, least_height_m
 from onboard.config.pair_separation import separation_m
 from onboard.config.stand_in import stand_in_refusal
 from onboard.control.control_mode import ControlMode
-from onboard.control.raised_ground import ON_VEHICLE, ground_refusal
+from onboard.control.raised_ground import CLEARANCE_ON_VEHICLE, ground_refusal
 from onboard.control.reachability import is_below_fence, route_refusal
 from onboard.control.router import Surroundings
 from onboard.flight import follow_flight, path_flight, sentences, takeover
@@ -422,7 +422,7 @@ def _refusal_to_move(order: Order, flight: FlightContext, facts: OrderFacts) -> 
                 around=facts.surroundings,
                 begin_enu_m=here_enu_m,
                 goal_enu_m=goal,
-                clear_share=ON_VEHICLE,
+                clearance_share=CLEARANCE_ON_VEHICLE,
             )
         if words:
             return f"Goal {goal_text} {words}."

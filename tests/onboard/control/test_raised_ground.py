@@ -12,9 +12,9 @@ from onboard.avoidance.params import law_params, still
 from onboard.config.fences import Fence
 from onboard.config.fleet import FleetConfig, load_fleet
 from onboard.control.raised_ground import (
-    IN_MISSION,
-    IN_ORDER,
-    ON_VEHICLE,
+    CLEARANCE_IN_MISSION,
+    CLEARANCE_IN_ORDER,
+    CLEARANCE_ON_VEHICLE,
     ground_refusal,
     height_over_ground_m,
 )
@@ -47,11 +47,11 @@ def words_of(
     *,
     fleet: FleetConfig | None = None,
     mocap: bool = True,
-    clear_share: float = ON_VEHICLE,
+    clearance_share: float = CLEARANCE_ON_VEHICLE,
 ) -> str:
     fleet = fleet or roof()
     vehicle = replace(fleet.vehicles["mav1"], mocap_required=mocap)
-    return ground_refusal(fleet, vehicle, around(fleet), begin, goal, clear_share)
+    return ground_refusal(fleet, vehicle, around(fleet), begin, goal, clearance_share)
 
 
 @pytest.mark.parametrize(
@@ -87,13 +87,13 @@ def test_a_flight_does_not_lead_through_a_roof(begin: Xyz, goal: Xyz, words: str
 def test_each_check_leaves_something_to_the_next_one(mocap: bool) -> None:
     least_m = 0.2 if mocap else 0.5
     lowest = []
-    for clear_share in (ON_VEHICLE, IN_ORDER, IN_MISSION):
-        height_m = ROOF_M + clear_share * least_m
+    for clearance_share in (CLEARANCE_ON_VEHICLE, CLEARANCE_IN_ORDER, CLEARANCE_IN_MISSION):
+        height_m = ROOF_M + clearance_share * least_m
         lowest.append(height_m)
         for above_m, is_free in ((1e-6, True), (-1e-6, False)):
             begin = (3.0, 0.0, height_m + above_m)
             goal = (-3.0, 0.0, height_m + above_m)
-            found = words_of(begin, goal, mocap=mocap, clear_share=clear_share)
+            found = words_of(begin, goal, mocap=mocap, clearance_share=clearance_share)
             assert bool(found) is not is_free
             if found:  # the climb that is advised passes every check
                 advised_m = float(found.partition("climb to ")[2].partition(" m")[0])
@@ -136,7 +136,7 @@ def test_a_goal_is_so_high_that_the_flight_passes_over_the_roof(
     begin_x, begin_y, begin_z = begin
     later = (begin_x - 0.2, begin_y, begin_z)
     found = ground_refusal(
-        fleet, vehicle, around(fleet), later, (x, y, found_m), clear_share=ON_VEHICLE
+        fleet, vehicle, around(fleet), later, (x, y, found_m), clearance_share=CLEARANCE_ON_VEHICLE
     )
     assert found == ""
 
