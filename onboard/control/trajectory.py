@@ -94,6 +94,14 @@ class TrajectoryMemory(NamedTuple):
     rise_s: float  # duration of the rise, and of the descent from it
 
 
+class _Parts(NamedTuple):
+    """The two parts of a leg, whose start and goal are known."""
+
+    via_m: Vec3  # point at which the vehicle is at rest
+    first_s: float  # duration of the part to that point
+    second_s: float  # duration of the part from there to the goal; 0 if it is the goal
+
+
 class _Quintic(NamedTuple):
     """A polynomial from a motion to rest at the end."""
 
@@ -400,69 +408,38 @@ def _excess(leg: _Quintic, params: TrajectoryParams, enough: float) -> float:
 
 def _planned(memory: TrajectoryMemory, goal: Goal, params: TrajectoryParams) -> TrajectoryMemory:
     """Return the memory with a new leg from the present setpoint."""
-    now = setpoint(memory)
-    p = now.position_enu_m
-    v = now.velocity_enu_m_s
-    a = now.acceleration_enu_m_s2
     target = goal.position_enu_m
-
     ordered_s = 0.0  # 0: the order names no duration
     if goal.duration_s > 0.0:
         ordered_s = max(goal.duration_s - params.lead_s, 0.0)
 
-    # A climb or a descent that leads past the goal ends at once. The setpoint is lead_s ahead of
-    # the vehicle. Its height becomes that of the goal, clipped to the range from the present height
-    # to the setpoint's height.
-    direct_s = 0.0  # duration of the first form; 0: it is not known, or there is none
-    leads_past = _leads_past(p.z, v.z, target.z, params)
-    if leads_past:
-        direct_s = _climb_to_rest_s(p, v, a, target, ordered_s, params)
-    if leads_past and direct_s == 0.0:
-        now_m = p.z - params.lead_s * v.z
-        low_m = min(now_m, p.z)
-        high_m = max(now_m, p.z)
-        p = Vec3(p.x, p.y, min(max(target.z, low_m), high_m))
-        v = Vec3(v.x, v.y, 0.0)
-        a = Vec3(a.x, a.y, 0.0)
+    # A climb or a descent that leads past the goal ends at once, unless one quintic to the goal
+    # does not.
+    start = setpoint(memory)
+    direct_s = 0.0  # duration of one quintic to the goal, the first form; 0: none
+    if _leads_past(start, target, params):
+        direct_s = _climb_to_rest_s(start, target, ordered_s, params)
+        if direct_s == 0.0:
+            start = _levelled(start, target, params)
 
-    # second form, first part: brake to rest, unless the vehicle is at rest
-    max_m_s = params.max_speed_m_s
-    max_m_s2 = params.max_acceleration_m_s2
-    is_at_rest = length(v) <= 1e-9 * max_m_s and length(a) <= 1e-9 * max_m_s2
-    via = p
-    first_s = 0.0
-    if not is_at_rest:
-        first_s = _brake_duration_s(p, v, a, _time_to_rest_s(v, params), params)
-        via = _stop(p, v, a, first_s)
-
-    # second form, second part: from rest to the goal
-    second_s = 0.0
-    if via != target:
-        way = subtract(target, via)
-        from_rest_s = shortest_duration_s(length(way), way.z, params)
-        second_s = max(from_rest_s, ordered_s - first_s, 0.0)
-
-    # first form: straight to the goal, if that is sooner
-    if not is_at_rest and direct_s == 0.0:
-        guess = _direct_guess(p, v, a, target, params)
-        longest_s = max(_DIRECT_PATIENCE * (first_s + second_s), ordered_s)
-        direct_s = _direct_duration_s(guess, via, ordered_s, longest_s, params)
+    parts = _brake_and_quintic(start, target, ordered_s, params)
+    if direct_s == 0.0 and not _is_at_rest(start, params):
+        direct_s = _sooner_direct_s(start, target, parts, ordered_s, params)
     if direct_s > 0.0:
-        via = target
-        first_s = direct_s
-        second_s = 0.0
+        parts = _Parts(via_m=target, first_s=direct_s, second_s=0.0)
 
     rise_m = 0.0
-    if _rises(p.z, target.z, first_s + second_s, params):
+    whole_s = parts.first_s + parts.second_s
+    if _rises(start.position_enu_m.z, target.z, whole_s, params):
         rise_m = params.rise_m
     return TrajectoryMemory(
-        start_position_enu_m=p,
-        start_velocity_enu_m_s=v,
-        start_acceleration_enu_m_s2=a,
-        via_position_enu_m=via,
+        start_position_enu_m=start.position_enu_m,
+        start_velocity_enu_m_s=start.velocity_enu_m_s,
+        start_acceleration_enu_m_s2=start.acceleration_enu_m_s2,
+        via_position_enu_m=parts.via_m,
         goal_position_enu_m=target,
-        first_duration_s=first_s,
-        second_duration_s=second_s,
+        first_duration_s=parts.first_s,
+        second_duration_s=parts.second_s,
         elapsed_s=0.0,
         clock_rate=memory.clock_rate,
         sequence=goal.sequence,
@@ -471,23 +448,92 @@ def _planned(memory: TrajectoryMemory, goal: Goal, params: TrajectoryParams) -> 
     )
 
 
+def _levelled(
+    start: TrajectorySetpoint, target: Vec3, params: TrajectoryParams
+) -> TrajectorySetpoint:
+    """Return a motion without its climb or descent.
+
+    The setpoint is lead_s ahead of the vehicle. Its height becomes that of the goal, clipped to the
+    range from the vehicle's height to the setpoint's height.
+    """
+    p = start.position_enu_m
+    v = start.velocity_enu_m_s
+    a = start.acceleration_enu_m_s2
+
+    vehicle_z_m = p.z - params.lead_s * v.z
+    low_m = min(vehicle_z_m, p.z)
+    high_m = max(vehicle_z_m, p.z)
+    return TrajectorySetpoint(
+        Vec3(p.x, p.y, min(max(target.z, low_m), high_m)),
+        Vec3(v.x, v.y, 0.0),
+        Vec3(a.x, a.y, 0.0),
+    )
+
+
+def _brake_and_quintic(
+    start: TrajectorySetpoint, target: Vec3, ordered_s: float, params: TrajectoryParams
+) -> _Parts:
+    """Return the second form: a brake to rest, unless it is at rest, and a quintic to the goal."""
+    via = start.position_enu_m
+    first_s = 0.0
+    if not _is_at_rest(start, params):
+        first_s = _brake_duration_s(start, params)
+        via = _stop(start, first_s)
+
+    second_s = 0.0
+    if via != target:
+        way = subtract(target, via)
+        from_rest_s = shortest_duration_s(length(way), way.z, params)
+        second_s = max(from_rest_s, ordered_s - first_s, 0.0)
+    return _Parts(via_m=via, first_s=first_s, second_s=second_s)
+
+
+def _sooner_direct_s(
+    start: TrajectorySetpoint,
+    target: Vec3,
+    parts: _Parts,
+    ordered_s: float,
+    params: TrajectoryParams,
+) -> float:
+    """Return the duration [s] of one quintic to the goal that is sooner than the second form.
+
+    Return 0 if there is none.
+    """
+    guess = _direct_guess(start, target, params)
+    longest_s = max(_DIRECT_PATIENCE * (parts.first_s + parts.second_s), ordered_s)
+    return _direct_duration_s(guess, parts.via_m, ordered_s, longest_s, params)
+
+
+def _is_at_rest(start: TrajectorySetpoint, params: TrajectoryParams) -> bool:
+    """Return whether a motion is at rest."""
+    max_m_s = params.max_speed_m_s
+    max_m_s2 = params.max_acceleration_m_s2
+    is_slow = length(start.velocity_enu_m_s) <= 1e-9 * max_m_s
+    return is_slow and length(start.acceleration_enu_m_s2) <= 1e-9 * max_m_s2
+
+
 def _time_to_rest_s(v: Vec3, params: TrajectoryParams) -> float:
     """Return about the shortest time [s] from a velocity to rest, and never a very short one."""
     speed_m_s = max(length(v), _MIN_SHARE * params.max_speed_m_s)
     return max(speed_m_s / params.max_acceleration_m_s2, abs(v.z) / params.max_vertical_m_s2)
 
 
-def _direct_guess(p: Vec3, v: Vec3, a: Vec3, target: Vec3, params: TrajectoryParams) -> _Quintic:
+def _direct_guess(start: TrajectorySetpoint, target: Vec3, params: TrajectoryParams) -> _Quintic:
     """Return the quintic from a motion straight to a goal, with a first guess of its duration."""
-    way = subtract(target, p)
-    guess_s = max(shortest_duration_s(length(way), way.z, params), _time_to_rest_s(v, params))
+    way = subtract(target, start.position_enu_m)
+    from_rest_s = shortest_duration_s(length(way), way.z, params)
+    to_rest_s = _time_to_rest_s(start.velocity_enu_m_s, params)
     return _Quintic(
-        begin_m=p, velocity_m_s=v, acceleration_m_s2=a, end_m=target, duration_s=guess_s
+        begin_m=start.position_enu_m,
+        velocity_m_s=start.velocity_enu_m_s,
+        acceleration_m_s2=start.acceleration_enu_m_s2,
+        end_m=target,
+        duration_s=max(from_rest_s, to_rest_s),
     )
 
 
 def _climb_to_rest_s(
-    p: Vec3, v: Vec3, a: Vec3, target: Vec3, ordered_s: float, params: TrajectoryParams
+    start: TrajectorySetpoint, target: Vec3, ordered_s: float, params: TrajectoryParams
 ) -> float:
     """Return the duration [s] of one quintic to a goal that a climb or descent leads to.
 
@@ -495,9 +541,9 @@ def _climb_to_rest_s(
     comes to rest as if there were no goal. Return 0 if there is none, or if the goal's height is
     behind.
     """
-    if (target.z - p.z) * v.z <= 0.0:
+    if (target.z - start.position_enu_m.z) * start.velocity_enu_m_s.z <= 0.0:
         return 0.0
-    guess = _direct_guess(p, v, a, target, params)
+    guess = _direct_guess(start, target, params)
     return _direct_duration_s(guess, target, ordered_s, math.inf, params)
 
 
@@ -516,45 +562,49 @@ def _rise_duration_s(params: TrajectoryParams) -> float:
     return shortest_duration_s(params.rise_m, params.rise_m, params)
 
 
-def _leads_past(height_m: float, climb_m_s: float, goal_m: float, params: TrajectoryParams) -> bool:
+def _leads_past(start: TrajectorySetpoint, target: Vec3, params: TrajectoryParams) -> bool:
     """Whether a climb or a descent would pass the goal's height even with a smooth brake."""
+    height_m = start.position_enu_m.z
+    climb_m_s = start.velocity_enu_m_s.z
     # braking distance of the polynomial from :func:`_brake`, with the sign of the climb
     brake_m_s2 = min(params.max_acceleration_m_s2, params.max_vertical_m_s2)
     brake_m = 0.75 * climb_m_s * abs(climb_m_s) / brake_m_s2
-    return (goal_m - height_m - brake_m) * climb_m_s < 0.0
+    return (target.z - height_m - brake_m) * climb_m_s < 0.0
 
 
-def _stop(p: Vec3, v: Vec3, a: Vec3, duration: float) -> Vec3:
+def _stop(start: TrajectorySetpoint, duration: float) -> Vec3:
     """Return the position [m] at which the brake polynomial of lowest degree comes to rest."""
-    return add_scaled(add_scaled(p, duration / 2.0, v), duration * duration / 12.0, a)
+    after_velocity = add_scaled(start.position_enu_m, duration / 2.0, start.velocity_enu_m_s)
+    return add_scaled(after_velocity, duration * duration / 12.0, start.acceleration_enu_m_s2)
 
 
-def _brake(p: Vec3, v: Vec3, a: Vec3, duration: float) -> _Quintic:
+def _brake(start: TrajectorySetpoint, duration: float) -> _Quintic:
     """Return the brake polynomial of lowest degree from a motion to rest."""
     return _Quintic(
-        begin_m=p,
-        velocity_m_s=v,
-        acceleration_m_s2=a,
-        end_m=_stop(p, v, a, duration),
+        begin_m=start.position_enu_m,
+        velocity_m_s=start.velocity_enu_m_s,
+        acceleration_m_s2=start.acceleration_enu_m_s2,
+        end_m=_stop(start, duration),
         duration_s=duration,
     )
 
 
-def _brake_duration_s(p: Vec3, v: Vec3, a: Vec3, scale_s: float, params: TrajectoryParams) -> float:
+def _brake_duration_s(start: TrajectorySetpoint, params: TrajectoryParams) -> float:
     """Return the duration [s] of the shortest brake that keeps the bounds.
 
     If no brake keeps them, return the duration of the brake that exceeds them least.
     """
+    scale_s = _time_to_rest_s(start.velocity_enu_m_s, params)
     for factor in _BRAKE_FACTORS:
         t = factor * scale_s
-        if _excess(_brake(p, v, a, t), params, _FITS) <= _FITS:
+        if _excess(_brake(start, t), params, _FITS) <= _FITS:
             return t
 
     best_s = 0.0
     least_excess = math.inf
     for factor in _BRAKE_FACTORS:
         t = factor * scale_s
-        excess = _excess(_brake(p, v, a, t), params, least_excess)
+        excess = _excess(_brake(start, t), params, least_excess)
         if excess < least_excess:
             best_s = t
             least_excess = excess
