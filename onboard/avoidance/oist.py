@@ -119,9 +119,8 @@ class LawMemory(NamedTuple):
     commands: list[PastCommand]  # own past commands, newest first
     predicted: Motion  # own predicted motion at t + L, of the last tick; not finite: unknown
     relaxed_share: float  # low-passed share of ticks in which rows had to be relaxed
-    # Time for which the law has held the vehicle back. While the vehicle calls for a roundabout,
-    # this is minus the remaining time of the call.
-    held_s: float
+    held_s: float  # time for which neighbours have held the vehicle back; 0 during a call
+    roundabout_left_s: float  # remaining time of its call for a roundabout; 0: it does not call
     climb_share: float  # how fast a climb or descent may continue, from 0 to 1
     sink_limit_m_s: float  # how fast it may sink without poses; infinite if unlimited
 
@@ -133,6 +132,7 @@ def initial() -> LawMemory:
         predicted=UNKNOWN_MOTION,
         relaxed_share=0.0,
         held_s=0.0,
+        roundabout_left_s=0.0,
         climb_share=1.0,
         sink_limit_m_s=math.inf,
     )
@@ -214,7 +214,7 @@ def step(
     climb = 1.0
     sink_m_s = math.inf
     if params.law == COVEY:
-        calls_for_roundabout = memory.held_s < 0.0
+        calls_for_roundabout = memory.roundabout_left_s > 0.0
         answer = saturate(own, neighbours, obstacles, calls_for_roundabout, params)
         climb = climb_share(own, neighbours, params)
         sink_m_s = sink_limit(own, neighbours, params)
@@ -225,12 +225,14 @@ def step(
 
     output = output_of(answer, own, baseline, predicted, params)
 
-    is_held_by_neighbour = output.active_neighbour >= 0
+    is_held = output.active_neighbour >= 0 and is_held_back(own)
+    held_s, roundabout_left_s = next_hold(memory, is_held, dt_s)
     after = LawMemory(
         commands=remembered(memory.commands, output.commanded_acceleration_enu_m_s2, dt_s),
         predicted=predicted,
         relaxed_share=next_relaxed_share(memory.relaxed_share, output.status, dt_s),
-        held_s=next_held_s(memory.held_s, own, is_held_by_neighbour, dt_s),
+        held_s=held_s,
+        roundabout_left_s=roundabout_left_s,
         climb_share=climb,
         sink_limit_m_s=sink_m_s,
     )
@@ -410,33 +412,40 @@ def is_fleeing(own: Own, pairs: list[NeighbourPair], rows: list[HalfPlane]) -> b
     return False
 
 
-def next_held_s(held_s: float, own: Own, is_active: bool, dt_s: float) -> float:
-    """Return the next ``LawMemory.held_s``. DEVIATION D4.
+def is_held_back(own: Own) -> bool:
+    """Return whether a vehicle intends to move, and hardly does so.
+
+    Args:
+        own: this vehicle at t + L; its velocity and intent are used.
+    """
+    squared_intent_m2_s2 = dot_xy(own.intent_m_s, own.intent_m_s)
+    along = dot_xy(own.velocity_m_s, own.intent_m_s)
+    intends_to_move = squared_intent_m2_s2 > _HELD_SQUARED_INTENT_M2_S2
+    makes_progress = along >= _HELD_FRAC * squared_intent_m2_s2
+    return intends_to_move and not makes_progress
+
+
+def next_hold(memory: LawMemory, is_held: bool, dt_s: float) -> tuple[float, float]:
+    """Return the next ``held_s`` and ``roundabout_left_s`` of the memory. DEVIATION D4.
 
     Two parked neighbours with a narrow gap between them would hold a vehicle back forever, because
     each requires a turn that the other forbids. The roundabout leads the vehicle around both
     neighbours.
 
     Args:
-        held_s: value at the last tick.
-        own: this vehicle at t + L; its velocity and intent are used.
-        is_active: whether the row of a neighbour changes the baseline.
+        memory: memory of the last tick.
+        is_held: whether the row of a neighbour holds the vehicle back.
         dt_s: length of the tick.
     """
-    if held_s < 0.0:
-        return min(held_s + dt_s, 0.0)  # the roundabout goes on
+    if memory.roundabout_left_s > 0.0:
+        return 0.0, max(memory.roundabout_left_s - dt_s, 0.0)
+    if not is_held:
+        return 0.0, 0.0
 
-    squared_intent_m2_s2 = dot_xy(own.intent_m_s, own.intent_m_s)
-    along = dot_xy(own.velocity_m_s, own.intent_m_s)
-    intends_to_move = squared_intent_m2_s2 > _HELD_SQUARED_INTENT_M2_S2
-    makes_progress = along >= _HELD_FRAC * squared_intent_m2_s2
-    if not is_active or not intends_to_move or makes_progress:
-        return 0.0
-
-    count_s = held_s + dt_s
-    if count_s >= HELD_S:
-        return -ROUNDABOUT_S
-    return count_s
+    held_s = memory.held_s + dt_s
+    if held_s >= HELD_S:
+        return 0.0, ROUNDABOUT_S
+    return held_s, 0.0
 
 
 def next_relaxed_share(share: float, status: int, dt_s: float) -> float:

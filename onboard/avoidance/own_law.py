@@ -338,6 +338,7 @@ def _changed(memory: LawMemory, commands: list[PastCommand], relaxed_share: floa
         predicted=memory.predicted,
         relaxed_share=relaxed_share,
         held_s=memory.held_s,
+        roundabout_left_s=memory.roundabout_left_s,
         climb_share=memory.climb_share,
         sink_limit_m_s=memory.sink_limit_m_s,
     )

@@ -73,26 +73,39 @@ def _pair(**changes: Any) -> NeighbourPair:
 
 
 @pytest.mark.parametrize(
-    ("held_s", "speed_m_s", "intent_m_s", "is_active", "later_s"),
+    ("speed_m_s", "intent_m_s", "is_held"),
     [
-        (1.0, 0.0, 0.5, True, 1.1),
-        (1.0, 0.0, 0.5, False, 0.0),
-        (1.0, 0.0, 0.199, True, 0.0),  # intends next to nothing
-        (1.0, 0.0, 0.201, True, 1.1),
-        (1.0, 0.1, 0.5, True, 0.0),  # gets on with a fifth of what it intends
-        (1.0, 0.099, 0.5, True, 1.1),
-        (1.0, -0.4, 0.5, True, 1.1),
-        (2.89, 0.0, 0.5, True, 2.99),
-        (2.9, 0.0, 0.5, True, -5.0),
-        (-5.0, 0.0, 0.5, True, -4.9),
-        (-0.05, 9.0, 0.0, False, 0.0),
+        (0.0, 0.5, True),
+        (0.0, 0.199, False),  # intends next to nothing
+        (0.0, 0.201, True),
+        (0.1, 0.5, False),  # gets on with a fifth of what it intends
+        (0.099, 0.5, True),
+        (-0.4, 0.5, True),
+    ],
+)
+def test_a_vehicle_is_held_back_that_hardly_goes_where_it_intends_to(
+    speed_m_s: float, intent_m_s: float, is_held: bool
+) -> None:
+    own = _own(velocity_m_s=Vec2(speed_m_s, 0.0), intent_m_s=Vec2(intent_m_s, 0.0))
+    assert oist.is_held_back(own) is is_held
+
+
+@pytest.mark.parametrize(
+    ("held_s", "left_s", "is_held", "later_s"),
+    [
+        (1.0, 0.0, True, (1.1, 0.0)),
+        (1.0, 0.0, False, (0.0, 0.0)),
+        (2.89, 0.0, True, (2.99, 0.0)),
+        (2.9, 0.0, True, (0.0, 5.0)),
+        (0.0, 5.0, True, (0.0, 4.9)),
+        (0.0, 0.05, False, (0.0, 0.0)),
     ],
 )
 def test_who_is_held_for_three_seconds_calls_for_a_roundabout_for_five(
-    held_s: float, speed_m_s: float, intent_m_s: float, is_active: bool, later_s: float
+    held_s: float, left_s: float, is_held: bool, later_s: tuple[float, float]
 ) -> None:
-    own = _own(velocity_m_s=Vec2(speed_m_s, 0.0), intent_m_s=Vec2(intent_m_s, 0.0))
-    assert oist.next_held_s(held_s, own, is_active, 0.1) == pytest.approx(later_s)
+    memory = oist.initial()._replace(held_s=held_s, roundabout_left_s=left_s)
+    assert oist.next_hold(memory, is_held, 0.1) == pytest.approx(later_s)
 
 
 def test_the_share_of_relaxed_ticks_follows_within_a_third_of_a_second() -> None:
@@ -112,7 +125,7 @@ def test_relaxed_rows_slow_the_pursuit(jam: str, relaxed: float, share: float) -
 
 def test_the_memory_begins_without_a_bound() -> None:
     memory = oist.initial()
-    assert memory[2:] == (0.0, 0.0, 1.0, math.inf)
+    assert memory[2:] == (0.0, 0.0, 0.0, 1.0, math.inf)
     assert memory.predicted == prediction.UNKNOWN_MOTION
     assert len(memory.commands) == prediction.SLOTS
 

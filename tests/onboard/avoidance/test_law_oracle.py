@@ -34,14 +34,14 @@ def random_input(rng, count):
         "accel": rng.normal(size=3) * 1.5,
         "compensation": rng.normal(size=3) * 0.3,
         "intent": intent,
-        "held_s": -1.0 if rng.random() < 0.3 else 0.0,
+        "roundabout_left_s": 1.0 if rng.random() < 0.3 else 0.0,
     }
     return own, [random_neighbour(rng, k, 1.2 + 0.1 * count) for k in range(count)]
 
 
 def both(own, neighbours, capsules, params):
     """Output of the law, and the oracle's answer with the compensation taken off again."""
-    memory = oist.initial()._replace(held_s=own["held_s"])
+    memory = oist.initial()._replace(roundabout_left_s=own["roundabout_left_s"])
     predicted = oist.predict(memory, own["state"], params, 0.02)
     baseline = interface.Baseline(
         thrust_of(own["accel"]), vec(own["compensation"]), vec(own["intent"])
@@ -62,7 +62,8 @@ def both(own, neighbours, capsules, params):
         "position_std": own["state"].position_std_m,
         "velocity_std": own["state"].velocity_std_m_s,
     }
-    point, *rest = law_rows.law(values, neighbours, capsules, params, own["held_s"] < 0.0)
+    calls_for_roundabout = own["roundabout_left_s"] > 0.0
+    point, *rest = law_rows.law(values, neighbours, capsules, params, calls_for_roundabout)
     return out, (point - shift, *rest)
 
 
