@@ -23,7 +23,7 @@ from typing import Any, NamedTuple
 
 from onboard.config.earth import Origin, latitude_longitude_deg
 from onboard.config.fleet import FleetConfig
-from onboard.config.ground import floor_m
+from onboard.config.ground import lowest_ground_in_fence_m
 
 Point = tuple[float, float]  # east, north [m]
 Outline = tuple[Point, ...]  # counter-clockwise; the first point is not repeated at the end
@@ -98,7 +98,7 @@ def volumes(
     contingency_height_m = max(geography_height_m, highest_m + half_body_m)
 
     most_drag_1_s = max(fleet.vehicles[name].drag_1_s for name in fleet.enabled_names)
-    ground_m = floor_m(fleet)
+    ground_m = lowest_ground_in_fence_m(fleet)
     fall_s = fall_time_s(contingency_height_m - ground_m, most_drag_1_s)
     reach_m = (fastest_m_s + GUST_OF_MEAN * wind_m_s) * fall_s + half_body_m
     return Volumes(

@@ -49,7 +49,7 @@ from groundstation.orders.intents import (
 from groundstation.orders.plan import PlannedOrder, plan_order
 from groundstation.orders.reachable_goals import shortest_leg_s, shortest_move_s, way_m
 from onboard.config.fleet import ConfigError, FleetConfig
-from onboard.config.ground import ground_by_spots_m
+from onboard.config.ground import ground_at_m
 from onboard.control.climb_duration import climb_duration_s
 from onboard.control.path import Path, point_at
 from onboard.tuples import Xyz
@@ -521,7 +521,7 @@ def _position_after(fleet: FleetConfig, step: Intent, position: Xyz, ordered: Xy
         x, y, _ = position
         return (x, y, step.height_m)
     if isinstance(step, Land | Home):
-        z = float(ground_by_spots_m(fleet, x, y))
+        z = float(ground_at_m(fleet, x, y))
     return (x, y, z)
 
 
@@ -538,7 +538,7 @@ def _vertical_order_s(
     x, y, z = position
     goal_x, goal_y, goal_z = goal
     across_s = _move_or_stay_s(fleet, name, (x, y, goal_z), goal, duration_s)
-    ground_m = float(ground_by_spots_m(fleet, goal_x, goal_y))
+    ground_m = float(ground_at_m(fleet, goal_x, goal_y))
     height_m = max(max(z, goal_z) - ground_m, _MIN_HEIGHT_M)
     vehicle = fleet.vehicles[name]
     vertical_s = max(

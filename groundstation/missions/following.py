@@ -31,7 +31,7 @@ from groundstation.orders.result import OrderFailed, Results, VehicleResult
 from groundstation.paths.checks import LOWEST_M
 from onboard.config.fleet import ConfigError, FleetConfig, Vehicle
 from onboard.config.flight_space import flight_space_of
-from onboard.config.ground import ground_under_m, least_height_m
+from onboard.config.ground import least_height_m, touchable_ground_at_m
 from onboard.tuples import Xyz
 
 _PERIOD_S = 0.5
@@ -428,4 +428,4 @@ def _inside(fleet: FleetConfig, follower: Vehicle, goal: Xyz) -> Xyz:
     """Return the point nearest to the goal that is inside the fence and not too low."""
     x, y, z = flight_space_of(fleet).nearest_inside(goal, _INSIDE_M)
     least_m = max(LOWEST_M, least_height_m(follower))
-    return (x, y, max(z, float(ground_under_m(fleet, x, y)) + least_m))
+    return (x, y, max(z, float(touchable_ground_at_m(fleet, x, y)) + least_m))

@@ -40,7 +40,7 @@ from groundstation.orders.intents import (
 )
 from groundstation.orders.reachable_goals import height_of_goal_m, shortest_leg_s
 from onboard.config.fleet import FleetConfig, Vehicle
-from onboard.config.ground import ground_under_m, least_height_m
+from onboard.config.ground import least_height_m, touchable_ground_at_m
 from onboard.tuples import Xyz
 
 _MIN_FLIGHT_S = 3.0  # shortest duration of a flight home
@@ -140,7 +140,7 @@ def _home(intent: Home, facts: GoalFacts) -> Goals:
         if height_m is None:
             # A vehicle on the ground gets a goal as well; its agent refuses the order with a better
             # reason.
-            lowest_m = float(ground_under_m(facts.fleet, x, y)) + least_height_m(vehicle)
+            lowest_m = float(touchable_ground_at_m(facts.fleet, x, y)) + least_height_m(vehicle)
             _, _, present_height_m = destinations[name]
             height_m = max(present_height_m, lowest_m)
             height_m = _height_at_home_m(facts, name, (x, y, height_m))
@@ -178,7 +178,7 @@ def _bring_home(intent: BringHome, facts: GoalFacts) -> Goals:
         height_m = intent.height_m
         if height_m is None:
             least_m = least_height_m(facts.fleet.vehicles[name])
-            lowest_m = float(ground_under_m(facts.fleet, x, y)) + least_m
+            lowest_m = float(touchable_ground_at_m(facts.fleet, x, y)) + least_m
             _, _, present_height_m = positions[name]
             height_m = max(present_height_m, lowest_m)
             height_m = _height_at_home_m(facts, name, (x, y, height_m))

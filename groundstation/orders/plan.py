@@ -49,7 +49,7 @@ from onboard.config.fleet import (
     parking_height_share,
 )
 from onboard.config.flight_space import flight_space_of
-from onboard.config.ground import ground_under_m, least_height_m
+from onboard.config.ground import least_height_m, touchable_ground_at_m
 from onboard.config.pair_separation import separation_m
 from onboard.config.toml_reading import convert
 from onboard.control.raised_ground import CLEARANCE_IN_ORDER
@@ -494,7 +494,7 @@ def _space_refusal(name: str, goal: Xyz, fleet: FleetConfig) -> str | None:
         return f"{name}: the goal {goal_text} lies {area_words}. Choose another one."
 
     x, y, height_m = goal
-    ground_m = float(ground_under_m(fleet, x, y))
+    ground_m = float(touchable_ground_at_m(fleet, x, y))
     least_m = least_height_m(fleet.vehicles[name])
     if height_m < ground_m + least_m:
         return (

@@ -17,7 +17,7 @@ from onboard.arrays import Array
 from onboard.config.areas import Area
 from onboard.config.fleet import FleetConfig, above_words, parking_distance_m, parking_height_share
 from onboard.config.flight_space import flight_space_of
-from onboard.config.ground import ground_by_spots_m, ground_under_m, least_height_m
+from onboard.config.ground import ground_at_m, least_height_m, touchable_ground_at_m
 from onboard.config.obstacles import Circle
 from onboard.constants import GRAVITY_M_S2
 from onboard.control.path import MAX_JUMP_M, MAX_JUMP_M_S, Path, jumps, sampled
@@ -98,7 +98,7 @@ def highest_points(fleet: FleetConfig, paths: Mapping[str, Path]) -> dict[str, X
     """
     flown = sample(paths)
     positions = flown.values[0, :, :, :3]
-    height_m = positions[..., 2] - ground_by_spots_m(fleet, positions[..., 0], positions[..., 1])
+    height_m = positions[..., 2] - ground_at_m(fleet, positions[..., 0], positions[..., 1])
 
     points: dict[str, Xyz] = {}
     for index, name in enumerate(flown.names):
@@ -495,7 +495,7 @@ def _room(fleet: FleetConfig, flown: SampledPaths, where: str) -> list[Finding]:
     _, top = fence.z
     to_box_m = np.minimum.reduce([x - low_x, high_x - x, y - low_y, high_y - y, top - z])
     to_fence_m = np.minimum(to_box_m, clearances_m(flight_space_of(fleet).areas, positions))
-    height_m = z - ground_under_m(fleet, x, y)
+    height_m = z - touchable_ground_at_m(fleet, x, y)
     least_m = max([LOWEST_M, *(least_height_m(fleet.vehicles[name]) for name in flown.names)])
     fence_room_m = _FENCE_ROOM_M
     if fleet.law.built_in != "off":

@@ -64,7 +64,7 @@ from onboard.autopilot import Landed, Snapshot
 from onboard.bus.schema import StateMessage
 from onboard.bus.topics import Topic
 from onboard.config.fleet import CorrectionsConfig, FleetConfig
-from onboard.config.ground import ground_by_spots_m, is_level
+from onboard.config.ground import ground_at_m, is_level
 from onboard.config.wind_limit import wind_limit_m_s
 from onboard.control import pipeline, router
 from onboard.control.control_mode import ControlMode
@@ -689,7 +689,7 @@ def _ground_at(fleet: FleetConfig) -> Callable[[float, float], float] | None:
     """Return a function from a point to the height of its ground by the fleet file; None: level."""
     if is_level(fleet):
         return None
-    return lambda x_m, y_m: float(ground_by_spots_m(fleet, x_m, y_m))
+    return lambda x_m, y_m: float(ground_at_m(fleet, x_m, y_m))
 
 
 def _intake_of(corrections: CorrectionsConfig | None) -> CorrectionsIntake | None:

@@ -24,7 +24,7 @@ _MIN_BY_PX4_M = 0.5
 _SPOT_RADIUS_M = 1.0
 
 
-def ground_m(fleet: FleetConfig) -> float:
+def lowest_ground_m(fleet: FleetConfig) -> float:
     """Return the height [m] of the lowest start; 0 if all starts are higher, as on tables."""
     lowest_m = 0.0
     for name in fleet.enabled_names:
@@ -35,17 +35,17 @@ def ground_m(fleet: FleetConfig) -> float:
 
 def is_level(fleet: FleetConfig) -> bool:
     """Return whether the ground is equally high everywhere by the fleet file."""
-    lowest_m = ground_m(fleet)
+    lowest_m = lowest_ground_m(fleet)
     return all(fleet.vehicles[name].start_enu_m[2] == lowest_m for name in fleet.enabled_names)
 
 
-def floor_m(fleet: FleetConfig) -> float:
-    """Return the height [m] of the ground or of the geofence's floor, whichever is higher."""
+def lowest_ground_in_fence_m(fleet: FleetConfig) -> float:
+    """Return the height [m] of the lowest ground, or of the geofence's floor if that is higher."""
     low_m, _ = fleet.fleet.geofence_m.z
-    return max(ground_m(fleet), low_m)
+    return max(lowest_ground_m(fleet), low_m)
 
 
-def ground_by_spots_m(
+def ground_at_m(
     fleet: FleetConfig, x_m: NDArray[np.float64] | float, y_m: NDArray[np.float64] | float
 ) -> NDArray[np.float64]:
     """Return the height [m] of the ground under points: of the nearest take-off spot, or lowest.
@@ -55,7 +55,7 @@ def ground_by_spots_m(
         x_m: coordinates of the points to the east.
         y_m: coordinates to the north, of the same shape.
     """
-    heights_m = np.full(np.shape(x_m), ground_m(fleet))
+    heights_m = np.full(np.shape(x_m), lowest_ground_m(fleet))
     nearest_m = np.full(np.shape(x_m), max(fleet.fleet.body_diameter_m, _SPOT_RADIUS_M))
     for name in fleet.enabled_names:
         spot_x, spot_y, spot_m = fleet.vehicles[name].start_enu_m
@@ -67,7 +67,7 @@ def ground_by_spots_m(
     return heights_m
 
 
-def ground_under_m(
+def touchable_ground_at_m(
     fleet: FleetConfig, x_m: NDArray[np.float64] | float, y_m: NDArray[np.float64] | float
 ) -> NDArray[np.float64]:
     """Return the height [m] of what a body above points may touch, for the limits of goals.
@@ -81,7 +81,7 @@ def ground_under_m(
         y_m: coordinates to the north, of the same shape.
     """
     low_m, _ = fleet.fleet.geofence_m.z
-    heights_m = np.maximum(ground_by_spots_m(fleet, x_m, y_m), low_m)
+    heights_m = np.maximum(ground_at_m(fleet, x_m, y_m), low_m)
     for name in fleet.enabled_names:
         spot_x, spot_y, spot_m = fleet.vehicles[name].start_enu_m
         is_near = np.hypot(x_m - spot_x, y_m - spot_y) <= fleet.fleet.body_diameter_m

@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 from onboard.avoidance.params import COVEY, LawParams, law_params
 from onboard.config.fleet import FleetConfig
-from onboard.config.ground import floor_m
+from onboard.config.ground import lowest_ground_in_fence_m
 from onboard.config.wind_limit import largest_push_m_s2
 from onboard.constants import GRAVITY_M_S2
 from onboard.control import (
@@ -105,7 +105,7 @@ def pipeline_params(
         ),
         hover_thrust=hover_thrust.HoverThrustParams(
             configured_frac=hover_frac,
-            min_height_m=float(floor_m(fleet)) + hover_thrust.MIN_HEIGHT_M,
+            min_height_m=float(lowest_ground_in_fence_m(fleet)) + hover_thrust.MIN_HEIGHT_M,
         ),
         allocation=allocation.AllocationParams(
             max_tilt_rad=max_tilt_rad,

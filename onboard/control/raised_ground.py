@@ -16,7 +16,7 @@ import numpy as np
 
 from onboard.arrays import Array, BoolArray
 from onboard.config.fleet import FleetConfig, Vehicle
-from onboard.config.ground import ground_by_spots_m, ground_m, is_level, least_height_m
+from onboard.config.ground import ground_at_m, is_level, least_height_m, lowest_ground_m
 from onboard.control.router import Surroundings, route_between
 from onboard.tuples import Xyz
 from onboard.vectors import Vec2
@@ -142,7 +142,7 @@ def _profile(
     begin_x, begin_y, begin_z = begin_enu_m
     _, _, goal_z = goal_enu_m
     x_m, y_m, shares = _sampled(route_between(around, begin_enu_m, goal_enu_m))
-    grounds_m = ground_by_spots_m(fleet, x_m, y_m)
+    grounds_m = ground_at_m(fleet, x_m, y_m)
     from_begin_m = np.hypot(x_m - begin_x, y_m - begin_y)
 
     is_over_first = _is_over_first_ground(grounds_m, from_begin_m, begin_z)
@@ -151,7 +151,7 @@ def _profile(
     return _Profile(
         shares=shares,
         heights_m=begin_z + shares * (goal_z - begin_z),
-        passing_m=np.where(grounds_m > ground_m(fleet), passing_m, -np.inf),
+        passing_m=np.where(grounds_m > lowest_ground_m(fleet), passing_m, -np.inf),
     )
 
 

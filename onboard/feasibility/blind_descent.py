@@ -12,7 +12,7 @@ import math
 from collections.abc import Iterator, Mapping
 
 from onboard.config.fleet import FleetConfig
-from onboard.config.ground import ground_by_spots_m
+from onboard.config.ground import ground_at_m
 from onboard.control.passing import top_m as top_of_moves_m
 from onboard.control.sinking import sinking_params, sinking_s
 from onboard.feasibility.finding import Finding, at_most, worst
@@ -56,7 +56,7 @@ def _finding(fleet: FleetConfig, name: str, top: Xyz, label: str, refused_s: flo
     """Return the finding about one vehicle."""
     vehicle = fleet.vehicles[name]
     x, y, top_m = top
-    height_m = max(0.0, top_m - float(ground_by_spots_m(fleet, x, y)))
+    height_m = max(0.0, top_m - float(ground_at_m(fleet, x, y)))
     params = sinking_params(
         float(vehicle.max_acceleration_m_s2), float(vehicle.hover_thrust_frac), has_mocap=True
     )

@@ -15,7 +15,7 @@ from onboard.agent_commands import Command, Publish
 from onboard.bus.schema import AgentState, Event, Order, OrderOutcome, Severity
 from onboard.bus.topics import Topic
 from onboard.config.fleet import FleetConfig, Vehicle
-from onboard.config.ground import ground_m
+from onboard.config.ground import lowest_ground_m
 from onboard.control import path, router
 from onboard.control.router import Surroundings
 from onboard.flight.contact import LOW_M, ContactSigns
@@ -148,7 +148,7 @@ class FlightContext:
     @property
     def lowest_ground_m(self) -> float:
         """Height of the lowest ground that the vehicle may land on [m]."""
-        return self.ground_z_m - (self.file_ground_m - ground_m(self.fleet))
+        return self.ground_z_m - (self.file_ground_m - lowest_ground_m(self.fleet))
 
     @property
     def goal_position_enu_m(self) -> Xyz:

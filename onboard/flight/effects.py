@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 
 from onboard.bus.schema import Order
-from onboard.config.ground import ground_by_spots_m
+from onboard.config.ground import ground_at_m
 from onboard.control.climb_duration import climb_duration_s
 from onboard.control.path import point_at
 from onboard.flight.arrival import stop_point
@@ -322,7 +322,7 @@ def resume(flight: FlightContext, view: FlightView) -> None:
 def _set_ground(flight: FlightContext, position_enu_m: Xyz) -> None:
     """Take a position as the ground."""
     x, y, flight.ground_z_m = position_enu_m
-    flight.file_ground_m = float(ground_by_spots_m(flight.fleet, x, y))
+    flight.file_ground_m = float(ground_at_m(flight.fleet, x, y))
 
 
 def _expect_ground(flight: FlightContext, x_m: float, y_m: float) -> None:
@@ -332,7 +332,7 @@ def _expect_ground(flight: FlightContext, x_m: float, y_m: float) -> None:
     be as high as at the take-off, because slopes are not known. There the vehicle sinks slowly from
     that height on, and only thrust and motion tell that it stands.
     """
-    here_m = float(ground_by_spots_m(flight.fleet, x_m, y_m))
+    here_m = float(ground_at_m(flight.fleet, x_m, y_m))
     flight.may_ground_be_lower = here_m < flight.file_ground_m - LOW_M
     if here_m > flight.file_ground_m:
         flight.ground_z_m += here_m - flight.file_ground_m

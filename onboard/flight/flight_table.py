@@ -328,7 +328,7 @@ LANDING = (
     Row((S.CONTACT,), E.TICK, when=p.falls, to=S.DESCENT, effect=effects.descend),
     Row((S.DESCENT,), E.TICK, when=p.is_kept_off, to=S.DESCENT, effect=effects.descend_here),
     Row((S.DESCENT,), E.TICK, when=p.feels_for_ground, effect=effects.feel_for_ground),
-    Row((S.DESCENT,), E.TICK, when=p.floor_is_lower, to=S.DESCENT, effect=effects.descend_further),
+    Row((S.DESCENT,), E.TICK, when=p.ground_is_lower, to=S.DESCENT, effect=effects.descend_further),
 
     Row((S.SINKING, S.CONTACT, S.PX4_LANDING), E.TICK, when=p.landed_by_order, to=S.LANDED,
         ends=("done", sentences.landed_as_ordered)),

@@ -15,7 +15,7 @@ from onboard.bus.codec import is_finite
 from onboard.bus.schema import BESIDE, ON_PATHS, Order, Telemetry
 from onboard.config.fleet import FleetConfig, FleetSection
 from onboard.config.flight_space import flight_space_of
-from onboard.config.ground import ground_under_m, least_height_m
+from onboard.config.ground import least_height_m, touchable_ground_at_m
 from onboard.config.pair_separation import separation_m
 from onboard.config.stand_in import stand_in_refusal
 from onboard.control.control_mode import ControlMode
@@ -401,7 +401,7 @@ def _refusal_to_move(order: Order, flight: FlightContext, facts: OrderFacts) -> 
         return f"Goal {goal_text} lies {wrong_place}."
 
     goal_x_m, goal_y_m, goal_z_m = goal
-    ground_m = float(ground_under_m(facts.fleet, goal_x_m, goal_y_m))
+    ground_m = float(touchable_ground_at_m(facts.fleet, goal_x_m, goal_y_m))
     least_m = least_height_m(vehicle)
     if goal_z_m < ground_m + least_m:
         why = ""

@@ -42,8 +42,7 @@ _REST_S = 0.3  # a hold is complete after this time at rest
 # landing
 _BEGUN_S = 0.3  # a descent does not end before this time
 _LATE_DESCENT_S = 1.0  # a descent is late when it exceeds its planned end by this
-_LOWER_FLOOR_S = 3.0  # if a descent takes this much longer than planned, the ground is lower
-_CONTACT_HEIGHT_M = 0.06  # a vehicle on the ground is below this height
+_LOWER_GROUND_S = 3.0  # if a descent takes this much longer than planned, the ground is lower
 _FEELS_WITHIN_M = 0.3  # largest distance from the height where the slow part of a landing starts
 _FALLEN_M = 0.10  # a falling vehicle is more than this below the height of its contact
 _FALLING_M_S = -0.3  # and its vertical speed is below this
@@ -365,13 +364,13 @@ def feels_for_ground(flight: FlightContext, view: FlightView) -> bool:
     return flight.seconds(view) > flight.goal.duration_s and above_m < _FEELS_WITHIN_M
 
 
-def floor_is_lower(flight: FlightContext, view: FlightView) -> bool:
+def ground_is_lower(flight: FlightContext, view: FlightView) -> bool:
     """Return whether the descent has ended above the ground, which is lower than at take-off."""
     if not flight.vehicle.mocap_required:
         return False
     _, _, z_m = view.position_enu_m
-    is_high = z_m - flight.ground_z_m > _CONTACT_HEIGHT_M
-    return is_high and flight.seconds(view) > flight.goal.duration_s + _LOWER_FLOOR_S
+    is_high = z_m - flight.ground_z_m > contact.LOW_M
+    return is_high and flight.seconds(view) > flight.goal.duration_s + _LOWER_GROUND_S
 
 
 def landed_by_order(flight: FlightContext, view: FlightView) -> bool:

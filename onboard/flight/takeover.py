@@ -13,7 +13,7 @@ from collections.abc import Mapping
 from onboard.autopilot import Landed
 from onboard.config.fleet import FleetConfig, Vehicle
 from onboard.config.flight_space import flight_space_of
-from onboard.config.ground import ground_by_spots_m
+from onboard.config.ground import ground_at_m
 from onboard.flight.types import FlightView
 from onboard.safety.limits import DOWN_HEIGHT_M
 
@@ -74,7 +74,7 @@ def refusal(
         )
 
     x_m, y_m, z_m = view.position_enu_m
-    height_m = z_m - float(ground_by_spots_m(fleet, x_m, y_m))
+    height_m = z_m - float(ground_at_m(fleet, x_m, y_m))
     may_stand_below_m = DOWN_HEIGHT_M if vehicle.mocap_required else _MAY_STAND_M
     if height_m < may_stand_below_m:  # PX4 has perhaps not noticed the ground before its hold
         return (

@@ -27,7 +27,7 @@ from msgspec.structs import replace
 from onboard.arrays import Array, BoolArray
 from onboard.bus.schema import MocapPose, StateMessage, Telemetry
 from onboard.config.fleet import FleetConfig
-from onboard.config.ground import floor_m
+from onboard.config.ground import lowest_ground_in_fence_m
 from onboard.config.pair_separation import separation_m
 from onboard.message_counts import MessageCounts
 from onboard.neighbours import subscription
@@ -59,7 +59,7 @@ STALE_S = 0.15
 # a tracker starts with the velocity of the neighbour's last message, unless the message is older
 # than this
 _VELOCITY_KNOWN_S = 1.0
-_ON_FLOOR_M = 0.15  # a body less than this above the ground may stand there
+_ON_GROUND_M = 0.15  # a body less than this above the ground may stand there
 # A take-off spot may be higher than the ground, for instance on a table. A body at its height may
 # stand there if it is nearer than this, and slower than this.
 _ON_SPOT_M = 1.0
@@ -102,7 +102,7 @@ class NeighbourTable:
         self.silent_s = SILENT_S + self.watched_bodies.late_s  # limit for followed neighbours
         self._stale_s = STALE_S + self.watched_bodies.late_s
         self._height_share = fleet.fleet.height_share
-        self.floor_m = floor_m(fleet)  # height of the ground
+        self.lowest_ground_m = lowest_ground_in_fence_m(fleet)
 
         is_successor = _is_successor(fleet, own_name, self.names)
         self.arrays: NeighbourArrays = empty(is_successor, self.silent_s)
@@ -320,7 +320,7 @@ class NeighbourTable:
     def _may_stand(self, tracker: BodyTracker) -> bool:
         """Return whether a body may stand on the ground, or on any vehicle's take-off spot."""
         x, y, height_m = tracker.position_enu_m
-        if height_m <= self.floor_m + _ON_FLOOR_M:
+        if height_m <= self.lowest_ground_m + _ON_GROUND_M:
             return True
         if math.hypot(*tracker.velocity_enu_m_s) > _STANDS_M_S:
             return False
@@ -328,7 +328,7 @@ class NeighbourTable:
         for vehicle in self.fleet.vehicles.values():
             start_x, start_y, start_m = vehicle.start_enu_m
             is_near = math.hypot(x - start_x, y - start_y) <= _ON_SPOT_M
-            if is_near and abs(height_m - start_m) <= _ON_FLOOR_M:
+            if is_near and abs(height_m - start_m) <= _ON_GROUND_M:
                 return True
         return False
 

@@ -46,7 +46,7 @@ def stop_at_touchdown(rows: Array, own_enu_m: Xyz, table: NeighbourTable) -> Non
         table: the neighbours, with their telemetry.
     """
     sink_m_s = -rows[:, _CLIMB]
-    height_m = rows[:, _HEIGHT] - table.floor_m
+    height_m = rows[:, _HEIGHT] - table.lowest_ground_m
     is_near_ground = height_m < _BEFORE_S * sink_m_s + _HEIGHT_ERROR_M
     touches_soon = is_near_ground & (sink_m_s > _SINKING_M_S)
     if not touches_soon.any():

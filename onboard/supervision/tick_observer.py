@@ -11,7 +11,7 @@ from typing import Any
 
 from onboard.config.fleet import FleetConfig, Vehicle
 from onboard.config.flight_space import flight_space_of
-from onboard.config.ground import ground_m
+from onboard.config.ground import lowest_ground_m
 from onboard.control.allocation import MAX_THRUST_FRAC
 from onboard.control.climb_duration import climb_duration_s
 from onboard.corrections import fix
@@ -85,7 +85,7 @@ class TickObserver:
         self._limits = fleet.fleet
         self._law_name = fleet.law.name
         self._vehicle = vehicle
-        self._lowest_ground_m = ground_m(fleet)
+        self._lowest_ground_m = lowest_ground_m(fleet)
         self._highest_low_m = -math.inf  # greatest height since the vehicle is low
         self._own = own
         self._flight = flight

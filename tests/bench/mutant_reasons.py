@@ -465,7 +465,7 @@ ACCEPTED = (
                 _SMALLER,
             ),
             (
-                "is_high = z_m - flight.ground_z_m > _CONTACT_HEIGHT_M",
+                "is_high = z_m - flight.ground_z_m > contact.LOW_M",
                 _LARGER,
             ),
         ),

@@ -11,7 +11,7 @@ import pytest
 
 from onboard.agent.core import AgentCore
 from onboard.config.fleet import FleetConfig, fleet_from_mapping
-from onboard.config.ground import ground_by_spots_m, ground_m, ground_under_m
+from onboard.config.ground import ground_at_m, lowest_ground_m, touchable_ground_at_m
 from sitl.fleet_emulator import emulator_of
 
 PAPER = Path(__file__).parents[3] / "configs/fleets/paper.toml"
@@ -27,7 +27,7 @@ def fleet_with(**keys: Any) -> FleetConfig:
 
 def test_an_agent_starts_and_reports_in_a_fleet_without_enabled_vehicles() -> None:
     fleet = fleet_with(enabled=False)
-    assert ground_m(fleet) == 0.0
+    assert lowest_ground_m(fleet) == 0.0
     core = AgentCore(fleet, "mav0", boot_id=1)
     for tick in range(1, 20):
         core.tick(tick * 20_000_000)
@@ -39,8 +39,8 @@ def test_the_ground_near_a_raised_spot_is_as_high_as_the_spot() -> None:
     data["vehicles"]["mav1"]["start_enu_m"] = [1.0, 0.0, 0.4]
     fleet = fleet_from_mapping(data)
     x_m = 1.0 + np.array([0.0, 0.99, 1.01])
-    assert ground_under_m(fleet, x_m, np.zeros(3)).tolist() == [0.4, 0.4, 0.0]
-    assert float(ground_under_m(fleet, 1.0, 1.01)) == 0.0
+    assert touchable_ground_at_m(fleet, x_m, np.zeros(3)).tolist() == [0.4, 0.4, 0.0]
+    assert float(touchable_ground_at_m(fleet, 1.0, 1.01)) == 0.0
 
 
 def test_a_goal_beside_a_table_keeps_the_distance_of_a_body_from_it() -> None:
@@ -49,8 +49,8 @@ def test_a_goal_beside_a_table_keeps_the_distance_of_a_body_from_it() -> None:
     data["vehicles"]["mav1"]["start_enu_m"] = [0.85, 0.0, 0.0]
     fleet = fleet_from_mapping(data)
     x_m = np.array([0.45, fleet.fleet.body_diameter_m, fleet.fleet.body_diameter_m + 0.01])
-    assert ground_under_m(fleet, x_m, np.zeros(3)).tolist() == [0.75, 0.75, 0.0]
-    assert float(ground_by_spots_m(fleet, 0.45, 0.0)) == 0.0
+    assert touchable_ground_at_m(fleet, x_m, np.zeros(3)).tolist() == [0.75, 0.75, 0.0]
+    assert float(ground_at_m(fleet, 0.45, 0.0)) == 0.0
 
 
 def test_the_emulated_ground_is_the_one_that_agents_expect() -> None:
@@ -65,7 +65,7 @@ def test_the_emulated_ground_is_the_one_that_agents_expect() -> None:
     world = emulator_of(fleet, list(fleet.vehicles.values()), seed=0).world
     for x_m in np.linspace(-3.9, 3.9, 40):
         world.vehicles.motion["position"][0] = (0.0, x_m, -2.0)
-        expected_m = float(ground_by_spots_m(fleet, x_m, 0.0))
+        expected_m = float(ground_at_m(fleet, x_m, 0.0))
         assert world.vehicles.height_m(0) == pytest.approx(2.0 - expected_m)
 
 
@@ -80,4 +80,4 @@ def test_between_two_spots_the_ground_is_as_high_as_the_nearer_one() -> None:
         data["vehicles"][name]["start_enu_m"] = start_enu_m
     fleet = fleet_from_mapping(data)
     x_m = np.array([2.1, 3.3, 3.5, 4.7, 5.0, -3.0])
-    assert ground_by_spots_m(fleet, x_m, np.zeros(6)).tolist() == [0.0, 0.0, 0.4, 0.4, -0.2, -0.2]
+    assert ground_at_m(fleet, x_m, np.zeros(6)).tolist() == [0.0, 0.0, 0.4, 0.4, -0.2, -0.2]

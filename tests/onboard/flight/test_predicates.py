@@ -511,14 +511,14 @@ def test_beside_a_roof_it_sinks_on_slowly_from_the_height_of_the_roof(
     ("now_s", "height_m", "is_lower"),
     [(5.001, 2.061, True), (5.0, 2.061, False), (5.001, 2.059, False)],
 )
-def test_a_floor_is_lower_where_a_descent_has_ended_in_the_air(
+def test_the_ground_is_lower_where_a_descent_has_ended_in_the_air(
     now_s: float, height_m: float, is_lower: bool
 ) -> None:
     goal = Goal(ZERO_3, 2.0, 1)
     view = _view(now_s, position_enu_m=(0.0, 0.0, height_m))
-    assert predicates.floor_is_lower(_flight(goal=goal, ground_z_m=2.0), view) is is_lower
+    assert predicates.ground_is_lower(_flight(goal=goal, ground_z_m=2.0), view) is is_lower
     by_satellites = _flight(vehicle=_BY_SATELLITES, goal=goal, ground_z_m=2.0)
-    assert not predicates.floor_is_lower(by_satellites, view)
+    assert not predicates.ground_is_lower(by_satellites, view)
 
 
 @pytest.mark.parametrize(
