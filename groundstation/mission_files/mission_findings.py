@@ -22,7 +22,7 @@ from onboard.estimation.accuracies import ACCURACIES
 from onboard.feasibility.blind_descent import blind_descent_findings
 from onboard.feasibility.finding import Finding, at_least, at_most, worst, worst_first
 from onboard.feasibility.fleet_checks import ErrorClass, error_class, fleet_findings, spot_findings
-from onboard.flight.path_flight import PATIENCE_S
+from onboard.flight.path_flight import CATCH_UP_LIMIT_S
 from onboard.safety.area_room import length_beyond_m
 from onboard.tuples import Xyz
 
@@ -31,8 +31,8 @@ _NEVER_REFUSING = ("time", "expectation", "arrival", "ending")
 _SPARE_PCT = 10.0  # charge at the end above the level at which a vehicle lands by itself
 _DETOUR_FACTOR = 1.7  # recommended time limit divided by the duration of the straight way
 # Time that a step with paths needs beside the paths: 3 s from the order to their start, and the
-# patience with one vehicle that falls behind.
-_BESIDE_PATHS_S = 3.0 + PATIENCE_S
+# time for which the others wait for one vehicle that falls behind.
+_BESIDE_PATHS_S = 3.0 + CATCH_UP_LIMIT_S
 # Distance from the goal within which nearly every arrival with motion capture is.
 _ARRIVAL_M = 0.056
 # Factor on what another accuracy adds to the standard deviation of an axis. The distance has three

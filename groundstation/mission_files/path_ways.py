@@ -5,7 +5,8 @@ outline of a thin obstacle while its path passes on the other side, and stays be
 So the way around decides: where it is much longer than the path, the vehicle does not keep up.
 
 Where a path comes out near the place at which it went in, the time inside decides, too. The vehicle
-waits outside, farther behind than it may be, and leaves its path when its patience is used up.
+waits outside, farther behind than it may be, and leaves its path when its time to catch up is used
+up.
 """
 
 from __future__ import annotations
@@ -22,7 +23,7 @@ from onboard.arrays import Array
 from onboard.config.fleet import FleetConfig
 from onboard.control.path import Path
 from onboard.feasibility.finding import Finding, at_most, worst
-from onboard.flight.path_flight import BEHIND_M, CAUGHT_UP_M, PATIENCE_S, SLOWEST_RATE
+from onboard.flight.path_flight import BEHIND_M, CATCH_UP_LIMIT_S, CAUGHT_UP_M, SLOWEST_RATE
 from onboard.tuples import Xyz
 
 # Most that the way around an obstacle is longer than the path. In lockstep flights at 0.25 m/s a
@@ -31,9 +32,9 @@ from onboard.tuples import Xyz
 # (1.6 m) and around more it stays behind until it leaves its path.
 _LONGER_M = 1.2
 _SPARE_M = 0.05  # the way around begins and ends this much farther from the obstacle than needed
-# Longest time on the path for which a vehicle may be too far behind. In flight it is PATIENCE_S, in
-# which the clock of the path runs at the slowest rate.
-_BEHIND_S = SLOWEST_RATE * PATIENCE_S
+# Longest time on the path for which a vehicle may be too far behind. In flight it is
+# CATCH_UP_LIMIT_S, in which the clock of the path runs at the slowest rate.
+_BEHIND_S = SLOWEST_RATE * CATCH_UP_LIMIT_S
 
 
 class _Crossing(NamedTuple):

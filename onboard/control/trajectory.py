@@ -46,7 +46,7 @@ _BRAKE_FACTORS: tuple[float, ...] = tuple(0.35 * (8.0 / 0.35) ** (k / 31.0) for 
 _DIRECT_FACTORS: tuple[float, ...] = tuple(0.5 * 8.0 ** (k / 31.0) for k in range(32))
 # A quintic straight to the goal may take this much longer than a stop and a quintic from rest. The
 # durations that are tried are 7 % apart, and a vehicle whose goal moves must not stop each time.
-_DIRECT_PATIENCE = 1.1
+_DIRECT_TIME_FACTOR = 1.1
 _SAMPLES = 40  # the bounds are tested at the ends of this many intervals of a quintic
 _FITS = 1.0 + 1e-9  # because of rounding, a value divided by its bound may be this large
 
@@ -500,7 +500,7 @@ def _sooner_direct_s(
     Return 0 if there is none.
     """
     guess = _direct_guess(start, target, params)
-    longest_s = max(_DIRECT_PATIENCE * (parts.first_s + parts.second_s), ordered_s)
+    longest_s = max(_DIRECT_TIME_FACTOR * (parts.first_s + parts.second_s), ordered_s)
     return _direct_duration_s(guess, parts.via_m, ordered_s, longest_s, params)
 
 

@@ -85,7 +85,7 @@ class ContactSigns(Struct, frozen=True):
     pushing_since_ns: int = 0  # its thrust is much more than its weight, and it does not move along
     # The times for which little lift must last are longer by this factor for a vehicle that may
     # sink with little acceleration only. In the air it would gain the same speed within them.
-    patience: float = 1.0
+    time_factor: float = 1.0
 
 
 def light_share(hover_thrust_frac: float) -> float:
@@ -136,7 +136,7 @@ def observe(
         reported_since_ns=signs.reported_since_ns if view.is_on_ground else now_ns,
         slow_since_ns=signs.slow_since_ns if is_slow else now_ns,
         pushing_since_ns=signs.pushing_since_ns if is_pushing else now_ns,
-        patience=(1.0 - _LIGHT_SHARE) / (1.0 - little),
+        time_factor=(1.0 - _LIGHT_SHARE) / (1.0 - little),
     )
 
 
@@ -177,7 +177,7 @@ def has_ground_contact_by_thrust(signs: ContactSigns, view: FlightView) -> bool:
     if _is_light_at_rest(signs, view):
         return True
 
-    needed_since_ns = view.now_ns - round(1e9 * signs.patience * _LIGHT_LONG_S)
+    needed_since_ns = view.now_ns - round(1e9 * signs.time_factor * _LIGHT_LONG_S)
     is_light = signs.light_since_ns < needed_since_ns
     is_slow = signs.slow_since_ns < needed_since_ns
     return is_light and is_slow
@@ -190,7 +190,7 @@ def _is_light_at_rest(signs: ContactSigns, view: FlightView) -> bool:
     last one before the lift-off, does not count.
     """
     agreed_ns = round(1e9 * AGREED_S)
-    needed_since_ns = view.now_ns - round(signs.patience * agreed_ns)
+    needed_since_ns = view.now_ns - round(signs.time_factor * agreed_ns)
     is_light = signs.light_since_ns < needed_since_ns
     is_still = signs.still_since_ns < needed_since_ns
     is_reported = signs.light_since_ns <= signs.reported_since_ns < view.now_ns - agreed_ns

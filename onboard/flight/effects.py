@@ -42,10 +42,11 @@ _SLOW_SHARE = 0.25  # mean speed of a slowed move, as a share of the top speed
 SLOW_CLIMB = 2.0  # a slowed climb takes this many times as long
 _SLOW_PATH_S = 1.0  # one request slows a show for this time
 
-# A move or a landing may take this time, plus _PATIENCE times its duration without other vehicles.
+# A move or a landing may take this time, plus TIME_LIMIT_FACTOR times its duration without other
+# vehicles.
 _LEG_LIMIT_S = 30.0
 _LANDING_LIMIT_S = 20.0
-_PATIENCE = 3.0
+TIME_LIMIT_FACTOR = 3.0
 
 _PEAK_OF_MEAN = 1.9  # peak speed of a trajectory, divided by its mean speed
 
@@ -117,7 +118,7 @@ def fly_leg(flight: FlightContext, view: FlightView) -> None:
 
     distance_m = flight.route_length_m(view, order.position_enu_m)
     alone_s = _PEAK_OF_MEAN * distance_m / flight.vehicle.max_speed_m_s
-    _limit(flight, view, _LEG_LIMIT_S + _PATIENCE * max(duration_s, alone_s))
+    _limit(flight, view, _LEG_LIMIT_S + TIME_LIMIT_FACTOR * max(duration_s, alone_s))
 
 
 def slow_down(flight: FlightContext, view: FlightView) -> None:
@@ -126,7 +127,7 @@ def slow_down(flight: FlightContext, view: FlightView) -> None:
     left_m = flight.route_length_m(view, flight.goal_position_enu_m)
     duration_s = left_m / (_SLOW_SHARE * flight.vehicle.max_speed_m_s)
     _set_goal(flight, flight.goal_position_enu_m, duration_s, flight.goal.yaw_rad)
-    flight.deadline_ns += round(_PATIENCE * duration_s * 1e9)
+    flight.deadline_ns += round(TIME_LIMIT_FACTOR * duration_s * 1e9)
 
 
 def stop_here(flight: FlightContext, view: FlightView) -> None:
@@ -182,7 +183,7 @@ def skip_to_end(flight: FlightContext, view: FlightView) -> None:
 
     distance_m = flight.route_length_m(view, end.position_enu_m)
     alone_s = _PEAK_OF_MEAN * distance_m / flight.vehicle.max_speed_m_s
-    _limit(flight, view, _LEG_LIMIT_S + _PATIENCE * alone_s)
+    _limit(flight, view, _LEG_LIMIT_S + TIME_LIMIT_FACTOR * alone_s)
 
 
 # -- landing ---------------------------------------------------------------------------------------
@@ -204,7 +205,7 @@ def descend(flight: FlightContext, view: FlightView) -> None:
 
     _set_goal(flight, (x, y, goal_z_m), duration_s)
     lower_s = (flight.ground_z_m - flight.lowest_ground_m) / _FEEL_M_S
-    _limit(flight, view, _LANDING_LIMIT_S + _PATIENCE * duration_s + lower_s)
+    _limit(flight, view, _LANDING_LIMIT_S + TIME_LIMIT_FACTOR * duration_s + lower_s)
 
 
 def _end_of_descent_m(flight: FlightContext, view: FlightView) -> float:

@@ -8,7 +8,7 @@ it with the clocks in the telemetry of the others. So a show continues without t
 
     A clock that is ahead of the slowest clock slows down.
 
-    A vehicle that is behind gets PATIENCE_S of time. If it has used up that time and is still
+    A vehicle that is behind gets CATCH_UP_LIMIT_S of time. If it has used up that time and is still
     behind, it leaves the show, and the others no longer wait for it. A pause uses up no time.
 
     A pause stops the clock of the vehicle that was ordered to pause. The other vehicles of the show
@@ -38,7 +38,7 @@ from onboard.safety.area_room import clearances_m
 from onboard.tuples import Xyz
 from onboard.types import Goal
 
-PATIENCE_S = 10.0  # the others wait for one vehicle for this time
+CATCH_UP_LIMIT_S = 10.0  # the others wait for one vehicle for this time
 BEHIND_M = 0.6  # a vehicle with more lag than this requests more time
 CAUGHT_UP_M = 0.3  # below this lag, the request ends
 SLOWEST_RATE = 0.5  # rate of the clocks while a vehicle requests more time
@@ -46,7 +46,7 @@ START_WITHIN_S = 60.0  # a show starts at most this long after its order
 AT_START_M = 0.5  # largest distance from the start of the path when the show is ordered
 
 _RATE_SLEW_1_S = 0.5  # largest change of the clock's rate per second
-_RECOVERY = 0.1  # seconds of patience that a vehicle regains per second of keeping up
+_RECOVERY = 0.1  # seconds to catch up that a vehicle regains per second of keeping up
 _AHEAD_GAIN_1_S = 1.0  # how much a clock slows down for each second that it is ahead
 _AHEAD_S = 0.05  # a clock that is ahead of the slowest by less does not slow down
 
@@ -89,22 +89,22 @@ class PathFlight:
     slow_until_ns: int = 0  # until this time a failsafe requests slow flight; 0: no request
     is_paused: bool = False  # whether an order has stopped the clock
     is_skipped: bool = False  # whether an order lets it fly straight to the end
-    used_s: float = 0.0  # part of the patience that is used up
+    used_s: float = 0.0  # part of CATCH_UP_LIMIT_S that is used up
 
     @property
     def is_behind(self) -> bool:
         """Whether the vehicle requests more time from the others.
 
-        It gets time for its lag only while it has patience left. A failsafe's request lasts as long
-        as its cause.
+        It gets time for its lag only while CATCH_UP_LIMIT_S is not used up. A failsafe's request
+        lasts as long as its cause.
         """
-        has_time_left = self.used_s < PATIENCE_S
+        has_time_left = self.used_s < CATCH_UP_LIMIT_S
         return (self.is_lagging and has_time_left) or self.slow_until_ns > 0
 
     @property
     def is_lost(self) -> bool:
-        """Whether the vehicle still lags although its patience is used up."""
-        return self.is_lagging and self.used_s >= PATIENCE_S
+        """Whether the vehicle still lags although its time to catch up is used up."""
+        return self.is_lagging and self.used_s >= CATCH_UP_LIMIT_S
 
     @property
     def left_s(self) -> float:

@@ -13,7 +13,7 @@ from onboard.control.climb_duration import climb_duration_s
 from onboard.flight import contact, takeover
 from onboard.flight.arrival import has_turned, is_at, is_at_rest, is_near_and_slow
 from onboard.flight.context import FlightContext
-from onboard.flight.effects import LIFT_M, SLOW_CLIMB, takeoff_height_m
+from onboard.flight.effects import LIFT_M, SLOW_CLIMB, TIME_LIMIT_FACTOR, takeoff_height_m
 from onboard.flight.types import FlightStep, FlightView
 from onboard.safety.limits import AUTOPILOT_SILENT_S
 
@@ -30,7 +30,6 @@ LIFTOFF_TIMEOUT_S = 6.0
 HOLD_TIMEOUT_S = 15.0
 PATH_END_TIMEOUT_S = 15.0
 _CLIMB_TIMEOUT_S = 40.0
-_PATIENCE = 3.0  # a climb may also take this many times its planned duration
 # Height at which the landing gear has left the ground. Below it, the vehicle hardly tilts, and the
 # wind carries it along. With 0.12 m here, a wind of 3 m/s carried it up to 1.4 m at a drag of 1/s.
 _LIFTED_M = 0.05
@@ -246,7 +245,7 @@ def climb_late(flight: FlightContext, view: FlightView) -> bool:
     planned_s = climb_duration_s(height_m, flight.vehicle.max_speed_m_s)
     if flight.is_slow:
         planned_s = SLOW_CLIMB * planned_s
-    return flight.seconds(view) > max(_CLIMB_TIMEOUT_S, _PATIENCE * planned_s)
+    return flight.seconds(view) > max(_CLIMB_TIMEOUT_S, TIME_LIMIT_FACTOR * planned_s)
 
 
 def at_rest(flight: FlightContext, view: FlightView) -> bool:

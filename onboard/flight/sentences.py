@@ -7,7 +7,7 @@ from __future__ import annotations
 from onboard.bus.schema import Order
 from onboard.flight.arrival import position_text
 from onboard.flight.context import FlightContext
-from onboard.flight.path_flight import PATIENCE_S
+from onboard.flight.path_flight import CATCH_UP_LIMIT_S
 from onboard.flight.predicates import CONFIRM_TIMEOUT_S, REBOOT_TIMEOUT_S
 from onboard.flight.types import FlightView
 
@@ -164,7 +164,7 @@ def left_behind(flight: FlightContext, view: FlightView) -> str:
     path = flight.path
     return (
         f"{path.lag_m:.1f} m behind its path at {path.time_s:.1f} s, "
-        f"after {PATIENCE_S:.0f} s in which all slowed."
+        f"after {CATCH_UP_LIMIT_S:.0f} s in which all slowed."
     )
 
 

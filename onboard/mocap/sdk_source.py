@@ -230,15 +230,15 @@ class SdkMocap:
             has_data = bool(poller.poll(_POLL_MS))
             if not has_data:
                 missing = "anything"
-                patience_s = CONNECT_S
+                longest_gap_s = CONNECT_S
                 if has_frames:
                     missing = "more"
-                    patience_s = QUIET_S
-                if time.monotonic() - last_frame_s > patience_s:
+                    longest_gap_s = QUIET_S
+                if time.monotonic() - last_frame_s > longest_gap_s:
                     self._set_problem(
-                        f"{self._system} did not send {missing} for {patience_s:.0f} s. Check that "
-                        "it streams, mocap.hostname and the network. The reading process starts "
-                        "again now."
+                        f"{self._system} did not send {missing} for {longest_gap_s:.0f} s. Check "
+                        "that it streams, mocap.hostname and the network. The reading process "
+                        "starts again now."
                     )
                     return
                 continue

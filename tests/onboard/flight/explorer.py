@@ -42,7 +42,7 @@ from onboard.flight import order_checks, state_machine
 from onboard.flight.context import FlightContext
 from onboard.flight.flight_table import ROWS, Row
 from onboard.flight.order_checks import OrderFacts
-from onboard.flight.path_flight import PATIENCE_S, PathFlight
+from onboard.flight.path_flight import CATCH_UP_LIMIT_S, PathFlight
 from onboard.flight.predicates import PATH_END_TIMEOUT_S
 from onboard.flight.types import FlightEvent, FlightStep, FlightView
 from onboard.safety.failsafe_table import TABLE, Action, Condition, Situation, decide
@@ -356,7 +356,7 @@ def _motions(state: State) -> Iterator[tuple[str, State]]:
 def _left_behind(state: State, on_lag: Literal["land", "hold"]) -> State:
     after = _copy(state)
     after.flight.path.is_lagging = True
-    after.flight.path.used_s = PATIENCE_S
+    after.flight.path.used_s = CATCH_UP_LIMIT_S
     after.flight.path.on_lag = on_lag
     return after
 

@@ -1,4 +1,4 @@
-"""The clock of a path, the patience of those who wait, and refusals: numbers at their limits."""
+"""The clock of a path, the time that the others wait, and refusals: numbers at their limits."""
 
 from __future__ import annotations
 
@@ -104,7 +104,7 @@ def test_a_clock_goes_faster_no_sooner_than_it_went_slower() -> None:
     assert flight.rate == pytest.approx(0.55)
 
 
-# -- lag and patience ------------------------------------------------------------------------------
+# -- lag and time to catch up ----------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
@@ -131,7 +131,7 @@ def test_it_lags_beyond_one_distance_and_has_caught_up_within_another(
         (0.0, 0.0, 0.0, 0.0),
     ],
 )
-def test_patience_is_used_while_it_is_behind_and_comes_back_slowly(
+def test_time_to_catch_up_is_used_while_it_is_behind_and_comes_back_slowly(
     used_s: float, lag_m: float, slow_for_s: float, later_s: float
 ) -> None:
     slow_until_ns = _ns(10.0 + slow_for_s) if slow_for_s else 0
@@ -141,7 +141,7 @@ def test_patience_is_used_while_it_is_behind_and_comes_back_slowly(
 
 
 @pytest.mark.parametrize("is_own", [True, False])
-def test_a_pause_uses_up_no_patience(is_own: bool) -> None:
+def test_a_pause_uses_up_no_time_to_catch_up(is_own: bool) -> None:
     flight = _flight(used_s=9.0, is_paused=is_own)
     others = [OtherClock(10.0, is_behind=False, is_paused=not is_own)]
     for tick in range(20):
@@ -161,7 +161,7 @@ def test_a_pause_uses_up_no_patience(is_own: bool) -> None:
         (False, 0, 0.0, False, False),
     ],
 )
-def test_it_asks_for_time_until_its_patience_is_used_up(
+def test_it_asks_for_time_until_its_time_to_catch_up_is_used_up(
     is_lagging: bool, slow_until_ns: int, used_s: float, is_behind: bool, is_lost: bool
 ) -> None:
     flight = _flight(is_lagging=is_lagging, slow_until_ns=slow_until_ns, used_s=used_s)

@@ -15,7 +15,7 @@ from onboard.config.fences import Fence
 from onboard.control.path import Path, path_id, point_at, to_bytes
 from onboard.estimation import wind
 from onboard.flight import state_machine
-from onboard.flight.path_flight import PATIENCE_S, OtherClock, PathFlight, other_clocks
+from onboard.flight.path_flight import CATCH_UP_LIMIT_S, OtherClock, PathFlight, other_clocks
 from onboard.flight.types import FlightStep, FlightView
 from onboard.safety.failsafe_table import Action
 from tests.onboard.agent.rig import Rig, fleet
@@ -207,7 +207,7 @@ def test_who_stays_behind_leaves_by_the_missions_policy(
         rig.velocity = np.zeros(3)
 
     rig.after_move = is_held  # by whatever stands in its way
-    for _ in range(round((PATIENCE_S + 6.0) / 0.02)):
+    for _ in range(round((CATCH_UP_LIMIT_S + 6.0) / 0.02)):
         rig.step()
         if rig.core.flight.state == state:
             break
