@@ -46,6 +46,11 @@ def numbered(count: int, noun: str) -> str:
     return f"{count} {noun}{'' if count == 1 else 's'}"
 
 
+def capitalised(words: str) -> str:
+    """Return words with a capital letter, for the start of a sentence."""
+    return words[0].upper() + words[1:]
+
+
 def natural_sort_key(text: str) -> list[tuple[int, str]]:
     """Return a sort key that sorts mav10 after mav9."""
     key = []

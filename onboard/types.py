@@ -42,6 +42,9 @@ class State(NamedTuple):
     velocity_std_m_s: float  # per axis
 
 
+NO_SEQUENCE = -(1 << 53)  # no goal has this sequence
+
+
 class Goal(NamedTuple):
     """Input of the trajectory: a position to fly to, or the present point of a followed path."""
 

@@ -52,13 +52,13 @@ from onboard.config.fleet import ConfigError, FleetConfig
 from onboard.config.ground import ground_at_m
 from onboard.control.climb_duration import climb_duration_s
 from onboard.control.path import Path, point_at
+from onboard.control.trajectory import PEAK_OF_MEAN_SPEED
 from onboard.tuples import Xyz
 
 _START_S = 3.0  # time of arming and spinning up before a climb
 _SETTLE_S = 1.0  # time from the end of a move until the vehicle counts as arrived
 _PATH_SETTLE_S = 5.0  # time from the arrival at the first points of paths to their start
 _SHORT_ORDER_S = 1.0  # duration of an order that does not move a vehicle
-_PEAK_OF_MEAN = 1.875  # peak speed divided by mean speed of a quintic from rest to rest
 _MIN_HEIGHT_M = 1.0  # smallest height that is assumed for a climb or a descent
 _VerticalIntent = Takeoff | Land | Home  # orders with a climb or a descent
 
@@ -304,7 +304,7 @@ def with_speed(
     if not ways_m:
         return intent
 
-    duration_s = _PEAK_OF_MEAN * max(ways_m) / intent.speed_m_s
+    duration_s = PEAK_OF_MEAN_SPEED * max(ways_m) / intent.speed_m_s
     return structs.replace(intent, duration_s=duration_s)
 
 

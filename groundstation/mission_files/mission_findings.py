@@ -23,6 +23,7 @@ from onboard.feasibility.blind_descent import blind_descent_findings
 from onboard.feasibility.finding import Finding, at_least, at_most, worst, worst_first
 from onboard.feasibility.fleet_checks import ErrorClass, error_class, fleet_findings, spot_findings
 from onboard.flight.path_flight import CATCH_UP_LIMIT_S
+from onboard.plain_text import capitalised
 from onboard.safety.area_room import length_beyond_m
 from onboard.tuples import Xyz
 
@@ -114,11 +115,6 @@ def _name_of(finding: Finding) -> str:
     return finding.name.partition(",")[0]
 
 
-def _capitalised(words: str) -> str:
-    """Return words with a capital letter, for the start of a sentence."""
-    return words[0].upper() + words[1:]
-
-
 def _step_findings(mission: Mission, errors: ErrorClass | None) -> Iterator[Finding]:
     """Yield findings about the steps, in their order, and about the end of the mission."""
     fleet = mission.fleet
@@ -205,7 +201,7 @@ def _path_time_limit(course_step: CourseStep, step_name: str) -> Iterator[Findin
         value=step.timeout_s,
         bound=duration_s + _BESIDE_PATHS_S,
         unit="s",
-        sentence=f"{_capitalised(step_name)}: timeout_s is <value>; {longest}'s path takes "
+        sentence=f"{capitalised(step_name)}: timeout_s is <value>; {longest}'s path takes "
         f"{duration_s:.1f} s, so <relation> <bound> leaves room for the start and for a vehicle "
         "that falls behind",
         remedy="Raise its timeout_s by <difference>.",
@@ -233,7 +229,7 @@ def _pathless_finding(
         value=float(len(pathless)),
         bound=0.0,
         unit="",
-        sentence=f"{_capitalised(step_name)}: {', '.join(pathless)} will hover on the spot, in the "
+        sentence=f"{capitalised(step_name)}: {', '.join(pathless)} will hover on the spot, in the "
         "air and without a path",
         remedy="Name a file for each of them in paths, or let them land before.",
         refuse_above=math.inf,
@@ -250,7 +246,7 @@ def _speed_finding(
         value=speed_m_s,
         bound=fleet.vehicles[slowest].max_speed_m_s,
         unit="m/s",
-        sentence=f"{_capitalised(step_name)}: it asks for <value>, {slowest} flies at most "
+        sentence=f"{capitalised(step_name)}: it asks for <value>, {slowest} flies at most "
         "<bound>, and takes longer",
         remedy="Lower speed_m_s, or leave it out: then all fly as fast as they may.",
         refuse_above=math.inf,
@@ -289,7 +285,7 @@ def _unreachable_findings(
         value=float(len(without_way)),
         bound=0.0,
         unit="",
-        sentence=f"{_capitalised(step_name)}: the {noun} of {name} {words}",
+        sentence=f"{capitalised(step_name)}: the {noun} of {name} {words}",
         remedy="Or move what stands in the way.",
     )
 
@@ -310,7 +306,7 @@ def _way_findings(fleet: FleetConfig, course_step: CourseStep, step_name: str) -
         value=beyond_m[farthest],
         bound=0.0,
         unit="m",
-        sentence=f"{_capitalised(step_name)}: <value> of the straight way of {farthest} lie "
+        sentence=f"{capitalised(step_name)}: <value> of the straight way of {farthest} lie "
         "beyond a fence or in its buffer; it is led around, which takes longer",
         remedy="Put a goal between, from which both ways are free.",
         refuse_above=math.inf,
@@ -324,7 +320,7 @@ def _time_limit(timeout_s: float, name: str, alone_s: float, step_name: str) -> 
         value=timeout_s,
         bound=_DETOUR_FACTOR * alone_s,
         unit="s",
-        sentence=f"{_capitalised(step_name)}: timeout_s is <value>; {name} needs {alone_s:.1f} s "
+        sentence=f"{capitalised(step_name)}: timeout_s is <value>; {name} needs {alone_s:.1f} s "
         "alone, so <relation> <bound> leaves room for detours",
         remedy="Raise its timeout_s by <difference>.",
         refuse_below=alone_s,

@@ -24,6 +24,7 @@ from onboard.config.fleet import FleetConfig
 from onboard.control.path import Path
 from onboard.feasibility.finding import Finding, at_most, worst
 from onboard.flight.path_flight import BEHIND_M, CATCH_UP_LIMIT_S, CAUGHT_UP_M, SLOWEST_RATE
+from onboard.plain_text import capitalised
 from onboard.tuples import Xyz
 
 # Most that the way around an obstacle is longer than the path. In lockstep flights at 0.25 m/s a
@@ -173,6 +174,6 @@ def _time_finding(name: str, crossing: _Crossing, where: str) -> Finding:
 def _begin_of_sentence(name: str, crossing: _Crossing, where: str) -> str:
     """Return the words that say which path leads through an obstacle, and when."""
     return (
-        f"{where[0].upper()}{where[1:]}: {name}'s path leads through an obstacle from "
+        f"{capitalised(where)}: {name}'s path leads through an obstacle from "
         f"{crossing.time_s:.1f} s on; "
     )

@@ -83,6 +83,7 @@ from groundstation.paths.lights import TimedColour
 from groundstation.paths.pieces import through
 from onboard.config.fleet import ConfigError, FleetConfig
 from onboard.control.path import Path
+from onboard.plain_text import capitalised
 from onboard.tuples import Xyz
 
 GoalOrGoals = Xyz | ByVehicle[Xyz]
@@ -952,7 +953,7 @@ class Group:
             nonlocal has_begun
             await self.until(condition._replace(holds=holds), _EVER_S)
             has_begun = True
-            self.ground.say(f"{condition.words[0].upper()}{condition.words[1:]}.")
+            self.ground.say(f"{capitalised(condition.words)}.")
             self.ground.note_lost(lost)
 
             if ends:

@@ -26,6 +26,7 @@ from onboard.estimation.accuracies import ACCURACIES, Accuracy
 from onboard.feasibility.finding import Finding, at_least, at_most, worst
 from onboard.feasibility.fleet_checks import ErrorClass, error_class
 from onboard.feasibility.pair_checks import height_accuracy_m, parking_m
+from onboard.plain_text import capitalised
 from onboard.safety.area_room import clearances_m, rooms_m
 from onboard.tuples import Xyz
 
@@ -401,7 +402,7 @@ def jump_findings(paths: Mapping[str, Path], where: str) -> list[Finding]:
                 value=jump,
                 bound=bound,
                 unit=unit,
-                sentence=f"{_capitalised(where)}: on {name}'s path the {noun} jumps by <value> at "
+                sentence=f"{capitalised(where)}: on {name}'s path the {noun} jumps by <value> at "
                 f"{time_s:.1f} s, from one piece to the next; <relation> <bound> can be flown",
                 remedy="Let each piece begin with the position and velocity with which the one "
                 "before ends.",
@@ -460,17 +461,13 @@ def _limit_finding(
         value=float(values[step, index]),
         bound=bound,
         unit=unit,
-        sentence=f"{_capitalised(where)}: on {names[index]}'s path {noun} is <value> at "
+        sentence=f"{capitalised(where)}: on {names[index]}'s path {noun} is <value> at "
         f"{times_s[step, index]:.1f} s; <relation> <bound> can be flown",
         remedy="Slow the path, or raise the vehicle's limit: 'covey import' slows a show by "
         "itself.",
         refuse_above=_LIMIT_FACTOR * bound,
         warn_above=_LIMIT_FACTOR * bound,
     )
-
-
-def _capitalised(words: str) -> str:
-    return f"{words[0].upper()}{words[1:]}"
 
 
 def _tilt_deg(fleet: FleetConfig, flown: SampledPaths) -> Array:
@@ -513,7 +510,7 @@ def _room(fleet: FleetConfig, flown: SampledPaths, where: str) -> list[Finding]:
                 value=float(values[step, index]),
                 bound=bound,
                 unit="m",
-                sentence=f"{_capitalised(where)}: on {flown.names[index]}'s path {noun} is "
+                sentence=f"{capitalised(where)}: on {flown.names[index]}'s path {noun} is "
                 f"<value> at {flown.times_s[step]:.1f} s; <relation> <bound> is needed",
                 remedy="Move the path, or the fence of the fleet file.",
             )
@@ -557,7 +554,7 @@ def _obstacle_finding(fleet: FleetConfig, flown: SampledPaths, where: str) -> Fi
         value=float(gaps_m[step, index]),
         bound=0.5 * fleet.fleet.body_diameter_m + fleet.law.obstacle_margin_m,
         unit="m",
-        sentence=f"{_capitalised(where)}: {flown.names[index]}'s path is <value> from an obstacle "
+        sentence=f"{capitalised(where)}: {flown.names[index]}'s path is <value> from an obstacle "
         f"at {flown.times_s[step]:.1f} s; half a body and law.obstacle_margin_m require "
         "<relation> <bound>",
         remedy="Lead the path around the obstacle: the law keeps the vehicle away from it.",
@@ -587,7 +584,7 @@ def _spacing(fleet: FleetConfig, flown: SampledPaths, where: str, accuracy: Accu
         value=pairs[0].distance_m,
         bound=least_m,
         unit="m",
-        sentence=f"{_capitalised(where)}: the paths come to <value> ({listed}); the law "
+        sentence=f"{capitalised(where)}: the paths come to <value> ({listed}); the law "
         f"'{fleet.law.name}' needs, with estimates as accurate as '{accuracy.name}', <relation> "
         f"<bound>{how}",
         remedy=remedy,

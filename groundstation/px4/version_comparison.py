@@ -20,6 +20,7 @@ from onboard.autopilot import Version
 from onboard.avoidance.prediction import LAG_ERROR_S
 from onboard.config.fleet import ConfigError, FleetConfig, Vehicle
 from onboard.config.toml_reading import package_table
+from onboard.plain_text import capitalised
 from onboard.preflight.attitude_lag import lag_s
 from onboard.px4.required_params import RequiredParam, Value, all_params
 
@@ -103,7 +104,7 @@ def compare(fleet: FleetConfig, old: str, new: str, measured: MeasuredPx4) -> Co
     notes = []
     for note in (old_note, new_note):
         if note:
-            notes.append(f"{note[0].upper()}{note[1:]}.")
+            notes.append(f"{capitalised(note)}.")
     notes += _lag_notes(vehicles, new_name, measured)
 
     steps = _versions_between(old_name, new_name, measured)

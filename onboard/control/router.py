@@ -24,7 +24,7 @@ from onboard.control import goal_conflict, parked, yielding
 from onboard.control.goal_conflict import Rival
 from onboard.control.route_map import RouteMap
 from onboard.tuples import Xyz
-from onboard.types import Goal, Neighbour, State
+from onboard.types import NO_SEQUENCE, Goal, Neighbour, State
 from onboard.vectors import Vec2, Vec3, horizontal, is_finite
 
 PERIOD_S = 0.2  # time from one search to the next
@@ -36,13 +36,12 @@ _BEYOND_M = (1.0, 0.5, 0.25)  # the first distance that is free
 _SAME_POINT_M = 1e-6  # a point nearer than this has no direction and no route
 _MAX_WAIT_S = 15.0  # a vehicle that gave way continues after this time at the latest
 NOBODY = -1  # stands for no vehicle
-_NO_SEQUENCE = -(1 << 53)  # no goal has this sequence
 
 
 class RouteMemory(NamedTuple):
     """Where a vehicle is on its route, between two ticks."""
 
-    sequence: int = _NO_SEQUENCE  # sequence of the present goal
+    sequence: int = NO_SEQUENCE  # sequence of the present goal
     left_s: float = 0.0  # time until the next search
 
     corner: Vec2 | None = None  # corner that the vehicle flies to; None: straight to the goal

@@ -29,15 +29,14 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-from onboard.types import Goal, TrajectorySetpoint
+from onboard.types import NO_SEQUENCE, Goal, TrajectorySetpoint
 from onboard.vectors import ZERO_3, Vec3, add, add_scaled, is_finite, length, scaled, subtract
 
 # Duration of a leg that has just begun: not 0, so that its setpoint is the motion of its start.
 _ANY_DURATION_S = 1.0
-_NO_SEQUENCE = -(1 << 53)  # no goal has this sequence
 
 # factors of D/T and D/T^2 that give the peak speed and acceleration of a quintic from rest to rest
-_SPEED_FACTOR = 15.0 / 8.0
+PEAK_OF_MEAN_SPEED = 15.0 / 8.0
 _ACCELERATION_FACTOR = 10.0 / math.sqrt(3.0)
 
 # Durations to try, as factors of a first guess. They form a geometric series, from 0.35 to 8 for a
@@ -124,7 +123,7 @@ def initial(position_enu_m: Vec3) -> TrajectoryMemory:
         second_duration_s=0.0,
         elapsed_s=0.0,
         clock_rate=1.0,
-        sequence=_NO_SEQUENCE,
+        sequence=NO_SEQUENCE,
         rise_m=0.0,
         rise_s=0.0,
     )
@@ -165,7 +164,7 @@ def moving(position_enu_m: Vec3, velocity_enu_m_s: Vec3) -> TrajectoryMemory:
 
     The leg to the next goal begins with this motion.
     """
-    return leg_begun_with(position_enu_m, velocity_enu_m_s, ZERO_3, _NO_SEQUENCE, 1.0)
+    return leg_begun_with(position_enu_m, velocity_enu_m_s, ZERO_3, NO_SEQUENCE, 1.0)
 
 
 def step(
@@ -335,7 +334,7 @@ def shortest_duration_s(distance_m: float, climb_m: float, params: TrajectoryPar
     """
     speed_m_s = params.max_speed_m_s
     acceleration_m_s2 = params.max_acceleration_m_s2
-    by_speed_s = _SPEED_FACTOR * distance_m / speed_m_s
+    by_speed_s = PEAK_OF_MEAN_SPEED * distance_m / speed_m_s
     by_acceleration_s = math.sqrt(_ACCELERATION_FACTOR * distance_m / acceleration_m_s2)
     by_climb_s = math.sqrt(_ACCELERATION_FACTOR * abs(climb_m) / params.max_vertical_m_s2)
     least_s = _MIN_SHARE * speed_m_s / acceleration_m_s2

@@ -16,6 +16,7 @@ from onboard.config.ground import ground_at_m
 from onboard.control.passing import top_m as top_of_moves_m
 from onboard.control.sinking import sinking_params, sinking_s
 from onboard.feasibility.finding import Finding, at_most, worst
+from onboard.plain_text import capitalised
 from onboard.safety.limits import POSITION_STALE_S
 from onboard.tuples import Xyz
 
@@ -67,7 +68,7 @@ def _finding(fleet: FleetConfig, name: str, top: Xyz, label: str, refused_s: flo
         bound=_KEPT_S,
         unit="s",
         sentence=(
-            f"{label[0].upper()}{label[1:]}: when all poses stop, {name} is down from "
+            f"{capitalised(label)}: when all poses stop, {name} is down from "
             f"{height_m:.1f} m after <value>; dead reckoning keeps vehicles apart for <bound>"
         ),
         remedy="Fly lower, or let vehicles that fly high keep away from the others.",

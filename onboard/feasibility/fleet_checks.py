@@ -60,7 +60,7 @@ from onboard.feasibility.vehicle_checks import (
     thrust_reserve,
     wind,
 )
-from onboard.plain_text import listed
+from onboard.plain_text import capitalised, listed
 from onboard.safety.limits import LARGEST_PX4_ACCURACY_M
 from onboard.tuples import Xyz
 from onboard.types import TICK_S
@@ -353,7 +353,7 @@ def spacing_finding(
         bound=bound_m,
         unit="m",
         sentence=(
-            f"{_capitalized(label)}: {pair} are <value> apart; the law '{fleet.law.name}' can "
+            f"{capitalised(label)}: {pair} are <value> apart; the law '{fleet.law.name}' can "
             f"park vehicles, with estimates as accurate as '{accuracy.name}', <relation> "
             f"<bound> apart{above_words(bound_m, height_share)}"
         ),
@@ -399,7 +399,7 @@ def _fence_finding(fleet: FleetConfig, name: str, spot: Xyz, label: str) -> Find
             bound=margin_m,
             unit="m",
             sentence=(
-                f"{_capitalized(label)}: {name} is <value> from {limit_words}, and "
+                f"{capitalised(label)}: {name} is <value> from {limit_words}, and "
                 "law.fence_margin_m keeps vehicles <bound> away from it"
             ),
             remedy="Lower law.fence_margin_m, or move the spot away from the fence.",
@@ -417,7 +417,7 @@ def _fence_finding(fleet: FleetConfig, name: str, spot: Xyz, label: str) -> Find
         bound=stop_m,
         unit="m",
         sentence=(
-            f"{_capitalized(label)}: {name} is <value> from {limit_words}, stopping from "
+            f"{capitalised(label)}: {name} is <value> from {limit_words}, stopping from "
             f"{vehicle.max_speed_m_s:g} m/s takes <bound>"
         ),
         remedy=remedy,
@@ -481,7 +481,7 @@ def obstacle_finding(fleet: FleetConfig, spots: Mapping[str, Xyz], label: str) -
         bound=half_body_m + fleet.law.obstacle_margin_m,
         unit="m",
         sentence=(
-            f"{_capitalized(label)}: {vehicle} is <value> from obstacle '{obstacle_name}'; half "
+            f"{capitalised(label)}: {vehicle} is <value> from obstacle '{obstacle_name}'; half "
             "a body and law.obstacle_margin_m require <bound>"
         ),
         remedy="Move the spot away by <difference>.",
@@ -495,8 +495,3 @@ def _closest(spots: Mapping[str, Xyz], height_share: float) -> tuple[float, str]
         distance_m = separation_m(spots[a], spots[b], height_share)
         separations.append((distance_m, f"{a} and {b}"))
     return min(separations)
-
-
-def _capitalized(label: str) -> str:
-    """Return a label as the first word of a sentence."""
-    return label[0].upper() + label[1:]

@@ -48,7 +48,7 @@ _LEG_LIMIT_S = 30.0
 _LANDING_LIMIT_S = 20.0
 TIME_LIMIT_FACTOR = 3.0
 
-_PEAK_OF_MEAN = 1.9  # peak speed of a trajectory, divided by its mean speed
+_PEAK_OF_MEAN = 1.9  # trajectory.PEAK_OF_MEAN_SPEED, rounded up
 
 
 def takeoff_height_m(order: Order | None) -> float:

@@ -11,6 +11,7 @@ from onboard.autopilot import MEASURED_VERSIONS, SIGNING_SINCE, Version, plausib
 from onboard.avoidance.prediction import LAG_ERROR_S
 from onboard.config.endpoints import host_of, is_on_network
 from onboard.config.fleet import FleetConfig, Vehicle
+from onboard.plain_text import capitalised
 from onboard.preflight.attitude_lag import lag_s
 from onboard.preflight.preflight_facts import HEARTBEAT_SILENT_S, PreflightFacts
 from onboard.preflight.preflight_rule import NO_PX4, OK, PASSED, SKIP, Judgement, rules
@@ -210,7 +211,7 @@ def _failsafe(facts: PreflightFacts, fleet: FleetConfig, vehicle: Vehicle) -> Ju
     if names == [Condition.DISK_FULL.value]:
         return "disk full", {}
     text = ", ".join(names)
-    return "condition holds", {"conditions": text[0].upper() + text[1:]}
+    return "condition holds", {"conditions": capitalised(text)}
 
 
 def _parameters(facts: PreflightFacts, fleet: FleetConfig, vehicle: Vehicle) -> Judgement:

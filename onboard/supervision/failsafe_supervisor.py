@@ -15,6 +15,7 @@ from onboard.flight.context import FlightContext
 from onboard.flight.types import FlightView
 from onboard.localization.own_state import OwnState
 from onboard.neighbours.table import NeighbourTable
+from onboard.plain_text import capitalised
 from onboard.safety.failsafe_table import (
     TABLE,
     WORDS,
@@ -198,7 +199,7 @@ class FailsafeSupervisor:
         )
 
     def _sentence(self, condition: Condition, action: Action) -> str:
-        name = condition.value[0].upper() + condition.value[1:]
+        name = capitalised(condition.value)
         detail = self._details.get(condition)
         if detail:
             return f"{name} ({detail}): {WORDS[action]}."

@@ -26,6 +26,7 @@ from onboard.config.obstacles import Circle, Obstacle
 from onboard.config.people import Person
 from onboard.config.radio import RadioConfig
 from onboard.config.validation import FLEET_BOUNDS, GEOFENCE_BOUNDS, VEHICLE_BOUNDS, law_bounds
+from onboard.plain_text import capitalised
 from sitl.monte_carlo.open_benchmark import scene_file as scene_structs
 
 Ends = tuple[float | str, float | str]
@@ -267,8 +268,6 @@ def gallery() -> str:
         shown = "the ways from above, and the closest pair"
         if name in ACCIDENTS:
             shown = "without the defence, and with it"
-        parts.append(
-            f"## {title}\n\n{words[0].upper()}{words[1:]}\n\n    covey demo gallery {name}\n"
-        )
+        parts.append(f"## {title}\n\n{capitalised(words)}\n\n    covey demo gallery {name}\n")
         parts.append(f"![{title}: {shown}](figures/gallery-{name}.png)\n")
     return "\n".join(parts).strip()

@@ -10,6 +10,7 @@ from onboard.bus.topics import Topic
 from onboard.flight import flight_table
 from onboard.flight.flight_table import Effect, Predicate
 from onboard.flight.types import FlightStep
+from onboard.plain_text import capitalised
 from onboard.preflight import all_rules
 from onboard.px4 import own_failsafes, required_params
 from onboard.px4.own_failsafes import OwnFailsafe, Treatment
@@ -178,7 +179,7 @@ def own_failsafe_table() -> str:
     ]
     for failsafe in own_failsafes.OWN_FAILSAFES:
         versions = _versions(failsafe.since, failsafe.before)
-        named = f"{failsafe.holds[0].upper()}{failsafe.holds[1:]}"
+        named = capitalised(failsafe.holds)
         if failsafe.flags:
             named += f" (`{failsafe.flags[0]}`)"
         if versions:
@@ -204,7 +205,7 @@ def _treatment(failsafe: OwnFailsafe) -> str:
     if failsafe.rows:
         rows = ", ".join(condition.value for condition in failsafe.rows)
         parts.append(f"row of the failsafe table: {rows}")
-    return ". ".join(f"{part[0].upper()}{part[1:]}" for part in parts)
+    return ". ".join(capitalised(part) for part in parts)
 
 
 def emulated() -> str:
