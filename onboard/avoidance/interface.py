@@ -64,7 +64,7 @@ def own_at(baseline: Baseline, predicted: Motion, state: State, params: LawParam
 
     Args:
         baseline: thrust, compensation and intent.
-        predicted: own motion from :func:`predict`.
+        predicted: own motion from :func:`oist.predict`.
         state: own estimate; its height and standard deviations are used.
     """
     f = baseline.thrust.thrust_enu_m_s2

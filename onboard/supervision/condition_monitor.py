@@ -37,7 +37,7 @@ class _Watched:
 
 
 class ConditionMonitor:
-    """Decides which conditions of one vehicle hold; call :meth:`look` at each tick.
+    """Decides which conditions of one vehicle hold; call :meth:`update` at each tick.
 
     Args:
         limits: section [fleet] of the fleet file.

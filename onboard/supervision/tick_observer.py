@@ -63,7 +63,7 @@ _WITHOUT_POSITION = FenceStatus(is_near=False, is_outside=False, is_above=False)
 
 
 class TickObserver:
-    """Collects the facts of one vehicle; call :meth:`look` at every tick.
+    """Collects the facts of one vehicle; call :meth:`update` at every tick.
 
     Args:
         fleet: the fleet file.

@@ -28,7 +28,7 @@ from onboard.localization.own_state import OwnState
 from onboard.safety.gust_margin import gust_margin_m
 from onboard.supervision.tick_context import TickContext
 
-_LOOK_S = 0.1  # time between two calls of look
+_PERIOD_S = 0.1  # time between two calls of facts
 _RISE_S = 6.0  # a rise of the mean is measured over this time
 _GOES_ON_S = 10.0  # a rise is expected to continue for this time
 # A wind above this share of its limit counts as strong, and so does a rising wind that will soon be
@@ -77,7 +77,7 @@ class WindMonitor:
     """Memory of one vehicle.
 
     Call :meth:`update` at every tick of a hover, :meth:`reset` at every other tick, and
-    :meth:`look` ten times a second.
+    :meth:`facts` ten times a second.
 
     Args:
         fleet: the fleet file.
@@ -99,7 +99,7 @@ class WindMonitor:
         self._mean_square_m2 = 0.0  # mean squared distance from the setpoint in hover
         self._return_s = 0.0  # longest remaining time of the return to the setpoint
         self._earlier_enu_m_s = (0.0, 0.0)  # the wind about _RISE_S ago
-        self._looks = 0  # number of looks in a row at which the wind was known
+        self._known_count = 0  # number of calls in a row at which the wind was known
 
     def reset(self) -> None:
         """Forget the hover."""
@@ -163,12 +163,12 @@ class WindMonitor:
         """Update the earlier wind with the present wind; reset it if the wind is not known."""
         east_m_s, north_m_s = wind_enu_m_s
         if not math.isfinite(east_m_s + north_m_s):
-            self._looks = 0
+            self._known_count = 0
             return
 
         # a plain mean at first, then a low-pass
-        self._looks += 1
-        blend = max(_LOOK_S / _RISE_S, 1.0 / self._looks)
+        self._known_count += 1
+        blend = max(_PERIOD_S / _RISE_S, 1.0 / self._known_count)
         east_before_m_s, north_before_m_s = self._earlier_enu_m_s
         east_before_m_s += blend * (east_m_s - east_before_m_s)
         north_before_m_s += blend * (north_m_s - north_before_m_s)
@@ -176,7 +176,7 @@ class WindMonitor:
 
     def _soon_m_s(self, wind_enu_m_s: tuple[float, float]) -> float:
         """Return the wind [m/s] after _GOES_ON_S if it continues to rise; NaN while not known."""
-        if self._looks == 0:
+        if self._known_count == 0:
             return math.nan
 
         east_m_s, north_m_s = wind_enu_m_s
