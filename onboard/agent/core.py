@@ -5,10 +5,12 @@ calls ``tick`` 50 times a second. A tick asks, in this order:
 
     Where are we?          localization: mocap samples, attitude and thrust -> State
     Where are the others?  neighbours: their newest states as of now, and their distances
+    Are corrections fresh? corrections: the age of the RTK corrections, and their base station
     What is wrong?         supervision: conditions, and the failsafe table's action
     What do we do?         flight: the step of the flight, and the goal of its order
     How do we fly that?    control: the pipeline, with the avoidance law -> attitude setpoint
     May we send it?        the last check before the wire
+    Is the goal free?      a move ends if its goal stays too near to another vehicle's
     Who needs to know?     state for the neighbours, telemetry for people, samples for the record
 
 Every vehicle decides for itself, from what it knows at this tick. Nothing here waits: anything that
@@ -263,7 +265,7 @@ class AgentCore:
             self._people_m = self.people.distances_m(view.position_enu_m, now_ns)
             self._distances_m |= self._people_m
 
-        # How old are the RTK corrections, and from which base station?
+        # Are corrections fresh?
         if self.corrections is not None:
             self._corrections_status = self.corrections.status(self._snapshot, now_ns)
 
@@ -292,6 +294,8 @@ class AgentCore:
 
         # May we send it?
         setpoint = self._setpoints.commands(view, self.control)
+
+        # Is the goal free?
         self._orders.check_conflict(view, self.neighbours.telemetries)
 
         # Who needs to know?
@@ -596,7 +600,7 @@ class AgentCore:
 
     def _all_poses_received(self, received: AllPosesReceived, now_ns: int) -> list[Command]:
         for pose in received.poses:
-            self.neighbours.hear_other_pose(pose, received.received_ns)
+            self.neighbours.note_mocap_position(pose, received.received_ns)
         return []
 
     def _corrections_received(self, received: CorrectionsReceived, now_ns: int) -> list[Command]:

@@ -146,7 +146,7 @@ def stop_here(flight: FlightContext, view: FlightView) -> None:
 
 
 def begin_path(flight: FlightContext, view: FlightView) -> None:
-    """Wait at the start of the loaded path for the ordered time."""
+    """Begin the loaded path, whose clock starts at the ordered time."""
     order = flight.order
     assert order is not None
     assert order.path is not None

@@ -116,7 +116,7 @@ def _refusal_beside_flight(order: Order, flight: FlightContext, facts: OrderFact
     if order.kind in ON_PATHS:
         return path_flight.change_refusal(flight.path, order.kind)
     if order.kind == "disable":
-        return _refusal_to_disable(flight, facts.view)
+        return _refusal_off_the_ground(flight, facts.view)
     if order.kind == "enable":
         return _refusal_to_enable(flight, facts.others)
     if order.kind == "stand_in":
@@ -126,9 +126,9 @@ def _refusal_beside_flight(order: Order, flight: FlightContext, facts: OrderFact
 
 def _refusal_to_stand_in(order: Order, flight: FlightContext, facts: OrderFacts) -> str | None:
     """Return the reason against standing in for another vehicle, or None."""
-    not_at_rest = _refusal_to_disable(flight, facts.view)
-    if not_at_rest is not None:
-        return not_at_rest
+    off_the_ground = _refusal_off_the_ground(flight, facts.view)
+    if off_the_ground is not None:
+        return off_the_ground
 
     name = flight.vehicle.name
     position_enu_m = None
@@ -148,11 +148,8 @@ def _refusal_to_enable(flight: FlightContext, others: Mapping[str, Telemetry]) -
     return None
 
 
-def _refusal_to_disable(flight: FlightContext, view: FlightView) -> str | None:
-    """Return the reason against taking a vehicle out of service, or None.
-
-    The vehicle must be disarmed on the ground.
-    """
+def _refusal_off_the_ground(flight: FlightContext, view: FlightView) -> str | None:
+    """Return a sentence if a vehicle is not disarmed on the ground, or None."""
     if flight.step not in _AT_REST:
         doing: str = flight.state
     elif view.snapshot.is_armed:

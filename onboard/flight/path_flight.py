@@ -207,7 +207,8 @@ class PathFlight:
 def other_clocks(telemetries: Iterable[Telemetry], show_id: str, now_ns: int) -> list[OtherClock]:
     """Return the clocks of the other vehicles in the same show with recent telemetry.
 
-    A clock that is no number is left out: it would make this vehicle's own clock none.
+    Clocks that are not finite are left out, because the comparison would make this vehicle's own
+    clock NaN.
     """
     clocks = []
     for other in telemetries:

@@ -76,7 +76,7 @@ def refusal(
     x_m, y_m, z_m = view.position_enu_m
     height_m = z_m - float(ground_at_m(fleet, x_m, y_m))
     may_stand_below_m = DOWN_HEIGHT_M if vehicle.mocap_required else _MAY_STAND_M
-    if height_m < may_stand_below_m:  # PX4 has perhaps not noticed the ground before its hold
+    if height_m < may_stand_below_m:  # PX4 may hold before it has noticed the ground
         return (
             f"It may stand on the ground, by its height of {height_m:.2f} m: land it, or let its "
             "pilot climb and switch to hold, and order hold again."

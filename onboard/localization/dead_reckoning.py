@@ -123,8 +123,8 @@ class DeadReckoning:
             position = Vec3(position.x, position.y, height_m)
             velocity = Vec3(velocity.x, velocity.y, climbing_m_s)
 
-        # Who stands does not move. The mean itself stays, because a lift-off counts as the ground,
-        # and the wind pushes already.
+        # A vehicle on the ground does not move. The memory keeps its mean bias, because a lift-off
+        # counts as the ground, and in it the wind already pushes.
         if is_on_ground:
             velocity = ZERO_3
             mean_bias = ZERO_3

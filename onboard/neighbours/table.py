@@ -295,7 +295,7 @@ class NeighbourTable:
         if index is None:
             return False
         if index not in self.watched_bodies.reason_ns:
-            self.hear_other_pose(pose, received_ns)
+            self.note_mocap_position(pose, received_ns)
             return False
 
         arrays = self.arrays
@@ -332,8 +332,8 @@ class NeighbourTable:
                 return True
         return False
 
-    def hear_other_pose(self, pose: MocapPose, received_ns: int) -> None:
-        """Take a mocap pose of any body, to compare its vehicle's messages with it."""
+    def note_mocap_position(self, pose: MocapPose, received_ns: int) -> None:
+        """Note where the mocap sees a body, to compare its vehicle's messages with it."""
         index = self._bodies.get(pose.body)
         if index is None or not pose.is_tracked or not is_plausible(pose.position_enu_m):
             return

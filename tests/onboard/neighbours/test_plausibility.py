@@ -175,5 +175,5 @@ def test_only_the_word_of_a_vehicle_that_flies_by_the_mocap_is_compared_with_pos
         position_enu_m=(1.0, 0.0, 1.0),
         quaternion_enu_flu_wxyz=(1.0, 0.0, 0.0, 0.0),
     )
-    table.hear_other_pose(pose, 10 * MS)
+    table.note_mocap_position(pose, 10 * MS)
     assert (table.claim("mav1")[1] is not None) == is_compared
