@@ -170,7 +170,8 @@ class Telemetry(Message, frozen=True, array_like=True, kw_only=True):
     missed_ticks: int = 0  # since the start: skipped ticks
     # Neighbour that it avoids most, or that it waits for beside a passage; empty: none.
     avoids: str = ""
-    doubles: tuple[str, ...] = ()  # vehicles for which two agents publish at the same time
+    # vehicles for which two agents publish at the same time, see DuplicateAgents
+    doubles: tuple[str, ...] = ()
     mocap_delay_s: float = 0.0  # mean time from a pose's measurement to its arrival
 
     # the path that it follows

@@ -3,7 +3,8 @@
 Every start of an agent has a new boot id, so a restarted agent never publishes an earlier boot id.
 If an earlier boot id is heard again, two agents are running. Two agents of one vehicle are not
 connected to each other, but both are connected to the rest of the fleet. Therefore another agent
-that hears both reports their name in its telemetry, and the two learn of each other from it.
+that hears both reports their name in its telemetry (``doubles``), and the two learn of each other
+from it. To people such a duplicate is the condition TWIN, and fails the preflight rule "alone".
 """
 
 from __future__ import annotations

@@ -165,6 +165,7 @@ def _signing(facts: PreflightFacts, fleet: FleetConfig, vehicle: Vehicle) -> Jud
 
 
 def _alone(facts: PreflightFacts, fleet: FleetConfig, vehicle: Vehicle) -> Judgement:
+    # a duplicate, see DuplicateAgents
     if facts.has_duplicate:
         return "duplicate", {}
     return PASSED

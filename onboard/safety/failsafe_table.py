@@ -80,7 +80,7 @@ class Condition(Enum):
     NOT_FINITE_LONG = "ticks not finite for long"
     OWN_LAW_REFUSED = "own law refused, Covey's flies"
     DISK_FULL = "disk full"
-    TWIN = "another agent for this vehicle"
+    TWIN = "another agent for this vehicle"  # a duplicate, see DuplicateAgents
     SHUTDOWN = "agent asked to stop"
     # bus and ground
     BUS_LOST = "bus lost"

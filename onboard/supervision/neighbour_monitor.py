@@ -235,11 +235,11 @@ class NeighbourMonitor:
         return reasons
 
     def _check_predictions(
-        self, rows: Iterable[NeighbourRow], distrusted: Collection[str]
+        self, rows: Iterable[NeighbourRow], known_uncooperative: Collection[str]
     ) -> tuple[str, ...]:
         """Return which neighbours do not fly as they predict, and mark those in the table.
 
-        Neighbours in ``distrusted`` are marked as well, whatever they predict.
+        Neighbours in ``known_uncooperative`` are marked as well, whatever they predict.
         """
         wrong = []
         for row in rows:
@@ -254,7 +254,7 @@ class NeighbourMonitor:
             if monitor.is_wrong:
                 wrong.append(row.name)
             index = self._table.indices[row.name]
-            is_not_cooperating = monitor.is_wrong or row.name in distrusted
+            is_not_cooperating = monitor.is_wrong or row.name in known_uncooperative
             self._table.judged.set_not_cooperating(index, is_not_cooperating)
         return tuple(wrong)
 
