@@ -103,7 +103,7 @@ class SetpointOutput:
 
     def _may_hop(self, view: FlightView) -> bool:
         """Return whether the vehicle may touch the ground; False if its height is not accurate."""
-        is_height_exact = self._has_mocap and not view.is_blind
+        is_height_exact = self._has_mocap and not view.is_dead_reckoned
         return is_height_exact and self._flight.may_touch_the_ground(view)
 
     def _let_px4_land(self, view: FlightView) -> None:

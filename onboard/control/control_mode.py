@@ -12,6 +12,6 @@ class ControlMode(IntEnum):
     LIFTOFF = 1  # climbs off the ground, gently in the horizontal; observers are frozen
     FLYING = 2
     LANDING = 3  # like FLYING, but the hover thrust is not learned near the ground
-    # descends by dead reckoning: nothing is learned, and the mean disturbance of the last seconds
+    # descends without poses: nothing is learned, and the mean disturbance of the last seconds
     # is compensated
-    BLIND = 4
+    DEAD_RECKONING = 4

@@ -205,7 +205,7 @@ def before_law(
     observer, hover = _observed(memory, usable, mode, params, dt_s)
 
     speed_share = 1.0  # a descent without poses does not slow down in a jam
-    if mode != ControlMode.BLIND:
+    if mode != ControlMode.DEAD_RECKONING:
         speed_share = oist.speed_share(memory.law, params.law)
     predicted = oist.predict(memory.law, usable, params.law, dt_s)
     rate, trajectory_memory, setpoint = _advance_trajectory(
@@ -221,7 +221,7 @@ def before_law(
     # Line O: the compensation of drag and observed disturbance is added after the law. So the law's
     # thrust is for a vehicle without drag and wind.
     disturbance = observer.disturbance_enu_m_s2
-    if mode == ControlMode.LIFTOFF or mode == ControlMode.BLIND:
+    if mode == ControlMode.LIFTOFF or mode == ControlMode.DEAD_RECKONING:
         disturbance = observer.mean_enu_m_s2
     compensation = _compensation(predicted.velocity_enu_m_s, disturbance, params)
 
@@ -315,7 +315,7 @@ def _advance_trajectory(
     trajectory_memory = memory.trajectory
     bounds = params.trajectory
 
-    if mode == ControlMode.BLIND:
+    if mode == ControlMode.DEAD_RECKONING:
         # a descent without poses waits only for vehicles below, which land soon
         limit_m_s = memory.law.sink_limit_m_s
         trajectory_memory, setpoint = sinking.step(
@@ -332,7 +332,7 @@ def _observed(
     memory: PipelineMemory, state: State, mode: int, params: PipelineParams, dt_s: float
 ) -> tuple[disturbance_observer.ObserverMemory, hover_thrust.HoverThrustMemory]:
     """Return the memories of the disturbance observer and the hover thrust after this tick."""
-    is_frozen = mode == ControlMode.LIFTOFF or mode == ControlMode.BLIND
+    is_frozen = mode == ControlMode.LIFTOFF or mode == ControlMode.DEAD_RECKONING
     observer, _ = disturbance_observer.step(
         memory.observer,
         state.velocity_enu_m_s,
@@ -506,7 +506,7 @@ def _pursuit(
 
     # without poses, a hard brake above the ground is better than a longer descent
     highest_m_s2 = base.max_vertical_acceleration_m_s2
-    if mode == ControlMode.BLIND:
+    if mode == ControlMode.DEAD_RECKONING:
         highest_m_s2 = params.sinking.vertical_m_s2
 
     return backstepping.BacksteppingParams(

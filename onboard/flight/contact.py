@@ -67,11 +67,12 @@ _STALLED_S = 1.5
 # Without poses, only PX4's height is known, which is wrong by up to a third of a metre. A better
 # sign is that the vehicle, which sinks at 0.8 m/s, stops sinking at the ground. PX4 may mistake the
 # impact for a climb, so rising counts as standing, too.
-_BLIND_LOW_M = 0.6  # the ground may be below this height
-_BLIND_SINKS_M_S = 0.25  # a vehicle that sinks more slowly than this stands
-_BLIND_STANDS_S = 0.26  # a vehicle that stands for this time has landed
-_BLIND_TOUCHES_S = 0.06  # a vehicle that stands for this time may have landed
-_BLIND_UNDER_GROUND_M = -1.0  # no error explains a height this low, so the vehicle has landed
+_WITHOUT_POSES_LOW_M = 0.6  # the ground may be below this height
+_WITHOUT_POSES_SINKS_M_S = 0.25  # a vehicle that sinks more slowly than this stands
+_WITHOUT_POSES_STANDS_S = 0.26  # a vehicle that stands for this time has landed
+_WITHOUT_POSES_TOUCHES_S = 0.06  # a vehicle that stands for this time may have landed
+# no error explains a height this low, so the vehicle has landed
+_WITHOUT_POSES_UNDER_GROUND_M = -1.0
 
 
 class ContactSigns(Struct, frozen=True):
@@ -99,7 +100,7 @@ def light_share(hover_thrust_frac: float) -> float:
 
 
 def observe(
-    signs: ContactSigns, view: FlightView, vehicle: Vehicle, *, sinks_blind: bool
+    signs: ContactSigns, view: FlightView, vehicle: Vehicle, *, sinks_without_poses: bool
 ) -> ContactSigns:
     """Return the signs of contact at this tick.
 
@@ -107,20 +108,21 @@ def observe(
         signs: signs of contact at the last tick.
         view: what the flight sees at this tick.
         vehicle: the vehicle; a mocap measures its height to within millimetres.
-        sinks_blind: whether the vehicle descends without poses; single poses may still come.
+        sinks_without_poses: whether the vehicle descends without poses; single poses may still
+            come.
     """
     now_ns = view.now_ns
     _, _, height_m = view.position_enu_m
     _, _, sinking_m_s = view.snapshot.velocity_local_ned_m_s
 
-    is_blind = view.is_blind or sinks_blind
-    if vehicle.mocap_required and not is_blind:
+    is_without_poses = view.is_dead_reckoned or sinks_without_poses
+    if vehicle.mocap_required and not is_without_poses:
         is_still = abs(height_m - signs.height_m) < _STILL_M
         still_height_m = signs.height_m if is_still else height_m
     else:
         is_still = abs(sinking_m_s) < _STILL_PX4_M_S
-        if is_blind:
-            is_still = sinking_m_s < _BLIND_SINKS_M_S
+        if is_without_poses:
+            is_still = sinking_m_s < _WITHOUT_POSES_SINKS_M_S
         still_height_m = height_m
 
     little = light_share(vehicle.hover_thrust_frac)
@@ -225,9 +227,9 @@ def has_ground_contact_without_poses(
         lowest_ground_m: height of the lowest ground that it may land on [m].
     """
     _, _, z_m = view.position_enu_m
-    if z_m - lowest_ground_m < _BLIND_UNDER_GROUND_M:
+    if z_m - lowest_ground_m < _WITHOUT_POSES_UNDER_GROUND_M:
         return True
-    return _has_stood_low(signs, view, z_m - ground_z_m, _BLIND_STANDS_S)
+    return _has_stood_low(signs, view, z_m - ground_z_m, _WITHOUT_POSES_STANDS_S)
 
 
 def may_have_ground_contact_without_poses(
@@ -245,7 +247,7 @@ def may_have_ground_contact_without_poses(
     """
     _, _, z_m = view.position_enu_m
     height_m = z_m - ground_z_m
-    return _has_stood_low(signs, view, height_m, _BLIND_TOUCHES_S)
+    return _has_stood_low(signs, view, height_m, _WITHOUT_POSES_TOUCHES_S)
 
 
 def _has_stood_low(signs: ContactSigns, view: FlightView, height_m: float, for_s: float) -> bool:
@@ -254,6 +256,6 @@ def _has_stood_low(signs: ContactSigns, view: FlightView, height_m: float, for_s
     If poses come and go, PX4's vertical speed jumps by some decimetres per second. While they are
     there, the height is known.
     """
-    low_m = _BLIND_LOW_M if view.is_blind else LOW_M
+    low_m = _WITHOUT_POSES_LOW_M if view.is_dead_reckoned else LOW_M
     stands_s = (view.now_ns - signs.still_since_ns) * 1e-9
     return height_m < low_m and stands_s > for_s

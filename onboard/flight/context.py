@@ -193,7 +193,7 @@ class FlightContext:
         """Return why a move or a landing is overdue, or None if it is not overdue."""
         step = self.step
         if step is FlightStep.DESCENT or step is FlightStep.CONTACT:
-            is_height_known = view.has_position and not view.is_blind
+            is_height_known = view.has_position and not view.is_dead_reckoned
             limit_m = _PX4_HEIGHT_RISEN_M
             if self.vehicle.mocap_required:
                 limit_m = _RISEN_M

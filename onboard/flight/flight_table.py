@@ -62,7 +62,7 @@ _STARTING = tuple(step for step in _ARMED if step is not S.ARMED)
 _FREE = (S.CLIMB, S.LEG, S.PATH, S.ARRIVED, S.HOLDING)
 _MAY_BEGIN_PATH = (S.LEG, S.ARRIVED, S.HOLDING)
 _DOWN = (S.DESCENT, S.CONTACT)
-_BLIND = (S.COASTING, S.SINKING)
+_WITHOUT_POSES = (S.COASTING, S.SINKING)
 _PX4_MAY_LAND = (
     S.ARM_ARMING,
     S.TAKEOFF_ARMING,
@@ -70,7 +70,7 @@ _PX4_MAY_LAND = (
     S.LIFTOFF,
     *_FREE,
     S.TAKEOVER,
-    *_BLIND,
+    *_WITHOUT_POSES,
     *_DOWN,
 )
 _SILENT = (S.FAILED, S.FAILED_DISARMING, S.KILLING)
@@ -183,26 +183,28 @@ FAILSAFES = (
 
     Row((*_ARMED, S.DISARMING), E.FAILSAFE_DISARM, to=S.FAILSAFE_DISARMING,
         request=Disarm(), reason=CAUSE),
-    Row((*_ARMED, S.DISARMING, S.LIFTOFF, *_FREE, S.TAKEOVER, *_BLIND, *_DOWN, S.PX4_LANDING),
-        E.FAILSAFE_STOP, to=S.FAILED, effect=effects.note_fall, reason=CAUSE),
+    Row((*_ARMED, S.DISARMING, S.LIFTOFF, *_FREE, S.TAKEOVER, *_WITHOUT_POSES, *_DOWN,
+         S.PX4_LANDING), E.FAILSAFE_STOP, to=S.FAILED, effect=effects.note_fall, reason=CAUSE),
 )
 
 # Among the rows of ticks, those for a vehicle without poses come first.
-BLIND = (
-    Row((S.CLIMB, S.LEG, S.ARRIVED, S.HOLDING), E.TICK, when=p.is_blind, to=S.COASTING,
+WITHOUT_POSES = (
+    Row((S.CLIMB, S.LEG, S.ARRIVED, S.HOLDING), E.TICK, when=p.is_dead_reckoned, to=S.COASTING,
         effect=effects.sink),
-    Row((S.PATH,), E.TICK, when=p.is_blind, to=S.COASTING,
+    Row((S.PATH,), E.TICK, when=p.is_dead_reckoned, to=S.COASTING,
         effect=effects.sink, ends=("failed", sentences.NO_POSE)),
-    Row((S.LIFTOFF,), E.TICK, when=p.is_blind, to=S.SINKING, effect=effects.sink,
+    Row((S.LIFTOFF,), E.TICK, when=p.is_dead_reckoned, to=S.SINKING, effect=effects.sink,
         reason=sentences.NO_POSE_AT_LIFTOFF,
         says=("warning", "landing", sentences.NO_POSE_AT_LIFTOFF)),
-    Row((S.DESCENT,), E.TICK, when=p.is_blind, to=S.SINKING, effect=effects.sink),
+    Row((S.DESCENT,), E.TICK, when=p.is_dead_reckoned, to=S.SINKING, effect=effects.sink),
 
-    Row((S.COASTING,), E.TICK, when=p.sees_again_on_leg, to=S.LEG, effect=effects.resume),
-    Row((S.COASTING,), E.TICK, when=p.sees_again_in_climb, to=S.CLIMB, effect=effects.resume),
-    Row((S.COASTING,), E.TICK, when=p.sees_again, to=S.HOLDING, effect=effects.hold_again),
-    Row((S.SINKING,), E.TICK, when=p.sees_again_for_long, to=S.DESCENT, effect=effects.descend),
-    Row(_BLIND, E.TICK, when=p.touched_down_blind, to=S.CONTACT, effect=effects.look_for_ground),
+    Row((S.COASTING,), E.TICK, when=p.has_poses_again_on_leg, to=S.LEG, effect=effects.resume),
+    Row((S.COASTING,), E.TICK, when=p.has_poses_again_in_climb, to=S.CLIMB, effect=effects.resume),
+    Row((S.COASTING,), E.TICK, when=p.has_poses_again, to=S.HOLDING, effect=effects.hold_again),
+    Row((S.SINKING,), E.TICK, when=p.has_poses_again_for_a_while, to=S.DESCENT,
+        effect=effects.descend),
+    Row(_WITHOUT_POSES, E.TICK, when=p.touched_down_without_poses, to=S.CONTACT,
+        effect=effects.look_for_ground),
 )
 
 GROUND = (
@@ -346,7 +348,7 @@ LANDING = (
 )
 # fmt: on
 
-ROWS = (*ORDERS, *FAILSAFES, *BLIND, *GROUND, *TAKEOFF, *FLYING, *LANDING)
+ROWS = (*ORDERS, *FAILSAFES, *WITHOUT_POSES, *GROUND, *TAKEOFF, *FLYING, *LANDING)
 
 
 def _by_step_and_event() -> dict[tuple[S, E], tuple[Row, ...]]:

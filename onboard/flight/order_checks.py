@@ -259,7 +259,7 @@ def _refusal_of_step(order: Order, flight: FlightContext) -> str:
             return f"The vehicle is not in the air (it is {doing})."
         case _ if flight.state == "landing":
             return f"The vehicle is {doing}: wait until it is down, then order take-off."
-        case _ if flight.step.control_mode is ControlMode.BLIND:
+        case _ if flight.step.control_mode is ControlMode.DEAD_RECKONING:
             return "The vehicle has lost its position: wait until it is back, or order land."
         case _:
             return f"The vehicle does not fly (it is {doing}): order take-off first."

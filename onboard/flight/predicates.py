@@ -56,7 +56,7 @@ _DISARM_AFTER_SEEN_S = 0.5  # it disarms within this time if it reports the grou
 
 # landing by dead reckoning
 _DISARMED_KNOWN_S = 1.5  # longest time from PX4's disarming to the heartbeat that says so
-_BLIND_BEGUN_S = 0.6  # contact is checked only after this time
+_WITHOUT_POSES_BEGUN_S = 0.6  # contact is checked only after this time
 
 # PX4's own landing
 _PX4_LANDING_TIMEOUT_S = 60.0
@@ -278,24 +278,24 @@ def touched_down(flight: FlightContext, view: FlightView) -> bool:
     return has_contact and since_begin_s > _BEGUN_S
 
 
-def touched_down_blind(flight: FlightContext, view: FlightView) -> bool:
+def touched_down_without_poses(flight: FlightContext, view: FlightView) -> bool:
     """Return whether it stands on the ground by PX4's motion."""
     is_stopped = contact.has_ground_contact_without_poses(
         flight.contact, view, flight.ground_z_m, flight.lowest_ground_m
     )
-    return is_stopped and flight.seconds(view) > _BLIND_BEGUN_S
+    return is_stopped and flight.seconds(view) > _WITHOUT_POSES_BEGUN_S
 
 
 def may_have_ground_contact_without_poses(flight: FlightContext, view: FlightView) -> bool:
     """Return whether it may have met the ground, by PX4's motion."""
-    if flight.step is not FlightStep.SINKING or flight.seconds(view) < _BLIND_BEGUN_S:
+    if flight.step is not FlightStep.SINKING or flight.seconds(view) < _WITHOUT_POSES_BEGUN_S:
         return False
     return contact.may_have_ground_contact_without_poses(flight.contact, view, flight.ground_z_m)
 
 
-def is_blind(flight: FlightContext, view: FlightView) -> bool:
+def is_dead_reckoned(flight: FlightContext, view: FlightView) -> bool:
     """Return whether position and velocity come from dead reckoning."""
-    return view.is_blind
+    return view.is_dead_reckoned
 
 
 def has_order(flight: FlightContext, view: FlightView) -> bool:
@@ -303,32 +303,32 @@ def has_order(flight: FlightContext, view: FlightView) -> bool:
     return flight.order is not None
 
 
-def sees_again_on_leg(flight: FlightContext, view: FlightView) -> bool:
+def has_poses_again_on_leg(flight: FlightContext, view: FlightView) -> bool:
     """Return whether its position is measured again, with an order in progress that has a goal.
 
     An order to follow a path has a goal only after a skip. Without a skip, it ended when the poses
     stopped.
     """
     order = flight.order
-    return not view.is_blind and order is not None and order.kind in ("move", "follow_path")
+    return not view.is_dead_reckoned and order is not None and order.kind in ("move", "follow_path")
 
 
-def sees_again_in_climb(flight: FlightContext, view: FlightView) -> bool:
+def has_poses_again_in_climb(flight: FlightContext, view: FlightView) -> bool:
     """Return whether its position is measured again, with an order to take off in progress."""
-    return not view.is_blind and flight.order is not None and flight.order.kind == "takeoff"
+    return not view.is_dead_reckoned and flight.order is not None and flight.order.kind == "takeoff"
 
 
-def sees_again(flight: FlightContext, view: FlightView) -> bool:
+def has_poses_again(flight: FlightContext, view: FlightView) -> bool:
     """Return whether its position is measured again."""
-    return not view.is_blind
+    return not view.is_dead_reckoned
 
 
-def sees_again_for_long(flight: FlightContext, view: FlightView) -> bool:
+def has_poses_again_for_a_while(flight: FlightContext, view: FlightView) -> bool:
     """Return whether its position has again been measured for a while, in a descent without poses.
 
     Intermittent poses must not keep restarting the descent and the search for signs of the ground.
     """
-    return not view.is_blind and flight.steady_s(view) > _SEEN_S
+    return not view.is_dead_reckoned and flight.steady_s(view) > _SEEN_S
 
 
 def falls(flight: FlightContext, view: FlightView) -> bool:
@@ -434,7 +434,7 @@ def stopped_while_sinking(flight: FlightContext, view: FlightView) -> bool:
 def _is_sinking(view: FlightView, least_m_s: float) -> bool:
     """Return whether a vehicle with a measured position has a vertical speed below this."""
     _, _, climbing_m_s = view.velocity_enu_m_s
-    return view.has_position and not view.is_blind and climbing_m_s < least_m_s
+    return view.has_position and not view.is_dead_reckoned and climbing_m_s < least_m_s
 
 
 def kill_had_no_effect(flight: FlightContext, view: FlightView) -> bool:
@@ -498,7 +498,7 @@ def is_steady(flight: FlightContext, view: FlightView) -> bool:
         case FlightStep.DESCENT:
             return _is_kept_beside_its_goal(flight, view)
         case FlightStep.SINKING:
-            return not view.is_blind
+            return not view.is_dead_reckoned
     return False
 
 

@@ -203,7 +203,7 @@ def advance(flight: FlightContext, view: FlightView) -> None:
         flight.contact,
         view,
         flight.vehicle,
-        sinks_blind=flight.step is FlightStep.SINKING,
+        sinks_without_poses=flight.step is FlightStep.SINKING,
     )
 
     _, _, height_m = view.position_enu_m

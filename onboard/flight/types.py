@@ -65,9 +65,9 @@ class FlightStep(Enum):
     ARRIVED = "flying", "arrived", S.FLYING, M.FLYING, True
     HOLDING = "holding", "arrived", S.FLYING, M.FLYING, True
     TAKEOVER = "holding", "taking over from PX4's hold", S.FLYING, M.FLYING, True
-    COASTING = "flying", "no pose: brakes and sinks", S.FLYING, M.BLIND, True
+    COASTING = "flying", "no pose: brakes and sinks", S.FLYING, M.DEAD_RECKONING, True
     DESCENT = "landing", "descent", S.LANDING, M.LANDING, True
-    SINKING = "landing", "descent without poses", S.LANDING, M.BLIND, True
+    SINKING = "landing", "descent without poses", S.LANDING, M.DEAD_RECKONING, True
     CONTACT = "landing", "on the ground, waiting for PX4", S.LANDING, M.GROUND, True
     PX4_LANDING = "landing", "PX4 lands", S.PX4_LANDING, M.GROUND, False
     LANDED = "landed", "", S.GROUND, M.GROUND, False
@@ -151,7 +151,7 @@ class FlightView(Struct, frozen=True):
     # clocks of the other vehicles of the same show; None: they are not compared at this tick
     other_clocks: tuple[OtherClock, ...] | None = None
     period_s: float = TICK_S  # time since the last tick
-    is_blind: bool = False  # whether position and velocity come from dead reckoning
+    is_dead_reckoned: bool = False  # whether position and velocity come from dead reckoning
     yaw_rad: float = math.nan  # heading, counterclockwise from east; NaN: not known
     position_age_s: float = math.inf  # age of the newest sample that the estimate has used
     attitude_wxyz: Wxyz = (1.0, 0.0, 0.0, 0.0)  # in the fleet's frame

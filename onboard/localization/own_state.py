@@ -69,7 +69,7 @@ class OwnEstimate(NamedTuple):
     state: State | None  # None before the first usable sample
     attitude_wxyz: Wxyz  # in the fleet frame
     age_s: float  # age of the newest used sample; inf before the first
-    is_reckoned: bool  # whether this agent flies the vehicle by dead reckoning
+    is_dead_reckoned: bool  # whether this agent flies the vehicle by dead reckoning
     jumps: int  # number of impossible samples in a row
     is_mocap_frozen: bool
     is_mocap_late: bool
@@ -221,24 +221,26 @@ class OwnState:
 
         jumps = self.jumps
         age_s = self.age_s
-        is_reckoned = self.is_reckoned
+        is_dead_reckoned = self.is_dead_reckoned
 
         if self.vehicle.mocap_required:
             trusted_enu_m = None
-            if is_reckoned or (jumps == 0 and age_s < _TRUSTED_S):
+            if is_dead_reckoned or (jumps == 0 and age_s < _TRUSTED_S):
                 trusted_enu_m = self.position_enu_m
-            self.px4_check.update(snapshot, trusted_enu_m, now_ns, is_reckoned=is_reckoned)
+            self.px4_check.update(
+                snapshot, trusted_enu_m, now_ns, is_dead_reckoned=is_dead_reckoned
+            )
 
         # convert again, because the samples have changed the heading offset
         attitude_wxyz = turned_about_up(snapshot.quaternion_enu_flu_wxyz, self.heading_offset_rad)
-        state = self._state(is_reckoned=is_reckoned)
+        state = self._state(is_dead_reckoned=is_dead_reckoned)
         gust_m_s2 = wind.gust_std_m_s2(self._wind)
         expected_gust_m_s2 = wind.strongest_gust_std_m_s2(self._wind)
         return OwnEstimate(
             state=state,
             attitude_wxyz=attitude_wxyz,
             age_s=age_s,
-            is_reckoned=is_reckoned,
+            is_dead_reckoned=is_dead_reckoned,
             jumps=jumps,
             is_mocap_frozen=self.validator.is_frozen,
             is_mocap_late=self.validator.is_late,
@@ -396,7 +398,7 @@ class OwnState:
         return self._memory.last_age_s
 
     @property
-    def is_reckoned(self) -> bool:
+    def is_dead_reckoned(self) -> bool:
         """Whether this agent flies the vehicle by dead reckoning."""
         return self._reckoning.is_on and self.is_flown
 
@@ -439,12 +441,12 @@ class OwnState:
 
         Infinite before the first sample.
         """
-        state = self._state(is_reckoned=False)
+        state = self._state(is_dead_reckoned=False)
         if state is None:
             return math.inf
         return state.position_std_m
 
-    def _state(self, *, is_reckoned: bool) -> State | None:
+    def _state(self, *, is_dead_reckoned: bool) -> State | None:
         """Return the estimate as of the last update; None before the first sample."""
         if self._memory is None:
             return None
@@ -453,7 +455,7 @@ class OwnState:
         state = wind.widened(state, self._wind, self._params.gust_time_s)
         position_std_m = state.position_std_m
         velocity_std_m_s = state.velocity_std_m_s
-        if is_reckoned:
+        if is_dead_reckoned:
             position_std_m, velocity_std_m_s = self._reckoning.std
 
         return state._replace(

@@ -56,7 +56,7 @@ class Px4PositionCheck:
         trusted_enu_m: Xyz | None,
         now_ns: int,
         *,
-        is_reckoned: bool = False,
+        is_dead_reckoned: bool = False,
     ) -> None:
         """Update PX4's position and its offset at a tick.
 
@@ -64,10 +64,10 @@ class Px4PositionCheck:
             snapshot: newest snapshot of PX4.
             trusted_enu_m: the vehicle's estimated position; None if it cannot be trusted.
             now_ns: time of the tick.
-            is_reckoned: whether that position is dead reckoning, which is more accurate than PX4's
-                position horizontally, but not vertically.
+            is_dead_reckoned: whether that position is dead reckoning, which is more accurate than
+                PX4's position horizontally, but not vertically.
         """
-        has_pose = trusted_enu_m is not None and not is_reckoned
+        has_pose = trusted_enu_m is not None and not is_dead_reckoned
         self._follow_landing(snapshot, has_pose, now_ns)
 
         if snapshot.local_position_ns == self._stamp_ns:
@@ -78,7 +78,7 @@ class Px4PositionCheck:
         self._velocity_m_s = enu_from_ned(snapshot.velocity_local_ned_m_s)
 
         if trusted_enu_m is not None:
-            self._learn_offset(trusted_enu_m, dt_s, now_ns, is_reckoned)
+            self._learn_offset(trusted_enu_m, dt_s, now_ns, is_dead_reckoned)
 
     def _follow_landing(self, snapshot: Snapshot, has_pose: bool, now_ns: int) -> None:
         """Remember where the vehicle landed without poses; forget it with the next pose."""
@@ -93,7 +93,7 @@ class Px4PositionCheck:
         self._is_up = is_up
 
     def _learn_offset(
-        self, trusted_enu_m: Xyz, dt_s: float, now_ns: int, is_reckoned: bool
+        self, trusted_enu_m: Xyz, dt_s: float, now_ns: int, is_dead_reckoned: bool
     ) -> None:
         """Update the offset of PX4's frame from PX4's position and the estimated position."""
         x, y, z = trusted_enu_m
@@ -102,7 +102,7 @@ class Px4PositionCheck:
         new_x, new_y, new_z = offset
         last_offset = self._offset_m
 
-        if is_reckoned:
+        if is_dead_reckoned:
             if last_offset is not None:  # dead reckoning corrects only the horizontal part
                 _, _, last_z = last_offset
                 self._offset_m = (new_x, new_y, last_z)

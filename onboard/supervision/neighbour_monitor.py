@@ -303,7 +303,7 @@ def _blind(telemetries: Iterable[Telemetry], view: FlightView) -> tuple[str, ...
     Empty while this vehicle itself uses dead reckoning, because vehicles that have all lost their
     poses brake and sink together.
     """
-    if view.is_blind:
+    if view.is_dead_reckoned:
         return ()
 
     return tuple(

@@ -335,7 +335,7 @@ class TickObserver:
         is_landing = self._flight.step.situation is Situation.LANDING
         if is_landing and not self._vehicle.mocap_required:
             return _TRACKED_SATELLITES_ABOVE_M
-        if view.is_blind:
+        if view.is_dead_reckoned:
             return _TRACKED_BLIND_ABOVE_M
         return _TRACKED_ABOVE_M
 

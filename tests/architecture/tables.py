@@ -73,9 +73,9 @@ def steps() -> str:
     lines.append("|---" * 6 + "|")
     for step in FlightStep:
         streams = "yes" if step.is_streaming else "no"
-        phase = step.control_mode.name.lower()
+        mode = _words(step.control_mode.name)
         lines.append(
-            _line(_words(step.name), step.state, step.text, step.situation.value, phase, streams)
+            _line(_words(step.name), step.state, step.text, step.situation.value, mode, streams)
         )
     return "\n".join(lines)
 

@@ -180,7 +180,7 @@ class Watch:
         """Note what is believed beside what is true, of those still in the air."""
         for name, truth in self._truths.items():
             core = self._flight.agents[name].core
-            if truth.is_on_ground or not core.own.is_reckoned:
+            if truth.is_on_ground or not core.own.is_dead_reckoned:
                 continue
             x, y, z = core.own.position_enu_m
             true_x, true_y, true_z = truth.position_enu_m

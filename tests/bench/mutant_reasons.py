@@ -435,10 +435,10 @@ ACCEPTED = (
             ("return flight.seconds(view) > HOLD_TIMEOUT_S", _LARGER),
             ("is_late = since_begin_s > flight.goal.duration_s + _LATE_DESCENT_S", _LARGER),
             ("return has_contact and since_begin_s > _BEGUN_S", _LARGER),
-            ("return is_stopped and flight.seconds(view) > _BLIND_BEGUN_S", _LARGER),
+            ("return is_stopped and flight.seconds(view) > _WITHOUT_POSES_BEGUN_S", _LARGER),
             (
                 "if flight.step is not FlightStep.SINKING or "
-                "flight.seconds(view) < _BLIND_BEGUN_S:",
+                "flight.seconds(view) < _WITHOUT_POSES_BEGUN_S:",
                 _SMALLER,
             ),
             (

@@ -86,7 +86,7 @@ def test_what_asks_for_a_hold_meanwhile_ends_the_order() -> None:
         velocity_enu_m_s=(0.0, 0.0, 0.0),
         has_position=True,
         snapshot=rig.snapshot,
-        is_blind=True,
+        is_dead_reckoned=True,
     )
     begin_failsafe(rig.core.flight, view, Action.HOLD, "Bus lost: holding.")
     rig.run(0.2)

@@ -143,7 +143,7 @@ def test_without_satellites_it_comes_down_by_dead_reckoning_not_after_a_position
     rig.run(0.8)
     assert rig.core.flight.step is FlightStep.SINKING
     assert "satellites-lost" in {event.code for event in rig.events}
-    assert rig.core.own.is_reckoned
+    assert rig.core.own.is_dead_reckoned
     rig.until("landed")
 
 

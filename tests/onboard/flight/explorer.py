@@ -646,7 +646,7 @@ def _view(state: State) -> FlightView:
         snapshot=snapshot,
         thrust_share=1.0 if world.is_in_air else 0.5,
         lift_share=1.0 if world.is_in_air else 0.5,
-        is_blind=world.is_blind,
+        is_dead_reckoned=world.is_blind,
         yaw_rad=0.0,
         position_age_s=math.inf if world.is_blind else 0.0,
     )

@@ -30,7 +30,7 @@ def _view(
     thrust_share: float = 1.0,
     lift_share: float | None = None,
     is_reported: bool = False,
-    is_blind: bool = False,
+    is_dead_reckoned: bool = False,
 ) -> FlightView:
     """A vehicle in flight; PX4's reports are new."""
     landed = Landed.ON_GROUND if is_reported else Landed.IN_AIR
@@ -45,7 +45,7 @@ def _view(
         snapshot=snapshot,
         thrust_share=thrust_share,
         lift_share=thrust_share if lift_share is None else lift_share,
-        is_blind=is_blind,
+        is_dead_reckoned=is_dead_reckoned,
     )
 
 
@@ -53,14 +53,14 @@ def _observed(
     view: FlightView,
     *,
     has_mocap: bool = True,
-    sinks_blind: bool = False,
+    sinks_without_poses: bool = False,
     height_m: float = 2.0,
     hover_thrust_frac: float = 0.5,
 ) -> ContactSigns:
     """The signs of a tick, when all of them held before."""
     before = ContactSigns(height_m, _BEFORE_NS, _BEFORE_NS, _BEFORE_NS, _BEFORE_NS)
     vehicle = replace(_VEHICLE, mocap_required=has_mocap, hover_thrust_frac=hover_thrust_frac)
-    return contact.observe(before, view, vehicle, sinks_blind=sinks_blind)
+    return contact.observe(before, view, vehicle, sinks_without_poses=sinks_without_poses)
 
 
 def _lasted(**since_ms: float) -> ContactSigns:
@@ -98,7 +98,7 @@ def test_without_a_mocap_it_is_still_by_px4s_speed(sinks_m_s: float, still_since
 def test_without_poses_it_is_still_unless_it_sinks(
     has_mocap: bool, sinks_m_s: float, still_since_ns: int
 ) -> None:
-    view = _view(2.0, sinks_m_s=sinks_m_s, is_blind=True)
+    view = _view(2.0, sinks_m_s=sinks_m_s, is_dead_reckoned=True)
     assert _observed(view, has_mocap=has_mocap).still_since_ns == still_since_ns
 
 
@@ -232,15 +232,15 @@ def test_a_vehicle_without_poses_is_down_when_it_does_not_sink_where_the_ground_
     height_m: float, still_ms: float, seems_down: bool, is_down: bool
 ) -> None:
     signs = _lasted(still=still_ms)
-    view = _view(height_m, is_blind=True)
+    view = _view(height_m, is_dead_reckoned=True)
     assert contact.may_have_ground_contact_without_poses(signs, view, 0.0) is seems_down
     assert contact.has_ground_contact_without_poses(signs, view, 0.0, 0.0) is is_down
 
 
 def test_without_poses_the_height_is_that_above_the_ground_of_the_take_off() -> None:
     signs = _lasted(still=261)
-    above = _view(4.5, is_blind=True)
-    below = _view(0.5, is_blind=True)
+    above = _view(4.5, is_dead_reckoned=True)
+    below = _view(0.5, is_dead_reckoned=True)
     assert contact.has_ground_contact_without_poses(signs, above, 4.0, 4.0)
     assert contact.may_have_ground_contact_without_poses(signs, above, 4.0)
     assert not contact.has_ground_contact_without_poses(signs, below, -4.0, -4.0)
@@ -248,7 +248,7 @@ def test_without_poses_the_height_is_that_above_the_ground_of_the_take_off() -> 
 
 
 def test_without_poses_it_may_sink_to_the_lowest_ground() -> None:
-    deep = _view(-3.0, is_blind=True)
+    deep = _view(-3.0, is_dead_reckoned=True)
     assert contact.has_ground_contact_without_poses(_lasted(), deep, 0.0, -1.9)
     assert not contact.has_ground_contact_without_poses(_lasted(), deep, 0.0, -2.1)
 
@@ -258,6 +258,6 @@ def test_with_poses_for_a_moment_a_vehicle_is_down_only_where_its_gear_may_touch
     height_m: float, is_down: bool
 ) -> None:
     signs = _lasted(still=500)
-    seen = _view(height_m, is_blind=False)
+    seen = _view(height_m, is_dead_reckoned=False)
     assert contact.may_have_ground_contact_without_poses(signs, seen, 0.0) is is_down
     assert contact.has_ground_contact_without_poses(signs, seen, 0.0, 0.0) is is_down

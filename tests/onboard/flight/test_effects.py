@@ -365,7 +365,7 @@ def test_what_is_overdue() -> None:
     descent = _flight(step=FlightStep.DESCENT, lowest_m=1.0, deadline_ns=_NOW_NS)
     assert descent.overdue(_view(z=1.5)) is None
     assert descent.overdue(_view(z=1.51)) == Overdue("it has risen by 0.51 m")
-    assert descent.overdue(_view(z=1.51, is_blind=True)) is None
+    assert descent.overdue(_view(z=1.51, is_dead_reckoned=True)) is None
     assert descent.overdue(_view(z=1.51, has_position=False)) is None
     assert descent.overdue(_view(after_s=0.001)) == Overdue("")
 

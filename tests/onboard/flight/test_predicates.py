@@ -395,37 +395,40 @@ def test_beside_a_roof_its_height_is_no_sign_of_contact(height_m: float) -> None
 def test_a_descent_without_poses_has_to_have_begun(now_s: float, counts: bool) -> None:
     contact = _stands(0, 400, now_s)
     flight = _flight(step=FlightStep.SINKING, contact=contact)
-    view = _view(now_s, position_enu_m=(0.0, 0.0, 0.2), is_blind=True)
-    assert predicates.touched_down_blind(flight, view) is counts
+    view = _view(now_s, position_enu_m=(0.0, 0.0, 0.2), is_dead_reckoned=True)
+    assert predicates.touched_down_without_poses(flight, view) is counts
     assert predicates.may_have_ground_contact_without_poses(flight, view) is counts
 
     coasting = _flight(step=FlightStep.COASTING, contact=contact)
     assert not predicates.may_have_ground_contact_without_poses(coasting, view)
     high = _view(now_s, position_enu_m=(0.0, 0.0, 0.7))
-    assert not predicates.touched_down_blind(flight, high)
+    assert not predicates.touched_down_without_poses(flight, high)
 
 
 def test_a_descent_without_poses_ends_when_they_have_come_for_a_while() -> None:
     flight = _flight(step=FlightStep.SINKING)
-    assert not predicates.sees_again_for_long(flight, _view(0.5))
-    assert predicates.sees_again_for_long(flight, _view(0.7))
-    assert not predicates.sees_again_for_long(flight, _view(0.7, is_blind=True))
+    assert not predicates.has_poses_again_for_a_while(flight, _view(0.5))
+    assert predicates.has_poses_again_for_a_while(flight, _view(0.7))
+    assert not predicates.has_poses_again_for_a_while(flight, _view(0.7, is_dead_reckoned=True))
 
 
-@pytest.mark.parametrize("is_blind", [True, False])
+@pytest.mark.parametrize("is_dead_reckoned", [True, False])
 @pytest.mark.parametrize("kind", ["move", "follow_path", "takeoff", "land"])
-def test_what_goes_on_when_its_position_is_measured_again(is_blind: bool, kind: OrderKind) -> None:
-    view = _view(is_blind=is_blind)
+def test_what_goes_on_when_its_position_is_measured_again(
+    is_dead_reckoned: bool, kind: OrderKind
+) -> None:
+    view = _view(is_dead_reckoned=is_dead_reckoned)
     flight = _flight(order=_order(kind))
     assert predicates.has_order(flight, view)
-    assert predicates.is_blind(flight, view) is is_blind
-    assert predicates.sees_again(flight, view) is not is_blind
-    is_on_leg = not is_blind and kind in ("move", "follow_path")
-    assert predicates.sees_again_on_leg(flight, view) is is_on_leg
-    assert predicates.sees_again_in_climb(flight, view) is (not is_blind and kind == "takeoff")
+    assert predicates.is_dead_reckoned(flight, view) is is_dead_reckoned
+    assert predicates.has_poses_again(flight, view) is not is_dead_reckoned
+    is_on_leg = not is_dead_reckoned and kind in ("move", "follow_path")
+    assert predicates.has_poses_again_on_leg(flight, view) is is_on_leg
+    is_climbing = not is_dead_reckoned and kind == "takeoff"
+    assert predicates.has_poses_again_in_climb(flight, view) is is_climbing
     assert not predicates.has_order(_flight(), view)
-    assert not predicates.sees_again_on_leg(_flight(), view)
-    assert not predicates.sees_again_in_climb(_flight(), view)
+    assert not predicates.has_poses_again_on_leg(_flight(), view)
+    assert not predicates.has_poses_again_in_climb(_flight(), view)
 
 
 @pytest.mark.parametrize(

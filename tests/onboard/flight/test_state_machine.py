@@ -236,13 +236,13 @@ def test_who_is_to_follow_again_waits_for_the_next_goal_where_it_holds() -> None
 
 def test_without_poses_a_following_is_paused_and_the_vehicle_holds_when_they_return() -> None:
     flight = _flight(FlightStep.COASTING, order=_MOVES, follow=FollowFlight(leader="mav1"))
-    state_machine.change_path(flight, _view(is_blind=True), _order("pause"))
+    state_machine.change_path(flight, _view(is_dead_reckoned=True), _order("pause"))
     said, _ = _taken(flight)
     assert [event.order_outcome for event in said] == ["superseded", "done"]
     assert (flight.step, flight.order) == (FlightStep.COASTING, None)
     assert flight.is_paused
 
-    state_machine.advance(flight, _view(is_blind=False))
+    state_machine.advance(flight, _view(is_dead_reckoned=False))
     assert flight.step is FlightStep.HOLDING
 
 

@@ -244,7 +244,7 @@ def test_a_neighbour_in_the_air_without_poses_is_blind(
     watching.hear(heard_ns)
     told = telemetry("mav1", state_age_s=state_age_s, is_airborne=is_airborne)
     watching.table.hear(told, BEGIN_NS)
-    facts = watching.update_slowly(is_blind=is_own_blind)
+    facts = watching.update_slowly(is_dead_reckoned=is_own_blind)
     assert facts.blind == (("mav1",) if is_named else ())
 
 

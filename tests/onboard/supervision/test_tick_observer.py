@@ -119,14 +119,14 @@ class Observed:
         snapshot = Snapshot(**{**reported, **self.snapshot})
         view = FlightView(**{"now_ns": now_ns, "snapshot": snapshot, **self.view})
         signs = contact.observe(
-            self.flight.contact, view, FLEET.vehicles["mav0"], sinks_blind=False
+            self.flight.contact, view, FLEET.vehicles["mav0"], sinks_without_poses=False
         )
         self.flies(contact=signs)
         own = OwnEstimate(
             state=None,
             attitude_wxyz=(1.0, 0.0, 0.0, 0.0),
             age_s=0.0,
-            is_reckoned=False,
+            is_dead_reckoned=False,
             jumps=self.jumps,
             is_mocap_frozen=False,
             is_mocap_late=False,
@@ -258,11 +258,11 @@ def upset(
     height_m: float,
     *,
     config: FleetConfig = FLEET,
-    is_blind: bool = False,
+    is_dead_reckoned: bool = False,
 ) -> bool:
     """Return whether a vehicle on its side at a height has lost its attitude."""
     observed = Observed(step, config)
-    observed.view |= {"attitude_wxyz": ON_ITS_SIDE, "is_blind": is_blind}
+    observed.view |= {"attitude_wxyz": ON_ITS_SIDE, "is_dead_reckoned": is_dead_reckoned}
     observed.view["position_enu_m"] = (0.0, 0.0, height_m)
     return observed.run(0.5).is_attitude_lost
 
@@ -287,7 +287,7 @@ def test_the_attitude_is_watched_under_the_law_and_off_the_ground(
 def test_without_poses_the_ground_may_be_half_a_metre_higher(
     height_m: float, is_lost: bool
 ) -> None:
-    assert upset(FlightStep.COASTING, height_m, is_blind=True) is is_lost
+    assert upset(FlightStep.COASTING, height_m, is_dead_reckoned=True) is is_lost
 
 
 @pytest.mark.parametrize(
