@@ -22,7 +22,7 @@ from onboard.flight.context import FlightContext
 from onboard.flight.path_flight import PathFlight
 from onboard.flight.types import FlightView
 from onboard.localization.own_state import OwnState
-from onboard.localization.px4_position_check import STD_M, STD_M_S
+from onboard.localization.px4_position_check import Px4Motion
 from onboard.message_counts import MessageCounts
 from onboard.neighbours.duplicate_agents import DuplicateAgents
 from onboard.neighbours.table import NeighbourTable
@@ -115,10 +115,8 @@ def state_message(identity: AgentIdentity, result: TickResult, sequence: int) ->
     )
 
 
-def px4_state_message(
-    state: StateMessage, position_enu_m: Xyz, velocity_enu_m_s: Xyz
-) -> StateMessage:
-    """Return the state of a vehicle without poses that PX4 lands.
+def px4_state_message(state: StateMessage, motion: Px4Motion) -> StateMessage:
+    """Return the state of a vehicle without poses that PX4 lands or has landed.
 
     Its position and velocity come from PX4, and it does not cooperate.
     """
@@ -127,17 +125,17 @@ def px4_state_message(
         state,
         is_valid=True,
         is_cooperative=False,
-        position_enu_m=position_enu_m,
-        velocity_enu_m_s=velocity_enu_m_s,
+        position_enu_m=motion.position_enu_m,
+        velocity_enu_m_s=motion.velocity_enu_m_s,
         acceleration_enu_m_s2=still,
-        predicted_position_enu_m=position_enu_m,
-        predicted_velocity_enu_m_s=velocity_enu_m_s,
+        predicted_position_enu_m=motion.position_enu_m,
+        predicted_velocity_enu_m_s=motion.velocity_enu_m_s,
         commanded_acceleration_enu_m_s2=still,
         lead_time_s=0.0,
-        position_std_m=STD_M,
-        velocity_std_m_s=STD_M_S,
+        position_std_m=motion.position_std_m,
+        velocity_std_m_s=motion.velocity_std_m_s,
         crowd_count=0.0,
-        intent_enu_m_s=velocity_enu_m_s,
+        intent_enu_m_s=motion.velocity_enu_m_s,
     )
 
 

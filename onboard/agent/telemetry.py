@@ -83,8 +83,7 @@ class TelemetryPublisher:
         px4_motion = self._sources.own.px4_check.motion(view.now_ns)
         if px4_motion is None:
             return state
-        position_enu_m, velocity_enu_m_s = px4_motion
-        return messages.px4_state_message(state, position_enu_m, velocity_enu_m_s)
+        return messages.px4_state_message(state, px4_motion)
 
     def _batch(self) -> TickBatch:
         """Return the samples since the last batch."""

@@ -95,7 +95,9 @@ class DeadReckoning:
             self.is_on = False
             return memory
         position_std_m, velocity_std_m_s = self.std
-        self.std = (_grown_std_m(position_std_m, age_s, dt_s), velocity_std_m_s)
+        if not is_on_ground:
+            position_std_m = _grown_std_m(position_std_m, age_s, dt_s)
+        self.std = (position_std_m, velocity_std_m_s)
 
         position = memory.position_enu_m
         velocity = memory.velocity_enu_m_s

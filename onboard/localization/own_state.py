@@ -227,8 +227,11 @@ class OwnState:
             trusted_enu_m = None
             if is_dead_reckoned or (jumps == 0 and age_s < _TRUSTED_S):
                 trusted_enu_m = self.position_enu_m
+            dead_reckoned_std_m = None
+            if is_dead_reckoned:
+                dead_reckoned_std_m, _ = self._reckoning.std
             self.px4_check.update(
-                snapshot, trusted_enu_m, now_ns, is_dead_reckoned=is_dead_reckoned
+                snapshot, trusted_enu_m, now_ns, dead_reckoned_std_m=dead_reckoned_std_m
             )
 
         # convert again, because the samples have changed the heading offset
@@ -360,7 +363,8 @@ class OwnState:
         motion = self.px4_check.motion(now_ns)
         if motion is None:
             return None
-        (_, _, height_m), (_, _, climbing_m_s) = motion
+        _, _, height_m = motion.position_enu_m
+        _, _, climbing_m_s = motion.velocity_enu_m_s
         return VerticalMotion(height_m=height_m, climbing_m_s=climbing_m_s)
 
     def to_px4(self, setpoint: AttitudeSetpoint) -> AttitudeSetpoint:

@@ -13,16 +13,17 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import NamedTuple
 
 from onboard.autopilot import Landed, Snapshot
 from onboard.frames import enu_from_ned
 from onboard.safety.limits import LOCAL_POSITION_FRESH_S
 from onboard.tuples import Xyz
 
-# Published standard deviations of position and velocity. With larger values, the other vehicles'
-# margins would push them out of the geofence.
-STD_M = 0.3
-STD_M_S = 0.3
+# Published standard deviations of position and velocity in flight. With larger values, the other
+# vehicles' margins would push them out of the geofence.
+_STD_M = 0.3
+_STD_M_S = 0.3
 
 # PX4's position is not used after this time without poses. Most vehicles have landed by then.
 _TRUSTED_S = 12.0
@@ -36,6 +37,15 @@ _ERROR_M_S2 = 0.02
 _NS = 1e-9  # one nanosecond, in seconds
 
 
+class Px4Motion(NamedTuple):
+    """PX4's position and velocity in the fleet frame, with their standard deviations."""
+
+    position_enu_m: Xyz
+    velocity_enu_m_s: Xyz
+    position_std_m: float
+    velocity_std_m_s: float
+
+
 @dataclass(slots=True)
 class Px4PositionCheck:
     """PX4's position of one vehicle, converted to the fleet frame by an offset from poses."""
@@ -46,8 +56,7 @@ class Px4PositionCheck:
     _velocity_m_s: Xyz = (0.0, 0.0, 0.0)  # ENU
     _stamp_ns: int = 0  # time of position and velocity
     _is_up: bool = False  # whether the vehicle is armed and not on the ground
-    # where the vehicle landed without poses, in the fleet frame; None: it did not
-    _landed_m: Xyz | None = None
+    _landed: Px4Motion | None = None  # of a vehicle that landed without poses, at rest
     _landed_blind_s: float = 0.0  # time without poses before that landing
 
     def update(
@@ -56,7 +65,7 @@ class Px4PositionCheck:
         trusted_enu_m: Xyz | None,
         now_ns: int,
         *,
-        is_dead_reckoned: bool = False,
+        dead_reckoned_std_m: float | None = None,
     ) -> None:
         """Update PX4's position and its offset at a tick.
 
@@ -64,11 +73,12 @@ class Px4PositionCheck:
             snapshot: newest snapshot of PX4.
             trusted_enu_m: the vehicle's estimated position; None if it cannot be trusted.
             now_ns: time of the tick.
-            is_dead_reckoned: whether that position is dead reckoning, which is more accurate than
+            dead_reckoned_std_m: standard deviation of that position [m] if it is dead reckoning,
+                otherwise None. Dead reckoning is more accurate than
                 PX4's position horizontally, but not vertically.
         """
-        has_pose = trusted_enu_m is not None and not is_dead_reckoned
-        self._follow_landing(snapshot, has_pose, now_ns)
+        has_pose = trusted_enu_m is not None and dead_reckoned_std_m is None
+        self._follow_landing(snapshot, has_pose, dead_reckoned_std_m, now_ns)
 
         if snapshot.local_position_ns == self._stamp_ns:
             return
@@ -78,17 +88,36 @@ class Px4PositionCheck:
         self._velocity_m_s = enu_from_ned(snapshot.velocity_local_ned_m_s)
 
         if trusted_enu_m is not None:
+            is_dead_reckoned = dead_reckoned_std_m is not None
             self._learn_offset(trusted_enu_m, dt_s, now_ns, is_dead_reckoned)
 
-    def _follow_landing(self, snapshot: Snapshot, has_pose: bool, now_ns: int) -> None:
-        """Remember where the vehicle landed without poses; forget it with the next pose."""
+    def _follow_landing(
+        self,
+        snapshot: Snapshot,
+        has_pose: bool,
+        dead_reckoned_std_m: float | None,
+        now_ns: int,
+    ) -> None:
+        """Remember where the vehicle landed without poses; forget it with the next pose.
+
+        A vehicle that landed by dead reckoning is where dead reckoning says. If its standard
+        deviation grew after the landing, the other vehicles would leave their places beside it.
+        """
         is_up = snapshot.is_armed and snapshot.landed is not Landed.ON_GROUND
         if is_up or has_pose:
-            self._landed_m = None
+            self._landed = None
         elif self._is_up:
             motion = self.motion(now_ns)
             if motion is not None:
-                self._landed_m, _ = motion
+                std_m = motion.position_std_m
+                if dead_reckoned_std_m is not None:
+                    std_m = dead_reckoned_std_m
+                self._landed = Px4Motion(
+                    position_enu_m=motion.position_enu_m,
+                    velocity_enu_m_s=(0.0, 0.0, 0.0),
+                    position_std_m=std_m,
+                    velocity_std_m_s=0.0,
+                )
             self._landed_blind_s = (now_ns - self._learned_ns) * _NS
         self._is_up = is_up
 
@@ -121,10 +150,10 @@ class Px4PositionCheck:
             )
         self._learned_ns = now_ns
 
-    def motion(self, now_ns: int) -> tuple[Xyz, Xyz] | None:
+    def motion(self, now_ns: int) -> Px4Motion | None:
         """Return PX4's position and velocity in the fleet frame; None if they must not be used."""
-        if self._landed_m is not None:
-            return self._landed_m, (0.0, 0.0, 0.0)
+        if self._landed is not None:
+            return self._landed
         if not self._is_up or self._offset_m is None:
             return None
 
@@ -141,7 +170,12 @@ class Px4PositionCheck:
             y + age_s * vy - offset_y,
             z + age_s * vz - offset_z,
         )
-        return position_m, (vx, vy, vz)
+        return Px4Motion(
+            position_enu_m=position_m,
+            velocity_enu_m_s=(vx, vy, vz),
+            position_std_m=_STD_M,
+            velocity_std_m_s=_STD_M_S,
+        )
 
     def contradicts(self, position_enu_m: Xyz, now_ns: int) -> bool:
         """Whether PX4's position differs from a pose's position by more than its largest error."""
@@ -150,8 +184,7 @@ class Px4PositionCheck:
             return False
 
         blind_s = (now_ns - self._learned_ns) * _NS
-        if self._landed_m is not None:
+        if self._landed is not None:
             blind_s = self._landed_blind_s
         error_m = _ERROR_M + _ERROR_M_S2 * blind_s * blind_s
-        px4_enu_m, _ = motion
-        return math.dist(px4_enu_m, position_enu_m) > error_m
+        return math.dist(motion.position_enu_m, position_enu_m) > error_m

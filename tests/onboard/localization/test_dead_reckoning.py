@@ -113,4 +113,15 @@ def test_its_accuracy_grows_slowly_from_that_of_the_last_sample() -> None:
     memory = blind(memory, 2.0, reckoning, None)
     assert reckoning.is_on
     assert reckoning.std == pytest.approx((before[0] + 0.05 * 1.8, before[1]), abs=1e-3)
+
     assert math.sqrt(memory.covariance.pp) > 5.0 * before[0]
+
+
+def test_its_accuracy_stays_the_same_on_the_ground() -> None:
+    reckoning = DeadReckoning()
+    memory = blind(seen(ZERO_3, 1.0, reckoning), 0.5, reckoning, None)
+    landed_std = reckoning.std
+    for _ in range(100):
+        memory = kalman.predict(memory, ZERO_3, PARAMS, DT)
+        memory = reckoning.step(memory, None, DT, True)
+    assert reckoning.std == landed_std

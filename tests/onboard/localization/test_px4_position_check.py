@@ -94,6 +94,29 @@ def test_a_vehicle_that_comes_down_while_poses_are_rejected_lies_there_until_a_p
     assert not check.contradicts((1.0, 0.3, 0.0), 3001 * _TENTH_NS)
 
 
+@pytest.mark.parametrize(("dead_reckoned_std_m", "std_m"), [(0.09, 0.09), (None, 0.3)])
+def test_a_vehicle_that_stands_is_as_accurate_as_its_landing_was(
+    dead_reckoned_std_m: float | None, std_m: float
+) -> None:
+    check = _flown()
+    check.update(
+        _seen(21, (2.0, 1.1, 0.0)),
+        (0.0, 1.1, 0.0),
+        21 * _TENTH_NS,
+        dead_reckoned_std_m=dead_reckoned_std_m,
+    )
+    flown = check.motion(21 * _TENTH_NS)
+    assert flown is not None
+    assert (flown.position_std_m, flown.velocity_std_m_s) == (0.3, 0.3)
+
+    stands = _seen(22, (2.0, 1.1, 0.0), landed=Landed.ON_GROUND)
+    check.update(stands, None, 22 * _TENTH_NS, dead_reckoned_std_m=dead_reckoned_std_m)
+    check.update(_seen(23, (9.0, 9.0, 3.0), landed=Landed.ON_GROUND), None, 23 * _TENTH_NS)
+    landed = check.motion(23 * _TENTH_NS)
+    assert landed is not None
+    assert (landed.position_std_m, landed.velocity_std_m_s) == (std_m, 0.0)
+
+
 def test_a_pose_that_jumps_for_good_is_never_believed_and_others_hear_where_it_lands() -> None:
     rig = hovering_rig()
     there = rig.position.copy()
@@ -109,7 +132,7 @@ def test_a_pose_that_jumps_for_good_is_never_believed_and_others_hear_where_it_l
     assert rig.count(agent_commands.Px4Land) == 0
     assert rig.state is not None
     assert not rig.state.is_cooperative
-    assert rig.state.position_std_m >= 0.3
+    assert rig.state.position_std_m < 0.1  # it landed by dead reckoning, and stands now
     assert rig.telemetry is not None
     assert not rig.telemetry.is_position_valid
 
