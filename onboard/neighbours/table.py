@@ -117,7 +117,9 @@ class NeighbourTable:
                 self._bodies[body] = index
         self._trackers: dict[int, BodyTracker] = {}  # index -> tracker of a watched body
         self._telemetry: dict[str, Telemetry] = {}
-        self._replaced: frozenset[str] = frozenset()  # vehicles that another one stands in for
+        # vehicle in service -> whose slot it says it has, the newest claim last
+        self._claims: dict[str, str] = {}
+        self._replaced: frozenset[str] = frozenset()  # vehicles whose slot another one has
         self._started_ns = 0  # time of the first tick; 0 before it
 
         self._reach_m = subscription.reach_m(fleet, own_name)
@@ -245,10 +247,26 @@ class NeighbourTable:
             return False
 
         self._telemetry[message.vehicle] = message
-        if before is None or before.stands_in_for != message.stands_in_for:
-            names = {telemetry.stands_in_for for telemetry in self._telemetry.values()}
-            self._replaced = frozenset(names - {""})
+        if self._claims.get(message.vehicle) != _claim(message):
+            self._note_claim(message.vehicle, _claim(message))
         return True
+
+    def _note_claim(self, name: str, slot_owner: str | None) -> None:
+        """Note whose slot a vehicle says it has; the newest claim to a slot counts.
+
+        A spare whose agent has died claims its slot for ever, also after another spare or the
+        repaired vehicle has got the slot.
+        """
+        self._claims.pop(name, None)
+        if slot_owner is not None:
+            self._claims[name] = slot_owner
+
+        holders = {claimed: holder for holder, claimed in self._claims.items()}
+        replaced = {owner for owner, holder in holders.items() if holder != owner}
+        for claimant, claimed in self._claims.items():
+            if holders[claimed] != claimant:
+                replaced.add(claimant)
+        self._replaced = frozenset(replaced)
 
     def _hear_state(self, index: int, message: StateMessage, received_ns: int) -> bool:
         numbers = numbers_of(message)
@@ -344,6 +362,17 @@ class NeighbourTable:
         if pose.stamp_ns <= received_ns and not is_frozen:
             self.judged.mocap_positions[index] = MocapPosition(pose.stamp_ns, pose.position_enu_m)
 
+    def replaced(self, own_slot_owner: str) -> frozenset[str]:
+        """Return the other vehicles whose slot our own vehicle or a neighbour has.
+
+        Args:
+            own_slot_owner: vehicle whose start and slots our own vehicle uses; usually itself.
+        """
+        if not self._replaced and own_slot_owner == self.own_name:
+            return self._replaced
+        claim_ours = {name for name, claimed in self._claims.items() if claimed == own_slot_owner}
+        return (self._replaced | claim_ours | {own_slot_owner}) - {self.own_name}
+
     def forget_replaced(self, own_slot_owner: str, now_ns: int) -> None:
         """Forget where replaced vehicles stood, unless they still publish a position.
 
@@ -355,11 +384,8 @@ class NeighbourTable:
             own_slot_owner: vehicle whose start and slots our own vehicle uses; usually itself.
             now_ns: present time.
         """
-        if not self._replaced and own_slot_owner == self.own_name:
-            return
-
         arrays = self.arrays
-        for name in (*self._replaced, own_slot_owner):
+        for name in self.replaced(own_slot_owner):
             index = self.indices.get(name)
             if index is None or arrays.flags[AIRBORNE, index]:
                 continue
@@ -551,8 +577,21 @@ class NeighbourTable:
         return [NeighbourRow(*row) for row in zip(*columns, strict=True)]
 
     def telemetries(self) -> dict[str, Telemetry]:
-        """Return each neighbour's newest telemetry, by name, in the order of the fleet file."""
-        return {name: self._telemetry[name] for name in self.names if name in self._telemetry}
+        """Return each neighbour's newest telemetry, by name, in the order of the fleet file.
+
+        A silent vehicle that the mocap sees, perhaps because it was carried away, has the position
+        at which it is seen.
+        """
+        telemetries = {}
+        for name, index in self.indices.items():
+            telemetry = self._telemetry.get(name)
+            if telemetry is None:
+                continue
+            if index in self.watched_bodies.located:
+                x, y, z = self.arrays.numbers[index, :3].tolist()
+                telemetry = replace(telemetry, position_enu_m=(x, y, z))
+            telemetries[name] = telemetry
+        return telemetries
 
     def last_positions_enu_m(self) -> dict[str, Xyz]:
         """Return where each known neighbour was by its newest valid state [m], however old."""
@@ -631,6 +670,15 @@ class NeighbourTable:
         if not mask.any():
             return ()
         return tuple(itertools.compress(self.names, mask.tolist()))
+
+
+def _claim(telemetry: Telemetry) -> str | None:
+    """Return the vehicle whose slot the sender has: mostly itself; None if it is disabled."""
+    if telemetry.disabled_by:
+        return None
+    if telemetry.stands_in_for:
+        return telemetry.stands_in_for
+    return telemetry.vehicle
 
 
 def _is_successor(fleet: FleetConfig, own_name: str, names: tuple[str, ...]) -> BoolArray:

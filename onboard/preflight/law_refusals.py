@@ -43,12 +43,10 @@ class LawRefusals:
             position_enu_m: position of the vehicle; None if it is not known.
         """
         self._spot_refusals = ()
-        # the mocap may have seen since its last telemetry where a vehicle was carried
-        positions_enu_m = self._neighbours.last_positions_enu_m()
         others = {}  # vehicle on the ground -> its position
         for name, telemetry in self._neighbours.telemetries().items():
             if telemetry.is_position_valid and not telemetry.is_airborne:
-                others[name] = positions_enu_m.get(name, telemetry.position_enu_m)
+                others[name] = telemetry.position_enu_m
         if position_enu_m is None or not others:
             return
 

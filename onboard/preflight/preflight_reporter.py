@@ -295,12 +295,9 @@ class PreflightReporter:
 
     def _missing(self, now_ns: int) -> tuple[str, ...]:
         """Return required vehicles that send no valid states and are not replaced."""
-        stood_in_for = {self._slot_owner}
-        for telemetry in self._neighbours.telemetries().values():
-            if not telemetry.disabled_by:
-                stood_in_for.add(telemetry.stands_in_for)
+        replaced = self._neighbours.replaced(self._slot_owner)
         missing = self._neighbours.missing(now_ns)
-        return tuple(name for name in missing if name not in stood_in_for)
+        return tuple(name for name in missing if name not in replaced)
 
 
 def _fix_type(snapshot: Snapshot, now_ns: int) -> int | None:

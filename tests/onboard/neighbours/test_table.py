@@ -87,6 +87,46 @@ def test_a_vehicle_that_another_one_replaces_is_avoided_only_where_it_says_it_is
     assert _replaced_at(table, own_place, 7 + 60) == [], "it is silent"
 
 
+def _hear_claim(table: NeighbourTable, name: str, at_s: int, **values: str) -> None:
+    table.hear(telemetry(name, stamp_ns=at_s * S, **values), at_s * S)
+
+
+def test_a_spare_that_our_own_vehicle_has_replaced_counts_as_replaced() -> None:
+    """mav1 stands in for mav2 and dies; then our own mav0 has the slot."""
+    table = _table()
+    _hear_claim(table, "mav2", 4)
+    assert table.replaced("mav0") == frozenset()
+    _hear_claim(table, "mav1", 5, stands_in_for="mav2")
+    assert table.replaced("mav0") == {"mav2"}
+    assert table.replaced("mav2") == {"mav1", "mav2"}
+
+
+def test_a_spare_that_another_spare_has_replaced_counts_as_replaced() -> None:
+    """mav1 stands in for our own mav2 and dies; then mav0 has the slot."""
+    table = NeighbourTable(fleet(("mav0", "mav1", "mav2")), "mav2")
+    _hear_claim(table, "mav0", 4, disabled_by="ada")
+    _hear_claim(table, "mav1", 5, stands_in_for="mav2")
+    _hear_claim(table, "mav0", 9, stands_in_for="mav2")
+    assert table.replaced("mav2") == {"mav0", "mav1"}
+
+
+def test_a_vehicle_that_has_its_slot_again_is_not_replaced_by_a_spare_that_has_died() -> None:
+    table = _table()
+    _hear_claim(table, "mav1", 5, stands_in_for="mav2")
+    _hear_claim(table, "mav2", 6, disabled_by="ada")
+    assert table.replaced("mav0") == {"mav2"}
+    _hear_claim(table, "mav2", 9)
+    assert table.replaced("mav0") == {"mav1"}
+
+
+def test_a_vehicle_whose_agent_restarts_does_not_take_its_slot_back() -> None:
+    table = _table()
+    _hear_claim(table, "mav2", 4)
+    _hear_claim(table, "mav1", 5, stands_in_for="mav2")
+    _hear_claim(table, "mav2", 9)
+    assert table.replaced("mav0") == {"mav2"}
+
+
 def test_a_vehicle_that_fell_silent_in_the_air_stays_known_although_it_is_replaced() -> None:
     table = _table()
     table.hear(_state(is_airborne=True), 5 * S)
