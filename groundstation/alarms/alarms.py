@@ -62,6 +62,8 @@ _EVENT_KINDS: dict[str, Kind] = {
     "process_ended": GroundCondition.PROCESS_ENDED,
     "killed": GroundCondition.KILLED,
 }
+# in place of what the agent does about a condition, while a pilot flies its vehicle
+_BY_HAND = "Its pilot flies it: its agent does nothing about it."
 NOT_RECORDED = "Nothing of it was recorded up to here."  # instead of the advice to start an agent
 # Alarms from a single event, which stay until they are acknowledged.
 LATCHED = frozenset(_EVENT_KINDS.values())
@@ -342,13 +344,24 @@ def conditions(state: FleetState, fleet: FleetConfig, now_ns: int) -> list[Alarm
     return sorted(alarms, key=_urgency)
 
 
-def _alarm(kind: Kind, subject: str, *, is_flying: bool, what: str = "", names: str = "") -> Alarm:
+def _alarm(
+    kind: Kind,
+    subject: str,
+    *,
+    is_flying: bool,
+    is_by_hand: bool = False,
+    what: str = "",
+    names: str = "",
+) -> Alarm:
     """Return an alarm with the words of the table; ``names`` replace its subject."""
     row = TABLE[kind]
     advice = row.advice
     severity = row.on_ground
     if is_flying:
-        advice = f"{row.advice_in_flight} {row.advice}".strip()
+        advice_in_flight = row.advice_in_flight
+        if is_by_hand and isinstance(kind, Condition) and kind is not Condition.FLOWN_BY_HAND:
+            advice_in_flight = _BY_HAND
+        advice = f"{advice_in_flight} {row.advice}".strip()
         severity = row.in_flight
     if not names:
         names = subject
@@ -446,7 +459,13 @@ def _of_vehicle(
     if kinds and _is_starting(view, telemetry):
         kinds.difference_update(NOT_HEARD_YET)
     for kind in kinds:
-        yield _alarm(kind, name, is_flying=is_flying, what=_what(kind, telemetry))
+        yield _alarm(
+            kind,
+            name,
+            is_flying=is_flying,
+            is_by_hand=telemetry.is_flown_by_hand,
+            what=_what(kind, telemetry),
+        )
     if unknown:
         texts = ", ".join(plain(text) for text in unknown)
         yield _alarm(GroundCondition.UNKNOWN, name, is_flying=is_flying, what=texts)

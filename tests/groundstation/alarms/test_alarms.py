@@ -133,6 +133,19 @@ def test_a_bad_number_is_an_alarm_even_if_the_vehicle_reports_no_condition(
     }
 
 
+def test_nothing_is_said_to_hold_or_land_a_vehicle_that_a_pilot_flies(ground: Ground3) -> None:
+    ground.all_hear()
+    ground.hear("mav2", position_enu_m=(500.0, 0.0, 1.0))
+    (alarm,) = conditions(ground.state, ground.fleet, ground.now_ns)
+    assert alarm.advice.startswith("It holds.")
+
+    ground.hear("mav2", position_enu_m=(500.0, 0.0, 1.0), is_flown_by_hand=True)
+    (alarm,) = conditions(ground.state, ground.fleet, ground.now_ns)
+    assert alarm.advice == (
+        "Its pilot flies it: its agent does nothing about it. Is its position right?"
+    )
+
+
 def test_of_two_alarms_that_say_the_same_only_the_worse_is_shown(ground: Ground3) -> None:
     ground.all_hear()
     both = (Condition.BUS_LOST.value, Condition.BUS_LOST_LONG.value)
