@@ -61,7 +61,7 @@ from groundstation.orders.plan import (
 from groundstation.orders.result import OrderResult, Results
 from onboard.bus.control_token import EMERGENCY
 from onboard.bus.protocol import Bus
-from onboard.bus.schema import Event, FaultOrder, Message, Order, PathOrder
+from onboard.bus.schema import Event, FaultOrder, Message, PathOrder
 from onboard.bus.topics import Topic
 from onboard.config.fleet import FleetConfig
 from onboard.message_counts import in_words
@@ -100,7 +100,7 @@ class FleetClient:
         self.fleet_file = fleet  # without the formations of a mission
         self.fleet = fleet
         self.is_recording = False  # whether this ground records, as the vehicles were told
-        self._bring_home_ids: set[str] = set()  # ids of a person's orders to bring home
+        self._persons_verbs: dict[str, str] = {}  # id of a person's order -> its verb
         self.has_person = False  # whether a person, besides a mission, gives orders through it
         self.persons_stops = 0  # number of orders to land, hold or kill that no mission gave
         self.author = author or user_name()
@@ -350,19 +350,18 @@ class FleetClient:
             self.persons_stops += 1
         if is_by_mission:
             planned = of_mission(planned)
-        elif planned.intent.verb == "bring_home":
-            self._bring_home_ids.update(order.order_id for order in planned.orders.values())
+        else:
+            ids = (order.order_id for order in planned.orders.values())
+            self._persons_verbs.update(dict.fromkeys(ids, planned.intent.verb))
         return self._orders.send(planned, is_by_mission=is_by_mission)
 
-    def ends_missions(self, order_id: str) -> bool:
-        """Whether an order is one that a person gave at this ground, to bring the fleet home.
-
-        Such an order ends the mission that flies.
+    def persons_verb(self, order_id: str) -> str:
+        """Return the verb of an order that a person gave at this ground; empty: there is none.
 
         Args:
             order_id: identifier of the order, as in telemetry.
         """
-        return order_id in self._bring_home_ids
+        return self._persons_verbs.get(order_id, "")
 
     def is_of_mission(self, order_id: str) -> bool:
         """Whether a mission of this ground has given an order.
@@ -379,16 +378,15 @@ class FleetClient:
             vehicle: name of the vehicle.
             order_id: identifier of an order of a mission.
         """
-        newest = self.newest_of_mission(vehicle)
-        return newest is not None and newest.order_id == order_id
+        return self._orders.newest_of_missions.get(vehicle) == order_id
 
-    def newest_of_mission(self, vehicle: str) -> Order | None:
-        """Return the newest order that a mission of this ground has given a vehicle, if any.
+    def newest_order(self, vehicle: str) -> OrderResult | None:
+        """Return the newest order that a mission or a person at this ground has given a vehicle.
 
         Args:
             vehicle: name of the vehicle.
         """
-        return self._orders.newest_of_missions.get(vehicle)
+        return self._orders.newest.get(vehicle)
 
     def is_own(self, order_id: str) -> bool:
         """Whether this ground has given an order.

@@ -110,7 +110,8 @@ class OpenOrders:
         self._said_of_direct: dict[str, set[str]] = {}
         self._unable: dict[str, str] = {}  # id of a land or kill -> why its agent cannot do it
         self.ids_of_missions: set[str] = set()  # ids of all orders of this ground's missions
-        self.newest_of_missions: dict[str, Order] = {}  # vehicle -> the newest of these orders
+        self.newest_of_missions: dict[str, str] = {}  # vehicle -> id of the newest of these orders
+        self.newest: dict[str, OrderResult] = {}  # vehicle -> newest order, of anybody here
 
     def send(self, planned: PlannedOrder, *, is_by_mission: bool = False) -> OrderResult:
         """Send the messages of a planned order; callable from any thread.
@@ -124,9 +125,11 @@ class OpenOrders:
         """
         result = OrderResult(planned, is_by_mission=is_by_mission)
         if is_by_mission:
-            self.newest_of_missions.update(planned.orders)
-            self.ids_of_missions.update(order.order_id for order in planned.orders.values())
+            newest = {name: order.order_id for name, order in planned.orders.items()}
+            self.newest_of_missions.update(newest)
+            self.ids_of_missions.update(newest.values())
         for vehicle, order in planned.orders.items():
+            self.newest[vehicle] = result
             self._open[order.order_id] = result
             self._feed.tell_sinks(Topic.ORDER, vehicle, order)
 

@@ -187,7 +187,11 @@ class Fleet(Group):
             return
 
         if at_end == "home" and flying:
-            await fly_home(self.client, flying, say=self.say)
+            results = await fly_home(self.client, flying, say=self.say)
+            watch = self.ground.watch
+            taken = await watch.after_failure(results) or watch.taken_by_person(results)
+            if taken is not None:
+                return  # that order stays
         await self._land_all()
 
     async def _leave_to(self, taken: Taken, begin_ns: int) -> None:

@@ -6,7 +6,7 @@ During a pause no goals are sent. The duration includes neither pauses nor the t
 ground hears no vehicle.
 
 A vehicle may cease to follow before the end: by an order to skip the rest, by another order of the
-mission, or because the mission goes on without it. If a failsafe stops it, or its goals are
+mission or of a person here, or because the mission goes on without it. If a failsafe stops it, or its goals are
 refused, it has failed.
 
 The followers also hold when their leader lands, or the mission goes on without it. If a failsafe
@@ -42,8 +42,8 @@ _MOVED_M = 0.1  # a goal that has moved less is not ordered again
 _REFUSED_S = 5.0  # longest time for which all goals of a vehicle may be refused
 _REFUSED_AT_END_S = 1.5  # longest such time just before the end
 _HEARD_S = 1.0  # longest wait for the leader's telemetry after this ground's link is back
-# these orders of the mission do not take a follower from its leader: all others do
-_OF_A_PAUSE = ("pause", "resume", "skip")
+# these kinds of orders do not take a follower from its leader: all others do
+_BESIDE = ("pause", "resume", "skip", "locate")
 _INSIDE_M = 0.1  # smallest distance of goals from the fence
 _HOLD_S = 15.0  # longest wait for the hold at the end
 
@@ -109,8 +109,8 @@ class _Following:
         self._pause = FollowPause(ground, leader, self._holding)
         self._left_out_before = frozenset(ground.left_out)
         self._has_leader_flown = False
-        # follower -> the newest order of the mission that it had or that this has given it
-        self._own_orders = {name: self._client.newest_of_mission(name) for name in offsets}
+        # follower -> the newest order of this ground that it had, or that this has given it
+        self._own_orders = {name: self._client.newest_order(name) for name in offsets}
 
         self._begin_ns = self._client.now_ns()
         self._accepted_goals: dict[str, Xyz] = {}  # vehicle -> the last goal that it has accepted
@@ -267,21 +267,23 @@ class _Following:
             self._follow_without(skipped)
 
     def _ordered_elsewhere(self) -> list[str]:
-        """Return the followers that the mission has given another order meanwhile."""
+        """Return the followers to which the mission or a person here has given another order."""
         if self._ground.is_ending:
             return []  # these are orders of the end; the next goals are refused because of it
         ordered = []
         for name in self._offsets:
-            newest = self._client.newest_of_mission(name)
-            is_own = newest is self._own_orders[name]
-            if newest is not None and not is_own and newest.kind not in _OF_A_PAUSE:
+            newest = self._client.newest_order(name)
+            if newest is None or newest is self._own_orders[name]:
+                continue
+            is_refused = newest.results[name].phase in ("refused", "no answer")
+            if not is_refused and newest.planned.orders[name].kind not in _BESIDE:
                 ordered.append(name)
         return ordered
 
     def _note_own_orders(self, names: Iterable[str]) -> None:
         """Note that the newest orders of these vehicles are of the following itself."""
         for name in names:
-            self._own_orders[name] = self._client.newest_of_mission(name)
+            self._own_orders[name] = self._client.newest_order(name)
 
     def _fail_refused(self, *, is_over: bool) -> None:
         """Fail the vehicles whose goals were all refused for too long.

@@ -12,19 +12,23 @@ from groundstation.orders.intents import Home
 from groundstation.orders.obstruction import explained
 from groundstation.orders.plan import PlannedOrder
 from groundstation.orders.reachable_goals import longest_move_s
+from groundstation.orders.result import Results
 
 _LATE_S = 90.0  # longest wait after the expected end of the ways: for the landing, and for detours
 
 
 async def fly_home(
     client: FleetClient, names: tuple[str, ...], *, say: Callable[[str], None]
-) -> None:
+) -> Results:
     """Let vehicles fly home and land there, and say which of them did not.
 
     Args:
         client: fleet client that has been started.
         names: vehicles in the air.
         say: function that receives each line of progress.
+
+    Returns:
+        One result per vehicle.
     """
     planned = client.plan(Home(vehicles=names))
     timeout_s = way_home_s(client, planned) + _LATE_S
@@ -34,6 +38,7 @@ async def fly_home(
     for name, result in results.items():
         if not result.is_done:
             say(f"  {name} did not get home; {result.phase}: {result.reason}")
+    return results
 
 
 def way_home_s(client: FleetClient, planned: PlannedOrder) -> float:

@@ -127,6 +127,7 @@ class MissionGround:
                 "on without them. Enable one before it."
             )
 
+        self.leave_out_disabled()
         intent = self._without_other_ends(with_checked_values(intent))
         if isinstance(intent, Takeoff) and len(intent.waves) > 1:
             return await self._take_off_in_waves(intent, timeout_s)
@@ -700,8 +701,12 @@ class MissionGround:
         remaining = set(self.client.fleet.enabled_names) - self.left_out - set(failed)
         if self.goes_on_without and remaining:
             self.leave_out(*failed)
-        else:
-            raise OrderFailed(intent, results)
+            return
+
+        taken = self.watch.taken_by_person(results)
+        if taken is not None:
+            raise FleetTaken(taken)
+        raise OrderFailed(intent, results)
 
     def _closest_words(self) -> str:
         pair = self.client.state.smallest_known

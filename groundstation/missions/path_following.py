@@ -76,6 +76,9 @@ class PathGround(Protocol):
     async def end_of(self, order: OrderResult, timeout_s: float) -> Results:
         """Wait for the end of an order, and send it again when this ground's link was lost."""
 
+    def leave_out_disabled(self) -> None:
+        """Go on without vehicles that are out of service or swapped, if any vehicle is left."""
+
     async def check_open(self, intent: Intent) -> None:
         """Refuse an order of steps that have ended, or of a script whose end has begun."""
 
@@ -130,6 +133,7 @@ async def follow_paths(
             that the mission itself has ordered elsewhere meanwhile do not count.
         CountdownEnded: the countdown ended before the start, so no vehicle starts.
     """
+    ground.leave_out_disabled()
     grounded = _grounded(ground, paths)
     if grounded:
         ground.say(f"  the mission goes on without {listed(grounded)}: no path for them")

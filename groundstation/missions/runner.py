@@ -606,7 +606,11 @@ class MissionRun:
                 if vehicles[name].is_airborne and name not in by_hand
             )
             if flying:
-                await fly_home(self.client, flying, say=self.fleet.say)
+                results = await fly_home(self.client, flying, say=self.fleet.say)
+                watch = self.fleet.ground.watch
+                taken = await watch.after_failure(results) or watch.taken_by_person(results)
+                if taken is not None:
+                    return  # that order stays
         await self.fleet.land_all(LAND_TIMEOUT_S)
 
     def _is_heard(self, state: FleetState) -> bool:

@@ -6,8 +6,10 @@ because it would replace the order that somebody has just given. Vehicles that t
 name finish their present order, and hold.
 
 * Every order from another ground takes the fleet, except `locate`.
-* An order from the console in which the mission flies takes the fleet if it is to hold, to land or
-  to kill. Other orders are flown alongside the mission.
+* An order from the console in which the mission flies takes the fleet if it is to hold, to land, to
+  kill or to fly home, or if it replaces an order without which the mission cannot go on. Other
+  orders are flown alongside the mission.
+* Control of the fleet by another ground takes the fleet, if this ground had control before.
 """
 
 from __future__ import annotations
@@ -21,6 +23,7 @@ from groundstation.fleet.state import FleetState, VehicleView
 from groundstation.orders.result import Results, VehicleResult
 from onboard.bus.control_token import EMERGENCY, ORDER_STAYS
 
+_ENDS = (*EMERGENCY, "home", "bring_home")  # verbs of a person here that end the mission
 # Longest wait for telemetry about an order that has replaced an order of the mission.
 HEARD_S = 1.0
 # Longest wait for the telemetry of all vehicles about the order that has taken the fleet.
@@ -29,6 +32,9 @@ _REPEAT_S = 10.0  # time between two lines about the new operator of the fleet
 _LOOK_S = 0.5  # time between two checks of a fleet that was taken
 # longest flight of a vehicle without hover_time_s in the fleet file
 _ASSUMED_FLIGHT_S = 3600.0
+
+
+_VehiclesByOrder = dict[tuple[str, str], list[str]]  # author and verb -> vehicles
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,11 +73,13 @@ class FleetWatch:
         self._client = client
         self.has_begun = False  # whether the mission has begun
         self._earlier_order_ids: dict[str, str] = {}  # vehicle -> newest order before the mission
+        self._had_control = False  # whether this ground operated the fleet when the mission began
 
     def begin(self) -> None:
         """Begin to watch for a mission; orders that the vehicles have already do not count."""
         self.taken = None
         self.has_begun = True
+        self._had_control = self._client.control.is_operator
         self._earlier_order_ids.clear()
         self.note_earlier_orders()
 
@@ -135,6 +143,28 @@ class FleetWatch:
         if self.has_begun:
             self.note_earlier_orders()
         self.taken = self._taken_by_order()
+        if self.taken is None and self._had_control:
+            self.taken = self._new_operator()
+        return self.taken
+
+    def taken_by_person(self, results: Results) -> Taken | None:
+        """Return the person here whose orders have replaced orders of the mission, if one has.
+
+        Call it if the mission cannot go on without the vehicles that did not do its order.
+
+        Args:
+            results: results of that order.
+        """
+        vehicles_by_order: _VehiclesByOrder = {}
+        for name, result in results.items():
+            telemetry = self._client.state.vehicles[name].telemetry
+            if result.phase != "superseded" or telemetry is None:
+                continue
+            verb = self._client.persons_verb(telemetry.taken_order_id)
+            if verb:
+                order = (telemetry.taken_order_from, verb)
+                vehicles_by_order.setdefault(order, []).append(name)
+        self.taken = self._taken(vehicles_by_order, is_by_other=False)
         return self.taken
 
     async def whole_takeover(self, first: Taken) -> Taken:
@@ -157,7 +187,7 @@ class FleetWatch:
 
     def _taken_by_order(self) -> Taken | None:
         """Return who has the fleet by an order, as the vehicles report now; None if nobody has."""
-        vehicles_by_order: dict[tuple[str, str], list[str]] = {}  # author and verb -> vehicles
+        vehicles_by_order: _VehiclesByOrder = {}
         is_by_other = False  # whether one of these orders came from another ground
         for name, view in self._client.state.vehicles.items():
             telemetry = view.telemetry
@@ -165,16 +195,24 @@ class FleetWatch:
                 continue
             if not self._client.is_own(telemetry.taken_order_id):
                 is_by_other = True
-            order = (telemetry.taken_order_from, telemetry.taken_order_kind)
+            verb = self._client.persons_verb(telemetry.taken_order_id)
+            order = (telemetry.taken_order_from, verb or telemetry.taken_order_kind)
             vehicles_by_order.setdefault(order, []).append(name)
+        return self._taken(vehicles_by_order, is_by_other=is_by_other)
 
+    def _taken(self, vehicles_by_order: _VehiclesByOrder, *, is_by_other: bool) -> Taken | None:
+        """Return the takeover by these orders; None if there are none.
+
+        If there are several orders, the one to the most vehicles is named.
+        """
         if not vehicles_by_order:
             return None
-        # If there are several orders, the one to the most vehicles is named.
         (author, verb), names = max(vehicles_by_order.items(), key=lambda item: len(item[1]))
-        words = f"has ordered {verb} {','.join(names)}"
         return Taken(
-            by=author, words=words, since_ns=self._client.now_ns(), is_by_other=is_by_other
+            by=author,
+            words=f"has ordered {verb.replace('_', ' ')} {','.join(names)}",
+            since_ns=self._client.now_ns(),
+            is_by_other=is_by_other,
         )
 
     async def after_failure(self, results: Results) -> Taken | None:
@@ -217,8 +255,8 @@ class FleetWatch:
             return True
 
         kind = "" if view.telemetry is None else view.telemetry.taken_order_kind
-        ends_mission = kind in EMERGENCY or self._client.ends_missions(order_id)
-        return self._client.has_person and ends_mission
+        verb = self._client.persons_verb(order_id) or kind
+        return self._client.has_person and verb in _ENDS
 
     def _new_operator(self) -> Taken | None:
         """Return another ground that operates the fleet now; None if there is none.

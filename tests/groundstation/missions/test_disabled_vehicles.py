@@ -289,3 +289,21 @@ async def test_an_order_of_an_earlier_flight_to_a_vehicle_heard_late_does_not_en
     bus.tell("mav2", taken_order_id="ground-1-8", taken_order_kind="hold", taken_order_from="ada")
     assert await client.wait_for(lambda _: watch.takeover() is not None, 5.0)
     await client.stop()
+
+
+async def test_a_vehicle_that_a_person_disables_between_two_steps_fails_no_later_one(
+    fleet: FleetConfig, client: Any, bus: Any
+) -> None:
+    script = Fleet(client)
+    await script.takeoff(1.0)
+    await script.land()
+    bus.tell("mav1", disabled_by="olga")
+    bus.misbehave["mav1"] = "refuse"
+    await asyncio.sleep(0.1)
+
+    taken_off = await script.takeoff(1.0)
+    assert set(taken_off) == {"mav0", "mav2"}
+    goals = {name: (*fleet.vehicles[name].start_enu_m[:2], 1.5) for name in fleet.enabled_names}
+    results = await script.go_to(goals)
+    assert {name for name, result in results.items() if result.is_done} == {"mav0", "mav2"}
+    assert script.ground.disabled == {"mav1"}

@@ -126,6 +126,21 @@ async def test_who_gets_another_order_of_the_script_follows_no_longer(
     assert [line.strip() for line in flight.lines].count(words) == 1
 
 
+@pytest.mark.parametrize("is_refused", [False, True])
+async def test_who_gets_an_order_of_a_person_here_follows_no_longer_if_it_takes_it(
+    flight: Flight, client: Any, is_refused: bool
+) -> None:
+    follow = asyncio.create_task(flight.fleet.follow("mav0", 0.6, offsets=BESIDE))
+    await asyncio.sleep(0.15)
+    if is_refused:
+        flight.bus.misbehave["mav1"] = "refuse"
+    results = await client.order("goto mav1 3 3 1", 5.0)
+    flight.bus.misbehave.clear()
+    assert results["mav1"].is_done is not is_refused
+    followed = await follow
+    assert set(followed) == ({"mav1", "mav2"} if is_refused else {"mav2"})
+
+
 async def test_all_come_home_that_are_ordered_home_while_they_follow(flight: Flight) -> None:
     follow = asyncio.create_task(flight.fleet.follow("mav0", 5.0, offsets=BESIDE))
     await asyncio.sleep(0.15)

@@ -8,6 +8,7 @@ import pytest
 from msgspec.structs import replace
 
 from groundstation import Fleet
+from groundstation.mission_files.loading import mission_from_mapping
 from groundstation.missions.taken import FleetTaken
 from onboard.config.fleet import FleetConfig
 from sitl.faults.catalogue import Fault
@@ -170,6 +171,95 @@ def test_in_the_console_a_persons_hold_ends_the_mission_and_his_move_beside_it_d
     assert "has ordered hold" in verdict.summary
     flight.run(5.0)
     assert _orders(flight)["mav0"][-1] == "hold"
+
+
+@pytest.mark.parametrize(
+    ("line", "taken"),
+    [
+        ("home all", "home mav0,mav1,mav2"),
+        ("move mav1 -2 -1.5 1.5", "move mav1"),
+        pytest.param("home mav1", "home mav1", marks=pytest.mark.long),
+        pytest.param("yaw all 90", "yaw mav0,mav1,mav2", marks=pytest.mark.long),
+    ],
+)
+def test_an_order_of_the_person_here_that_replaces_one_of_the_mission_ends_it_and_stays(
+    lockstep: Any, paper: FleetConfig, line: str, taken: str
+) -> None:
+    flight = lockstep(paper, seed=3)
+    flight.client.has_person = True
+    given: list[Any] = []
+    at_moment(flight, "crossing", lambda: given.append(flight.client.submit_now(line)))
+    verdict = flight.fly(crossing(paper))
+    assert f"has ordered {taken}: that stays" in verdict.summary
+
+    flight.run(25.0)
+    (order,) = given
+    assert {result.phase for result in order.results.values()} == {"done"}
+    for name in NAMES:
+        assert "land" not in _orders(flight)[name]
+
+
+@pytest.mark.long
+def test_an_order_of_the_person_here_that_replaces_nothing_is_flown_beside_the_mission(
+    lockstep: Any, paper: FleetConfig
+) -> None:
+    flight = lockstep(paper, seed=3)
+    flight.client.has_person = True
+    at_moment(flight, "hover", lambda: flight.client.submit_now("yaw mav1 30"))
+    assert flight.fly(crossing(paper)).passed
+
+
+def test_control_that_another_ground_takes_during_a_wait_ends_the_mission_at_once(
+    lockstep: Any, paper: FleetConfig
+) -> None:
+    flight = lockstep(paper, seed=3)
+    ada = second_ground(flight)
+
+    def take() -> None:
+        flight.client.control.hand_over()
+        ada.control.take()
+
+    steps = [
+        {"do": "takeoff", "height_m": 1.0},
+        {"do": "wait", "duration_s": 30.0},
+        {"do": "land"},
+    ]
+    mission = mission_from_mapping({"schema": 1, "step": steps}, path="wait.toml", fleet=paper)
+    flight.at(flight.time_s + 15.0, take)
+    verdict = flight.fly(mission)
+    assert "ada (ground-2) has taken control: that stays" in verdict.summary
+    assert flight.time_s < 25.0
+    assert "land" not in _orders(flight)["mav1"]
+
+
+@pytest.mark.long
+def test_an_order_to_hold_while_a_failed_mission_flies_home_is_followed_by_no_landing(
+    lockstep: Any, paper: FleetConfig
+) -> None:
+    flight = lockstep(paper, seed=3)
+    flight.client.has_person = True
+    wait_in_vain = {"do": "wait", "until": {"reached": {"mav1": [0, 3, 1]}}, "timeout_s": 0.5}
+    steps = [
+        {"do": "takeoff", "height_m": 1.0},
+        {"do": "move", "position_enu_m": [0.0, 1.0, 1.0]},
+        wait_in_vain,
+    ]
+    values = {"schema": 1, "step": steps, "on_failure": {"do": "home"}}
+    mission = mission_from_mapping(values, path="home.toml", fleet=paper)
+
+    def look() -> None:
+        flies_home = any(step.step.startswith("move") for step in flight.run_under_way.fleet.steps)
+        if flies_home and _orders(flight)["mav1"].count("move") == 2:
+            flight.client.submit_now("hold all")
+        else:
+            flight.at(flight.time_s + 0.1, look)
+
+    flight.at(flight.time_s + 8.0, look)
+    verdict = flight.fly(mission)
+    assert "has ordered hold mav0,mav1,mav2: that stays" in verdict.summary
+    flight.run(10.0)
+    for name in NAMES:
+        assert _orders(flight)[name][-1] == "hold"
 
 
 @pytest.mark.long
