@@ -6,8 +6,8 @@ During a pause no goals are sent. The duration includes neither pauses nor the t
 ground hears no vehicle.
 
 A vehicle may cease to follow before the end: by an order to skip the rest, by another order of the
-mission or of a person here, or because the mission goes on without it. If a failsafe stops it, or its goals are
-refused, it has failed.
+mission or of a person here, or because the mission goes on without it. If a failsafe stops it, or
+its goals are refused, it has failed.
 
 The followers also hold when their leader lands, or the mission goes on without it. If a failsafe
 brings the leader down, or nobody hears where it is, the leader has failed.
