@@ -28,7 +28,7 @@ from groundstation.missions.pause_watch import PauseWatch
 from groundstation.orders.intents import FollowPath, Goto, Hold, Intent
 from groundstation.orders.path_orders import OnLag, parts_of, starts_of
 from groundstation.orders.reachable_goals import longest_move_s
-from groundstation.orders.result import OrderFailed, OrderResult, Results, VehicleResult
+from groundstation.orders.result import OrderFailed, OrderResult, Results
 from groundstation.paths.lights import Colour, TimedColour, colour_at
 from groundstation.verdict.observations import StepResult
 from onboard.bus.schema import Light as LightMessage
@@ -130,7 +130,8 @@ async def follow_paths(
         OrderFailed: a vehicle does not accept its path or its start, so no vehicle starts; all were
             brought home in a pause; or no vehicle has followed its path to the end, or one still
             follows it after the timeout, and the mission does not go on without them. Vehicles
-            that the mission itself has ordered elsewhere meanwhile do not count.
+            that the mission itself has ordered elsewhere meanwhile do not count, here or in the
+            mission's steps.
         CountdownEnded: the countdown ended before the start, so no vehicle starts.
     """
     ground.leave_out_disabled()
@@ -188,7 +189,9 @@ async def follow_paths(
         await asyncio.gather(*tasks, return_exceptions=True)
 
     duration_s = (ground.client.now_ns() - begin_ns) * 1e-9
-    ground.steps.append(step_result(f"follow_path {','.join(results)}", duration_s, results))
+    judged = _without_replaced(ground, results)
+    if judged:
+        ground.steps.append(step_result(f"follow_path {','.join(judged)}", duration_s, judged))
     for name, result in results.items():
         if result.is_done:
             end = point_at(paths[name], longest_s).position_enu_m
@@ -196,10 +199,10 @@ async def follow_paths(
             ground.note_done("follow_path", name, order.planned.orders[name], results)
         else:
             ground.say(f"  {result.words}")
-    if duration_s > AHEAD_S:
+    if duration_s > AHEAD_S and any(result.is_done for result in results.values()):
         ground.say(f"  followed in {duration_s - AHEAD_S:.1f} s")
 
-    await _judge_end(ground, order.intent, results)
+    await _judge_end(ground, order.intent, judged)
     return results
 
 
@@ -209,30 +212,38 @@ def _grounded(ground: PathGround, names: Iterable[str]) -> list[str]:
     return [name for name in names if name in ground.left_out and not vehicles[name].is_airborne]
 
 
-async def _judge_end(ground: PathGround, intent: Intent, results: Results) -> None:
+def _without_replaced(ground: PathGround, results: Results) -> Results:
+    """Return the results without vehicles that a later order of this mission took from their paths.
+
+    The landing at the end of a script is no such order.
+    """
+    if ground.is_ending:
+        return results
+
+    kept = {}
+    for name, result in results.items():
+        is_newest = ground.client.is_newest_of_mission(name, result.order_id)
+        if result.phase != "superseded" or is_newest:
+            kept[name] = result
+    return kept
+
+
+async def _judge_end(ground: PathGround, intent: Intent, judged: Results) -> None:
     """Fail the step if no vehicle has followed its path to the end, or one still follows it.
 
-    A vehicle that a later order of this mission has taken from its path counts for neither.
+    Args:
+        ground: leaves out vehicles, or fails the step.
+        intent: the order to follow the paths.
+        judged: results without vehicles that the mission itself has ordered elsewhere.
 
     Raises:
         OrderFailed: the step has failed, and the mission does not go on without these vehicles.
         FleetTaken: somebody has taken the fleet, and that is why.
     """
-    judged = {
-        name: result
-        for name, result in results.items()
-        if not _is_replaced_by_mission(ground.client, result)
-    }
     is_followed = any(result.is_done for result in judged.values())
     is_in_time = all(result.phase != "unfinished" for result in judged.values())
     if ground.goes_on_without or not is_followed or not is_in_time:
         await ground.go_on_or_fail(intent, judged)
-
-
-def _is_replaced_by_mission(client: FleetClient, result: VehicleResult) -> bool:
-    """Whether a later order of the same mission has replaced a vehicle's order."""
-    is_newest = client.is_newest_of_mission(result.vehicle, result.order_id)
-    return result.phase == "superseded" and not is_newest
 
 
 async def _end_of(ground: PathGround, order: OrderResult, timeout_s: float) -> Results:

@@ -9,6 +9,7 @@ from typing import Any
 
 import pytest
 
+from groundstation.missions import path_following
 from groundstation.missions.ground import MissionGround
 from groundstation.missions.path_following import follow_paths
 from groundstation.orders.intents import Land
@@ -70,6 +71,12 @@ class Flight:
         self.ground.client.submit_now(Land(vehicles=tuple(names)), is_by_mission=True)
         await self.supersede(names)
 
+    @property
+    def path_steps(self) -> list[dict[str, str]]:
+        """Phases of the vehicles in each step that the verdict gets of paths."""
+        steps = self.ground.steps
+        return [step.vehicles for step in steps if step.step.startswith("follow_path")]
+
     def land_at_once(self, name: str) -> None:
         """Let a vehicle stand on the ground."""
         self._bus.tell(name, state="landed", is_airborne=False, is_armed=False)
@@ -113,12 +120,37 @@ async def test_the_others_go_on_when_one_has_left_its_path(flight: Flight) -> No
 
 
 async def test_vehicles_that_the_mission_itself_lands_do_not_fail_their_paths(
-    flight: Flight,
+    flight: Flight, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    monkeypatch.setattr(path_following, "AHEAD_S", 0.05)  # so that the paths have begun
     following = asyncio.create_task(flight.follow(timeout_s=5.0))
     await flight.land(ALL)
     results = await following
     assert {result.phase for result in results.values()} == {"superseded"}
+    assert flight.path_steps == []
+    assert not any("followed in" in line for line in flight.lines)
+
+
+async def test_the_verdict_counts_the_vehicles_that_the_mission_leaves_on_their_paths(
+    flight: Flight,
+) -> None:
+    following = asyncio.create_task(flight.follow(arrived=ALL[1:], timeout_s=5.0))
+    await flight.land(ALL[:1])
+    results = await following
+    assert results["mav0"].phase == "superseded"
+    assert flight.path_steps == [{"mav1": "done", "mav2": "done"}]
+
+
+async def test_a_path_that_the_landing_at_the_end_of_a_script_cuts_off_has_failed(
+    flight: Flight,
+) -> None:
+    following = asyncio.create_task(flight.follow(timeout_s=5.0))
+    await flight.supersede(())
+    flight.ground.is_ending = True
+    await flight.land(ALL)
+    with pytest.raises(OrderFailed, match="superseded"):
+        await following
+    assert flight.path_steps == [dict.fromkeys(ALL, "superseded")]
 
 
 async def test_the_step_fails_when_the_mission_lands_one_and_all_others_have_left(
