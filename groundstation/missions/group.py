@@ -729,6 +729,9 @@ class Group:
     ) -> Results:
         """Fly through waypoints without stopping, from where the vehicles are to the last ones.
 
+        A vehicle slows down, and may stop, at corners that a smooth curve would leave by more than
+        0.1 m and a tenth of the way to the next waypoint.
+
         Args:
             waypoints: waypoints of each vehicle, by name or index [m], ENU.
             speed_m_s: speed at the waypoints between the first and the last [m/s].

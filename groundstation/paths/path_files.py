@@ -18,10 +18,11 @@ import os
 import re
 from collections.abc import Sequence
 from pathlib import Path as FilePath
+from typing import NamedTuple
 
 import numpy as np
 
-from groundstation.paths.pieces import fitted, through
+from groundstation.paths.pieces import fitted, waypoint_times_s, would_swing
 from onboard.arrays import Array
 from onboard.config.file_reading import CSV_FILE, read_text
 from onboard.config.fleet import ConfigError
@@ -58,6 +59,14 @@ _UNITS = {
 _ANY_UNITS = {**_TIMES, **_LENGTHS, **_SPEEDS, **_ANGLES}  # of columns with other names
 
 
+class PathFile(NamedTuple):
+    """What a file of a path gives."""
+
+    path: Path
+    # whether its positions are joined by another curve than a spline, which would swing (pieces.py)
+    would_swing: bool = False
+
+
 def load_path(file: str | os.PathLike[str]) -> Path:
     """Read the path of one vehicle.
 
@@ -70,11 +79,23 @@ def load_path(file: str | os.PathLike[str]) -> Path:
     Raises:
         ConfigError: there is no such file, or it is none of the three kinds.
     """
+    return read_path(file).path
+
+
+def read_path(file: str | os.PathLike[str]) -> PathFile:
+    """Read the path of one vehicle, and how its file was understood.
+
+    Args:
+        file: a CSV of one of the module's three kinds.
+
+    Raises:
+        ConfigError: there is no such file, or it is none of the three kinds.
+    """
     name = os.fspath(file)
     columns, numbers = read_columns(name)
     try:
         if columns == _PIECE_COLUMNS:
-            return path_of(numbers.tolist())
+            return PathFile(path_of(numbers.tolist()))
         if columns[:4] == ("t", "x", "y", "z"):
             return _timed(columns, numbers)
         if columns[:4] == ("x", "y", "z", "speed"):
@@ -223,7 +244,7 @@ def _refuse_repeated(name: str, columns: Sequence[str]) -> None:
         seen.add(column)
 
 
-def _timed(columns: Sequence[str], numbers: Array) -> Path:
+def _timed(columns: Sequence[str], numbers: Array) -> PathFile:
     times_s = numbers[:, 0]
     if len(times_s) < 2:
         raise ValueError("one position is no path: give at least two times.")
@@ -241,11 +262,16 @@ def _timed(columns: Sequence[str], numbers: Array) -> Path:
             f"it lasts {duration_s:g} s; {LONGEST_S:.0f} s are the longest that a path lasts. Cut "
             "it, or correct the unit of its times."
         )
-    return fitted(times_s - times_s[0], _values(columns, numbers[:, 1:4], numbers))
+    return _joined(times_s - times_s[0], _values(columns, numbers[:, 1:4], numbers))
 
 
-def _waypoints(columns: Sequence[str], numbers: Array) -> Path:
-    return through(_values(columns, numbers[:, :3], numbers), numbers[:, 3])
+def _waypoints(columns: Sequence[str], numbers: Array) -> PathFile:
+    values = _values(columns, numbers[:, :3], numbers)
+    return _joined(waypoint_times_s(values, speeds_m_s=numbers[:, 3]), values)
+
+
+def _joined(times_s: Array, values: Array) -> PathFile:
+    return PathFile(fitted(times_s, values), would_swing=would_swing(times_s, values))
 
 
 def _values(columns: Sequence[str], points: Array, numbers: Array) -> Array:

@@ -16,6 +16,10 @@ from onboard.control.path import LONGEST_S, NUMBER_COUNT, Path, path_of
 GRID_S = 0.05  # time from one sample of the grid to the next
 _WINDOW = 5  # samples of the grid on each side over which positions are smoothed
 _DENSE_S = 0.2  # positions with smaller intervals than this are dense
+# Largest distance of a spline from the line between two of its positions, or this share of its
+# length; where a vehicle stands, _TOLERANCE_M.
+_NEAR_M = 0.1
+_NEAR_SHARE = 0.1
 _TOLERANCE_M = 0.01  # largest error of a piece in position
 # Largest error of a piece in acceleration, unless a tenth of the largest acceleration is more.
 _TOLERANCE_M_S2 = 0.5
@@ -31,25 +35,23 @@ def fitted(times_s: Array, values: Array) -> Path:
     """Return the path through time-stamped positions.
 
     Dense positions are smoothed over half a second, because rounded positions would shake the
-    vehicle. Sparse positions are joined by a cubic spline first. The path rests for a quarter of a
-    second at both ends.
+    vehicle. Sparse positions are joined first: by a cubic spline, or, where that would swing, by a
+    curve that does not. The path rests for a quarter of a second at both ends.
 
     Args:
         times_s: times (T,), rising.
         values: x, y, z [m] and yaw [rad] (T, 4).
     """
-    count = max(2, math.ceil((times_s[-1] - times_s[0]) / GRID_S) + 1)
-    grid_s = np.linspace(times_s[0], times_s[-1], count)
+    grid_s = _grid_of(times_s)
     step_s = float(grid_s[1] - grid_s[0])
 
     unwrapped = values.copy()
     unwrapped[:, 3] = np.unwrap(values[:, 3])
 
-    is_dense = len(times_s) > 2 * _WINDOW and float(np.median(np.diff(times_s))) < _DENSE_S
-    if is_dense:
+    if _is_dense(times_s):
         on_grid = np.stack([np.interp(grid_s, times_s, axis) for axis in unwrapped.T], axis=-1)
     else:
-        on_grid = _spline(times_s, unwrapped, grid_s)
+        on_grid = _joined(times_s, unwrapped, grid_s)
 
     # A quarter of a second of rest on either side.
     padded = np.pad(on_grid, ((_WINDOW, _WINDOW), (0, 0)), mode="edge")
@@ -57,8 +59,41 @@ def fitted(times_s: Array, values: Array) -> Path:
     return path_of(_merged(positions, velocities, accelerations, step_s))
 
 
+def would_swing(times_s: Array, values: Array) -> bool:
+    """Whether a cubic spline through sparse positions would swing far off the lines between them.
+
+    Between long and short steps it swings over its positions, and so it does where a vehicle stands
+    between two moves. Then :func:`fitted` takes a curve of which each coordinate stays between the
+    two positions around it.
+
+    Args:
+        times_s: times (T,), rising.
+        values: x, y, z [m] and yaw [rad] (T, 4).
+    """
+    if _is_dense(times_s):
+        return False
+
+    grid_s = _grid_of(times_s)
+    points = values[:, :3]
+    spline = _hermite(times_s, points, _spline_velocities(times_s, points), grid_s)
+    return not _is_near_lines(times_s, points, grid_s, spline)
+
+
 def through(points: Array, speeds_m_s: Array) -> Path:
     """Return the path through waypoints, from rest to rest.
+
+    Args:
+        points: x, y, z [m] and yaw [rad] of the waypoints (T, 4).
+        speeds_m_s: speeds at the waypoints (T,); the vehicle rests at the first and the last.
+
+    Raises:
+        ValueError: see :func:`waypoint_times_s`.
+    """
+    return fitted(waypoint_times_s(points, speeds_m_s), points)
+
+
+def waypoint_times_s(points: Array, speeds_m_s: Array) -> Array:
+    """Return the times (T,) at which waypoints are passed, from rest to rest.
 
     Args:
         points: x, y, z [m] and yaw [rad] of the waypoints (T, 4).
@@ -91,7 +126,7 @@ def through(points: Array, speeds_m_s: Array) -> Path:
             f"the waypoints take {times_s[-1]:g} s at these speeds; {LONGEST_S:.0f} s are the "
             "longest that a path lasts. Give higher speeds, or fewer waypoints."
         )
-    return fitted(times_s, points)
+    return times_s
 
 
 def quintic(duration_s: float, begin: Array, end: Array) -> Array:
@@ -328,19 +363,72 @@ def _largest_errors(
     return float(np.abs(error_m).max()), float(np.abs(error_m_s2).max())
 
 
-def _spline(times_s: Array, values: Array, grid: Array) -> Array:
-    """Return the cubic spline through samples (T, 4), at rest at both ends, on a grid."""
+def _grid_of(times_s: Array) -> Array:
+    """Return evenly spaced times from the first to the last of some times (T,)."""
+    count = max(2, math.ceil((times_s[-1] - times_s[0]) / GRID_S) + 1)
+    return np.linspace(times_s[0], times_s[-1], count)
+
+
+def _is_dense(times_s: Array) -> bool:
+    """Whether positions at these times (T,) are dense, so that they are smoothed and not joined."""
+    return len(times_s) > 2 * _WINDOW and float(np.median(np.diff(times_s))) < _DENSE_S
+
+
+def _joined(times_s: Array, values: Array, grid_s: Array) -> Array:
+    """Return the smooth curve (G, 4) through sparse values, from rest to rest, on a grid of times.
+
+    Positions are joined by a cubic spline, the smoothest curve, unless it would swing. Otherwise,
+    and for yaw, each coordinate stays between the two values around it.
+
+    Args:
+        times_s: times (T,), rising.
+        values: x, y, z [m] and yaw [rad] (T, 4).
+        grid_s: times (G,).
+    """
+    velocities = _bounded_velocities(times_s, values)
+    if not would_swing(times_s, values):
+        velocities[:, :3] = _spline_velocities(times_s, values[:, :3])
+    return _hermite(times_s, values, velocities, grid_s)
+
+
+def _is_near_lines(times_s: Array, points: Array, grid_s: Array, curve: Array) -> bool:
+    """Whether a curve stays near the straight lines between points.
+
+    Args:
+        times_s: times of the points (T,).
+        points: the points (T, 3) [m].
+        grid_s: times of the curve (G,).
+        curve: the curve (G, 3) [m].
+    """
+    index = _steps_of(times_s, grid_s)
+    steps = np.diff(points, axis=0)
+    lengths_m = np.sqrt((steps**2).sum(-1))
+    is_hold = lengths_m < _SAME_SPOT_M
+    allowed_m = np.where(is_hold, _TOLERANCE_M, np.maximum(_NEAR_M, _NEAR_SHARE * lengths_m))
+
+    # the nearest point of the line is at this share of its length
+    directions = steps / np.maximum(lengths_m, _SAME_SPOT_M)[:, None] ** 2
+    from_begin = curve - points[index]
+    share = np.clip((from_begin * directions[index]).sum(-1), 0.0, 1.0)
+    from_line = from_begin - share[:, None] * steps[index]
+    return bool((np.sqrt((from_line**2).sum(-1)) <= allowed_m[index]).all())
+
+
+def _spline_velocities(times_s: Array, values: Array) -> Array:
+    """Return the velocities (T, D) of the cubic spline through samples (T, D).
+
+    They are 0 at both ends. Between these they follow from the continuity of the acceleration, as
+    the solution of a tridiagonal system. Its row for sample k has the steps as weights of the two
+    neighbouring velocities: that after k for the one before, and that before k for the one after.
+    """
     steps = np.diff(times_s)
     slopes = np.diff(values, axis=0) / steps[:, None]
     count = len(times_s)
 
-    # The velocities at the samples follow from the continuity of the acceleration. They are the
-    # solution of a tridiagonal system. Its row for sample k has the steps as weights of the two
-    # neighbouring velocities: that after k for the one before, and that before k for the one after.
     # First step of the solution: elimination from the front. It leaves
     # velocity[k] = right[k] - upper[k] * velocity[k + 1].
     upper = np.zeros(count)
-    right = np.zeros((count, 4))
+    right = np.zeros_like(values)
     for k in range(1, count - 1):
         before = steps[k - 1]
         after = steps[k]
@@ -350,22 +438,54 @@ def _spline(times_s: Array, values: Array, grid: Array) -> Array:
         right[k] = (rise - after * right[k - 1]) / pivot
 
     # Second step: substitution from the back. The motion rests at both ends.
-    velocity = np.zeros((count, 4))
+    velocity = np.zeros_like(values)
     for k in range(count - 2, 0, -1):
         velocity[k] = right[k] - upper[k] * velocity[k + 1]
 
-    # Hermite's cubic between the two samples around each time of the grid; u is the share of the
-    # step between them that has passed.
-    index = np.clip(np.searchsorted(times_s, grid, side="right") - 1, 0, count - 2)
-    step = steps[index][:, None]
-    u = (grid - times_s[index])[:, None] / step
+    return velocity
+
+
+def _bounded_velocities(times_s: Array, values: Array) -> Array:
+    """Return velocities (T, D) with which cubics stay between each two samples (T, D).
+
+    They are 0 at both ends, and where a coordinate turns or stands. Elsewhere they are a weighted
+    harmonic mean of the slopes before and after, as in SciPy's PchipInterpolator: F. N. Fritsch and
+    J. Butland, A method for constructing local monotone piecewise cubic interpolants, SIAM J. Sci.
+    Stat. Comput. 5 (1984), 300-304.
+    """
+    steps = np.diff(times_s)[:, None]
+    slopes = np.diff(values, axis=0) / steps
+    before = slopes[:-1]
+    after = slopes[1:]
+    weight_before = steps[:-1] + 2.0 * steps[1:]
+    weight_after = 2.0 * steps[:-1] + steps[1:]
+
+    velocity = np.zeros_like(values)
+    goes_on = before * after > 0.0
+    weighted = weight_before * after + weight_after * before
+    mean = (weight_before + weight_after) * before * after / np.where(goes_on, weighted, 1.0)
+    velocity[1:-1] = np.where(goes_on, mean, 0.0)
+    return velocity
+
+
+def _hermite(times_s: Array, values: Array, velocities: Array, grid_s: Array) -> Array:
+    """Return Hermite's cubics between samples (T, D) with velocities (T, D) there, on a grid."""
+    index = _steps_of(times_s, grid_s)
+    step = np.diff(times_s)[index][:, None]
+    u = (grid_s - times_s[index])[:, None] / step  # share of the step that has passed
     begin = values[index]
     end = values[index + 1]
-    begin_rise = velocity[index] * step
-    end_rise = velocity[index + 1] * step
+    begin_rise = velocities[index] * step
+    end_rise = velocities[index + 1] * step
     return np.asarray(
         begin * (1 + 2 * u) * (1 - u) ** 2
         + end * u * u * (3 - 2 * u)
         + begin_rise * u * (1 - u) ** 2
         - end_rise * u * u * (1 - u)
     )
+
+
+def _steps_of(times_s: Array, grid_s: Array) -> Array:
+    """Return the index of the step between two samples (T,) in which each time of a grid lies."""
+    index = np.searchsorted(times_s, grid_s, side="right") - 1
+    return np.asarray(np.clip(index, 0, len(times_s) - 2))

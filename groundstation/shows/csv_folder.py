@@ -11,7 +11,7 @@ from pathlib import Path as FilePath
 import numpy as np
 
 from groundstation.paths.lights import TimedColour, whole_colours
-from groundstation.paths.path_files import load_path, read_columns
+from groundstation.paths.path_files import PathFile, read_columns, read_path
 from groundstation.shows.geographic import Places, origin_of, path_of_places, read_places
 from groundstation.shows.show import (
     MAX_DRONES,
@@ -88,12 +88,18 @@ def read_folder(folder: FilePath) -> Show:
 
     drones: list[Drone] = []
     first_times_s: list[float] = []
+    read: dict[str, PathFile] = {}  # by name of the file
     for file in files:
-        first_s, drone = _drone(file, _path(file))
+        read[file.name] = read_path(file)
+        first_s, drone = _drone(file, _smooth(file, read[file.name].path))
         first_times_s.append(first_s)
         drones.append(drone)
         check_light_count(str(folder), drones)
-    return Show(folder.resolve().name, _from_the_first_on(folder, drones, first_times_s))
+    return Show(
+        title=folder.resolve().name,
+        drones=_from_the_first_on(folder, drones, first_times_s),
+        notes=_swing_notes(read),
+    )
 
 
 def _geographic_show(folder: FilePath, places: Mapping[FilePath, Places | None]) -> Show:
@@ -115,16 +121,19 @@ def _geographic_show(folder: FilePath, places: Mapping[FilePath, Places | None])
     origin = origin_of(list(geographic.values()))
     drones: list[Drone] = []
     first_times_s: list[float] = []
+    read: dict[str, PathFile] = {}  # by name of the file
     for file, found in geographic.items():
+        read[file.name] = path_of_places(found, origin)
         span_s = (found.first_s, found.first_s + float(found.times_s[-1]))
-        first_s, drone = _drone(file, path_of_places(found, origin), span_s)
+        first_s, drone = _drone(file, read[file.name].path, span_s)
         first_times_s.append(first_s)
         # altitudes also tell how high a home lies above the lowest one
         drones.append(replace(drone, home_enu_m=point_at(drone.path, 0.0).position_enu_m))
     notes = [
         "latitudes and longitudes became metres from the first place of the show "
         f"({origin.latitude_deg:.6f}, {origin.longitude_deg:.6f}); heights count from its lowest "
-        f"altitude, {origin.altitude_m:.1f} m"
+        f"altitude, {origin.altitude_m:.1f} m",
+        *_swing_notes(read),
     ]
     without_lights = [
         file.name
@@ -145,13 +154,28 @@ def _geographic_show(folder: FilePath, places: Mapping[FilePath, Places | None])
     )
 
 
-def _path(file: FilePath) -> Path:
-    """Return the path of a CSV, without kinks between its pieces.
+def _swing_notes(read: Mapping[str, PathFile]) -> tuple[str, ...]:
+    """Return a note if positions are joined by another curve than a spline, which would swing.
+
+    Args:
+        read: what was read, by name of the file.
+    """
+    names = [name for name, path_file in read.items() if path_file.would_swing]
+    if not names:
+        return ()
+    return (
+        f"a spline through the few positions of {listed(names)} would swing off the lines between "
+        "them: so each coordinate stays between two positions, and the vehicle slows down or stops "
+        "at corners. Give more positions where it shall fly a curve",
+    )
+
+
+def _smooth(file: FilePath, path: Path) -> Path:
+    """Return the path of a CSV without kinks between its pieces.
 
     Raises:
-        ConfigError: it is not a path.
+        ConfigError: its position jumps.
     """
-    path = load_path(file)
     try:
         return smooth(path)
     except ValueError as error:

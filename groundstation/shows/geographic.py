@@ -16,13 +16,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-from groundstation.paths.path_files import LONGEST_LINE, MAX_LINES
-from groundstation.paths.pieces import fitted
+from groundstation.paths.path_files import LONGEST_LINE, MAX_LINES, PathFile
+from groundstation.paths.pieces import fitted, would_swing
 from onboard.arrays import Array
 from onboard.config.earth import east_north_m
 from onboard.config.file_reading import CSV_FILE, read_text
 from onboard.config.fleet import ConfigError, Origin
-from onboard.control.path import LONGEST_S, Path
+from onboard.control.path import LONGEST_S
 
 # content of a column -> its possible names, in small letters and without other signs
 _KINDS = {
@@ -95,7 +95,7 @@ def origin_of(places: Sequence[Places]) -> Origin:
     )
 
 
-def path_of_places(places: Places, origin: Origin) -> Path:
+def path_of_places(places: Places, origin: Origin) -> PathFile:
     """Return a drone's path in metres east, north and up.
 
     Args:
@@ -106,7 +106,10 @@ def path_of_places(places: Places, origin: Origin) -> Path:
     east_north = [east_north_m(origin, latitude, longitude) for latitude, longitude in on_earth]
     up_m = places.altitudes_m - origin.altitude_m
     yaw_rad = np.zeros(len(places.times_s))
-    return fitted(places.times_s, np.column_stack([east_north, up_m, yaw_rad]))
+    values = np.column_stack([east_north, up_m, yaw_rad])
+    return PathFile(
+        path=fitted(places.times_s, values), would_swing=would_swing(places.times_s, values)
+    )
 
 
 def _columns(first_line: str) -> dict[str, tuple[int, float]]:

@@ -216,6 +216,18 @@ def test_paths_from_positions_pass_them_at_the_times_of_the_colours(tmp_path: Pa
             assert y_m == pytest.approx(eased((time_s - 3.0) / 6.0), abs=0.015)
 
 
+@pytest.mark.parametrize(
+    "head", ["t,x,y,z", "time,latitude,longitude,altitude"], ids=["metres", "degrees"]
+)
+def test_an_import_says_whose_spline_would_swing(tmp_path: Path, head: str) -> None:
+    scale = 1.0 if head.startswith("t,") else 1e-5  # 1.1 m
+    for name, xs in (("smooth", (0.0, 2.0, 4.0)), ("stands", (0.0, 0.0, 4.0))):
+        rows = [f"{10 * k},{x * scale:.7f},0,{2 + k % 2}" for k, x in enumerate(xs)]
+        (tmp_path / f"{name}.csv").write_text("\n".join([head, *rows]), encoding="utf-8")
+    *_, note = read_folder(tmp_path).notes
+    assert "a spline through the few positions of stands.csv would swing" in note
+
+
 def test_a_smoothed_path_keeps_the_clock_of_the_others(tmp_path: Path) -> None:
     """To the east at 0.5 m/s from 2 s to 14 s, once with corners and once at rest at both ends."""
     corners = [[0, [0, 0, 0], []], [2, [0, 0, 2], []], [14, [6, 0, 2], []], [16, [6, 0, 0], []]]
