@@ -22,7 +22,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from groundstation.paths.pieces import fitted, waypoint_times_s, would_swing
+from groundstation.paths.pieces import fitted, turns_far, waypoint_times_s, would_swing
 from onboard.arrays import Array
 from onboard.config.file_reading import CSV_FILE, read_text
 from onboard.config.fleet import ConfigError
@@ -65,6 +65,8 @@ class PathFile(NamedTuple):
     path: Path
     # whether its positions are joined by another curve than a spline, which would swing (pieces.py)
     would_swing: bool = False
+    # whether its heading turns by more than half a circle from one line to the next
+    turns_far: bool = False
 
 
 def load_path(file: str | os.PathLike[str]) -> Path:
@@ -271,7 +273,11 @@ def _waypoints(columns: Sequence[str], numbers: Array) -> PathFile:
 
 
 def _joined(times_s: Array, values: Array) -> PathFile:
-    return PathFile(fitted(times_s, values), would_swing=would_swing(times_s, values))
+    return PathFile(
+        path=fitted(times_s, values),
+        would_swing=would_swing(times_s, values),
+        turns_far=turns_far(times_s, values[:, 3]),
+    )
 
 
 def _values(columns: Sequence[str], points: Array, numbers: Array) -> Array:

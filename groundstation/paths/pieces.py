@@ -20,6 +20,10 @@ _DENSE_S = 0.2  # positions with smaller intervals than this are dense
 # length; where a vehicle stands, _TOLERANCE_M.
 _NEAR_M = 0.1
 _NEAR_SHARE = 0.1
+_HALF_TURN_RAD = math.pi + 1e-6  # with room for rounding
+# A turn of more than half a circle that would be quicker is taken for numbers that wrap. Vehicles
+# turn with 1 rad/s at most.
+_QUICKEST_TURN_RAD_S = math.radians(90.0)
 _TOLERANCE_M = 0.01  # largest error of a piece in position
 # Largest error of a piece in acceleration, unless a tenth of the largest acceleration is more.
 _TOLERANCE_M_S2 = 0.5
@@ -46,7 +50,7 @@ def fitted(times_s: Array, values: Array) -> Path:
     step_s = float(grid_s[1] - grid_s[0])
 
     unwrapped = values.copy()
-    unwrapped[:, 3] = np.unwrap(values[:, 3])
+    unwrapped[:, 3] = _unwrapped(times_s, values[:, 3])
 
     if _is_dense(times_s):
         on_grid = np.stack([np.interp(grid_s, times_s, axis) for axis in unwrapped.T], axis=-1)
@@ -77,6 +81,12 @@ def would_swing(times_s: Array, values: Array) -> bool:
     points = values[:, :3]
     spline = _hermite(times_s, points, _spline_velocities(times_s, points), grid_s)
     return not _is_near_lines(times_s, points, grid_s, spline)
+
+
+def turns_far(times_s: Array, yaw_rad: Array) -> bool:
+    """Whether sparse headings (T,) turn by more than half a circle from one to the next."""
+    far = np.abs(np.diff(yaw_rad)) > _HALF_TURN_RAD
+    return bool(far.any()) and not _is_dense(times_s)
 
 
 def through(points: Array, speeds_m_s: Array) -> Path:
@@ -372,6 +382,19 @@ def _grid_of(times_s: Array) -> Array:
 def _is_dense(times_s: Array) -> bool:
     """Whether positions at these times (T,) are dense, so that they are smoothed and not joined."""
     return len(times_s) > 2 * _WINDOW and float(np.median(np.diff(times_s))) < _DENSE_S
+
+
+def _unwrapped(times_s: Array, yaw_rad: Array) -> Array:
+    """Return headings (T,) [rad] without the jumps of numbers that wrap.
+
+    A turn of more than half a circle is such a jump if the headings are dense, or if it would be
+    quicker than vehicles turn. Otherwise somebody has written it, and it is flown.
+    """
+    turns_rad = np.diff(yaw_rad)
+    is_quick = np.abs(turns_rad) > _QUICKEST_TURN_RAD_S * np.diff(times_s)
+    is_wrap = (np.abs(turns_rad) > _HALF_TURN_RAD) & (is_quick | _is_dense(times_s))
+    rounds = np.where(is_wrap, np.round(turns_rad / (2.0 * math.pi)), 0.0)
+    return np.asarray(yaw_rad - 2.0 * math.pi * np.concatenate([[0.0], np.cumsum(rounds)]))
 
 
 def _joined(times_s: Array, values: Array, grid_s: Array) -> Array:

@@ -98,7 +98,7 @@ def read_folder(folder: FilePath) -> Show:
     return Show(
         title=folder.resolve().name,
         drones=_from_the_first_on(folder, drones, first_times_s),
-        notes=_swing_notes(read),
+        notes=_notes(read),
     )
 
 
@@ -133,7 +133,7 @@ def _geographic_show(folder: FilePath, places: Mapping[FilePath, Places | None])
         "latitudes and longitudes became metres from the first place of the show "
         f"({origin.latitude_deg:.6f}, {origin.longitude_deg:.6f}); heights count from its lowest "
         f"altitude, {origin.altitude_m:.1f} m",
-        *_swing_notes(read),
+        *_notes(read),
     ]
     without_lights = [
         file.name
@@ -154,20 +154,28 @@ def _geographic_show(folder: FilePath, places: Mapping[FilePath, Places | None])
     )
 
 
-def _swing_notes(read: Mapping[str, PathFile]) -> tuple[str, ...]:
-    """Return a note if positions are joined by another curve than a spline, which would swing.
+def _notes(read: Mapping[str, PathFile]) -> tuple[str, ...]:
+    """Return notes about how files were understood.
 
     Args:
         read: what was read, by name of the file.
     """
-    names = [name for name, path_file in read.items() if path_file.would_swing]
-    if not names:
-        return ()
-    return (
-        f"a spline through the few positions of {listed(names)} would swing off the lines between "
-        "them: so each coordinate stays between two positions, and the vehicle slows down or stops "
-        "at corners. Give more positions where it shall fly a curve",
-    )
+    notes = []
+    swinging = [name for name, path_file in read.items() if path_file.would_swing]
+    if swinging:
+        notes.append(
+            f"a spline through the few positions of {listed(swinging)} would swing off the lines "
+            "between them: so each coordinate stays between two positions, and the vehicle slows "
+            "down or stops at corners. Give more positions where it shall fly a curve"
+        )
+    turning = [name for name, path_file in read.items() if path_file.turns_far]
+    if turning:
+        notes.append(
+            f"the yaw of {listed(turning)} turns by more than half a circle between two lines: it "
+            "is flown as written, unless it would turn quicker than 90 degrees a second and so is "
+            "taken for numbers that wrap"
+        )
+    return tuple(notes)
 
 
 def _smooth(file: FilePath, path: Path) -> Path:

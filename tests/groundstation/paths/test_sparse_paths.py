@@ -9,7 +9,7 @@ import pytest
 from scipy.interpolate import CubicSpline
 
 from groundstation.paths.path_files import load_path, read_path
-from groundstation.paths.pieces import fitted, would_swing
+from groundstation.paths.pieces import fitted, turns_far, would_swing
 from onboard.arrays import Array
 from onboard.control.path import sampled
 
@@ -96,3 +96,37 @@ def test_waypoints_of_long_and_short_legs_stay_in_their_box(tmp_path: FilePath) 
     assert values[:, 1].max() < 1.0 + NEAR_M
     # the acceleration is continuous
     assert np.abs(np.diff(accelerations, axis=0)).max() < 1.0
+
+
+@pytest.mark.parametrize(
+    ("step_s", "degrees", "flown_deg"),
+    [
+        (10.0, (0.0, 360.0, 0.0), (0.0, 360.0, 0.0)),
+        (10.0, (0.0, 270.0, 180.0), (0.0, 270.0, 180.0)),
+        (10.0, (0.0, -360.0, -720.0), (0.0, -360.0, -720.0)),
+        (1.0, (170.0, -170.0, -150.0), (170.0, 190.0, 210.0)),  # numbers that wrap
+        (1.0, (0.0, 360.0, 720.0), (0.0, 0.0, 0.0)),
+        (2.0, (350.0, 10.0, 350.0), (350.0, 370.0, 350.0)),
+    ],
+)
+def test_yaw_of_sparse_positions_turns_as_written_unless_it_wraps(
+    step_s: float, degrees: tuple[float, ...], flown_deg: tuple[float, ...]
+) -> None:
+    times_s = step_s * np.arange(3.0)
+    values = np.zeros((3, 4))
+    values[:, 3] = np.radians(degrees)
+    assert turns_far(times_s, values[:, 3])
+    yaw_deg = np.degrees(flown(times_s, values, times_s)[:, 3])
+    assert yaw_deg == pytest.approx(flown_deg, abs=12.0)
+
+
+def test_yaw_of_dense_positions_wraps_also_over_a_gap() -> None:
+    times_s = np.arange(0.0, 30.0, 0.1)
+    is_kept = (times_s < 12.0) | (times_s > 22.0)
+    values = np.zeros((len(times_s), 4))
+    values[:, 3] = np.angle(np.exp(0.2j * times_s))
+    times_s = times_s[is_kept]
+    values = values[is_kept]
+    assert not turns_far(times_s, values[:, 3])
+    yaw_rad = flown(times_s, values, times_s[5:-5])[:, 3]
+    assert np.abs(yaw_rad - 0.2 * times_s[5:-5]).max() < 0.1

@@ -228,6 +228,14 @@ def test_an_import_says_whose_spline_would_swing(tmp_path: Path, head: str) -> N
     assert "a spline through the few positions of stands.csv would swing" in note
 
 
+def test_an_import_says_whose_yaw_turns_by_more_than_half_a_circle(tmp_path: Path) -> None:
+    for name, last_deg in (("half", 180), ("full", 360)):
+        rows = ["t,x,y,z,yaw", "0,0,0,2,0", f"10,2,0,2,{last_deg}"]
+        (tmp_path / f"{name}.csv").write_text("\n".join(rows), encoding="utf-8")
+    (note,) = read_folder(tmp_path).notes
+    assert "the yaw of full.csv turns by more than half a circle" in note
+
+
 def test_a_smoothed_path_keeps_the_clock_of_the_others(tmp_path: Path) -> None:
     """To the east at 0.5 m/s from 2 s to 14 s, once with corners and once at rest at both ends."""
     corners = [[0, [0, 0, 0], []], [2, [0, 0, 2], []], [14, [6, 0, 2], []], [16, [6, 0, 0], []]]
