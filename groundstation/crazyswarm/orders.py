@@ -38,6 +38,7 @@ _TAKEOFF_S = 60.0
 _LAND_S = 60.0
 _MOVE_S = 40.0  # beyond the move's own duration
 _SAME_TIME_S = 1e-6  # allowance for rounding errors of times
+_SAME_GOAL_M = 0.01  # goals that are nearer to each other than this are one
 _SMALL_YAW_DEG = 1.0  # a smaller heading counts as 0
 _UNKNOWN: Xyz = (math.nan, math.nan, math.nan)
 
@@ -99,7 +100,8 @@ class ScriptOrders:
         self.fleet: Fleet = blocking.run(_itself)
         self._batch = _Batch()
         self._open: list[_Open] = []
-        self._sent: dict[str, _Takeoff | _Move] = {}  # the newest one of each vehicle
+        # the newest one of each vehicle, until it gets a path or lands
+        self._sent: dict[str, _Takeoff | _Move] = {}
         self._is_stopped = False  # whether emergency() has stopped the motors
         self._is_interrupted = False  # whether Ctrl-C or a signal has ended a sleep
         self._failure: BaseException | None = None
@@ -177,7 +179,8 @@ class ScriptOrders:
 
         It is the goal of the move or take-off that the vehicle carries out for this script, which
         telemetry shows only later. Otherwise it is the goal that the vehicle reports in the air, or
-        else its position.
+        else its position. The heading is that of the move to this goal, or else the measured one:
+        headings that are measured would add up their errors.
         """
         sent = self._batch.moves.get(name) or self._under_way(name)
         if isinstance(sent, _Move):
@@ -196,6 +199,10 @@ class ScriptOrders:
         has_goal = telemetry.state in ("taking off", "flying", "holding")
         if has_goal and all(map(math.isfinite, goal_enu_m)):
             point_enu_m = goal_enu_m
+
+        last = self._sent.get(name)
+        if isinstance(last, _Move) and math.dist(last.goal_enu_m, point_enu_m) < _SAME_GOAL_M:
+            yaw_deg = last.yaw_deg
 
         if isinstance(sent, _Takeoff):
             x, y, _ = point_enu_m
@@ -300,6 +307,8 @@ class ScriptOrders:
 
         self._sent.update(batch.takeoffs)
         self._sent.update(batch.moves)
+        for name in (*batch.paths, *batch.landings):
+            self._sent.pop(name, None)
         arms = [name for name in batch.arms if name not in batch.takeoffs]
         if arms:
             self._begin("arm", dict.fromkeys(arms, 0.0), self.fleet.arm(arms))

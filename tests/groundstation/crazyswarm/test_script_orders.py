@@ -232,3 +232,26 @@ def test_relative_goals_begin_where_the_command_before_leads_and_not_where_telem
     with pytest.raises(OrderFailed):
         orders.pass_time(10.0, waits_for_moves=True)
     assert orders.spot("mav0") == ((-1.6, 0.0, 0.0), 0.0)
+
+
+def test_relative_turns_add_up_to_the_headings_of_the_moves_and_not_to_measured_ones(
+    orders: ScriptOrders, blocking: BlockingStanding
+) -> None:
+    telemetry = blocking.fleet.telemetry
+    telemetry.state = "holding"
+    orders.go_to("mav0", (1.0, 2.0, 1.0), 90.0, 8.0)
+    orders.pass_time(0.0, waits_for_moves=False)
+    blocking.fleet.cuts[0].set()
+    with pytest.raises(OrderFailed):
+        orders.pass_time(10.0, waits_for_moves=True)
+
+    telemetry.goal_position_enu_m = (1.0, 2.0, 1.0)
+    telemetry.yaw_deg = 86.0
+    assert orders.spot("mav0") == ((1.0, 2.0, 1.0), 90.0)
+    telemetry.goal_position_enu_m = (1.0, 3.0, 1.0)  # a failsafe has led it elsewhere
+    assert orders.spot("mav0") == ((1.0, 3.0, 1.0), 86.0)
+
+    telemetry.goal_position_enu_m = (1.0, 2.0, 1.0)
+    orders.land("mav0", 0.01)
+    orders.pass_time(0.1, waits_for_moves=True)
+    assert orders.spot("mav0") == ((1.0, 2.0, 1.0), 86.0)
