@@ -41,6 +41,16 @@ NOT_FLOWN = {
         "Batteries are judged by the failsafe table: a vehicle at its landing level lands."
     ),
 }
+_CLOCK = "time"  # Python's own module
+_SLEEP = "sleep"
+_CLOCK_SLEEP = f"{_CLOCK}.{_SLEEP}"
+_REFUSED = {
+    **NOT_FLOWN,
+    _CLOCK_SLEEP: (
+        "commands are sent by timeHelper.sleep, so with this nothing flies until then, and each "
+        "vehicle gets only its last command. Use timeHelper.sleep."
+    ),
+}
 _PACKAGES = ("pycrazyswarm", "crazyflie_py")
 _OWN_PACKAGE = "groundstation.crazyswarm"
 _MAX_CALLS_NAMED = 3
@@ -76,6 +86,8 @@ def is_of_crazyswarm(script: str) -> bool:
 def refuse_what_is_not_flown(script: str) -> None:
     """Refuse a script that calls a command which Covey does not fly, before it connects.
 
+    ``time.sleep`` is refused as well.
+
     Args:
         script: path of the Python file; if there is no such file, nothing is checked.
 
@@ -94,7 +106,7 @@ def refuse_what_is_not_flown(script: str) -> None:
     if len(calls) > _MAX_CALLS_NAMED:
         named += f" and {len(calls) - _MAX_CALLS_NAMED} more"
     _, first = calls[0]
-    raise ConfigError(f"{script} calls {named}, which is refused: {NOT_FLOWN[first]}")
+    raise ConfigError(f"{script} calls {named}, which is refused: {_REFUSED[first]}")
 
 
 def refuse_unknown_ids(script: str, fleet: FleetConfig) -> None:
@@ -181,7 +193,7 @@ def refuse_too_small_a_fleet(crazyflies_yaml: str | None, fleet: FleetConfig) ->
 
 
 def _calls(tree: ast.Module) -> Iterator[tuple[int, str]]:
-    """Yield line and name of each call of a method that Covey does not fly.
+    """Yield line and name of each call that Covey does not fly, and of each ``time.sleep``.
 
     The names of the script's own methods are left out: the call may be one of them.
     """
@@ -190,11 +202,42 @@ def _calls(tree: ast.Module) -> Iterator[tuple[int, str]]:
         if isinstance(node, ast.ClassDef):
             own_methods |= {part.name for part in node.body if isinstance(part, ast.FunctionDef)}
 
+    clocks, sleeps = _names_of_clock(tree)
     for node in ast.walk(tree):
-        if not isinstance(node, ast.Call) or not isinstance(node.func, ast.Attribute):
+        if not isinstance(node, ast.Call):
             continue
-        if node.func.attr in NOT_FLOWN and node.func.attr not in own_methods:
-            yield node.lineno, node.func.attr
+        function = node.func
+        if isinstance(function, ast.Name) and function.id in sleeps:
+            yield node.lineno, _CLOCK_SLEEP
+        if not isinstance(function, ast.Attribute):
+            continue
+        if function.attr in NOT_FLOWN and function.attr not in own_methods:
+            yield node.lineno, function.attr
+        is_of_clock = isinstance(function.value, ast.Name) and function.value.id in clocks
+        if is_of_clock and function.attr == _SLEEP:
+            yield node.lineno, _CLOCK_SLEEP
+
+
+def _names_of_clock(tree: ast.Module) -> tuple[set[str], set[str]]:
+    """Return the names that a script gives to Python's module ``time``, and to its ``sleep``.
+
+    A name that the script also assigns, as in ``time = swarm.timeHelper``, is left out.
+    """
+    clocks = set()
+    sleeps = set()
+    assigned = set()
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Import):
+            clocks |= {alias.asname or _CLOCK for alias in node.names if alias.name == _CLOCK}
+        elif isinstance(node, ast.ImportFrom) and node.module == _CLOCK:
+            sleeps |= {alias.asname or _SLEEP for alias in node.names if alias.name == _SLEEP}
+        elif isinstance(node, ast.Name) and isinstance(node.ctx, ast.Store):
+            assigned.add(node.id)
+        elif isinstance(node, ast.arg):
+            assigned.add(node.arg)
+        elif isinstance(node, ast.FunctionDef):
+            assigned.add(node.name)
+    return clocks - assigned, sleeps - assigned
 
 
 def _tree_of(script: str) -> ast.Module | None:

@@ -54,6 +54,34 @@ def test_a_method_of_a_scripts_own_class_may_have_the_name_of_a_refused_command(
         refuse_what_is_not_flown(str(script))
 
 
+@pytest.mark.parametrize(
+    ("text", "lines"),
+    [
+        ("import time\ntime.sleep(2)\ntime.time()\ntime.sleep(1)", (2, 4)),
+        ("import math, time as clock\nclock.sleep(2)", (2,)),
+        ("from time import sleep, time\nsleep(2)", (2,)),
+        ("from time import sleep as wait\nwait(2)", (2,)),
+        ("import time\nswarm.timeHelper.sleep(2)", ()),
+        ("time = swarm.timeHelper\ntime.sleep(2)", ()),
+        ("import time\ntime = swarm.timeHelper\ntime.sleep(2)", ()),
+        ("def sleep(s):\n    timeHelper.sleep(s)\nsleep(2)", ()),
+        ("import time\ndef fly(time):\n    time.sleep(2)", ()),
+    ],
+)
+def test_a_script_that_sleeps_without_the_fleet_is_refused_with_its_lines(
+    tmp_path: Path, text: str, lines: tuple[int, ...]
+) -> None:
+    script = tmp_path / "sloppy.py"
+    script.write_text(text)
+    if not lines:
+        refuse_what_is_not_flown(str(script))
+        return
+
+    named = ", ".join(rf"time\.sleep \(line {line}\)" for line in lines)
+    with pytest.raises(ConfigError, match=rf"calls {named}, which .* Use timeHelper\.sleep\.$"):
+        refuse_what_is_not_flown(str(script))
+
+
 def test_a_script_for_more_vehicles_than_the_fleet_has_is_refused() -> None:
     fleet = load_fleet(str(PAPER))
     three = "crazyflies:\n- id: 1\n  channel: 110\n- channel: 2\n  id: 2\n- {}\n"
