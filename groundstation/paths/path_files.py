@@ -42,6 +42,10 @@ _NAMES = {
     "v": "speed",
     "velocity": "speed",
 }
+# columns of a heading by other names, and all that begin with yaw_
+_HEADINGS = ("heading", "hdg", "psi", "course", "azimuth", "bearing", "rot_z", "qw")
+COLOURS = ("red", "green", "blue")  # read by an import
+_READ = {"t", "x", "y", "z", "speed", "yaw", *COLOURS}
 # units in a column's name -> factor to s, m, m/s or deg
 _TIMES = {"": 1.0, "s": 1.0, "sec": 1.0, "ms": 1e-3, "msec": 1e-3}
 _LENGTHS = {"": 1.0, "m": 1.0, "cm": 0.01, "mm": 1e-3}
@@ -67,6 +71,7 @@ class PathFile(NamedTuple):
     would_swing: bool = False
     # whether its heading turns by more than half a circle from one line to the next
     turns_far: bool = False
+    unread: tuple[str, ...] = ()  # names of columns that mean nothing here
 
 
 def load_path(file: str | os.PathLike[str]) -> Path:
@@ -264,19 +269,20 @@ def _timed(columns: Sequence[str], numbers: Array) -> PathFile:
             f"it lasts {duration_s:g} s; {LONGEST_S:.0f} s are the longest that a path lasts. Cut "
             "it, or correct the unit of its times."
         )
-    return _joined(times_s - times_s[0], _values(columns, numbers[:, 1:4], numbers))
+    return _joined(columns, times_s - times_s[0], _values(columns, numbers[:, 1:4], numbers))
 
 
 def _waypoints(columns: Sequence[str], numbers: Array) -> PathFile:
     values = _values(columns, numbers[:, :3], numbers)
-    return _joined(waypoint_times_s(values, speeds_m_s=numbers[:, 3]), values)
+    return _joined(columns, waypoint_times_s(values, speeds_m_s=numbers[:, 3]), values)
 
 
-def _joined(times_s: Array, values: Array) -> PathFile:
+def _joined(columns: Sequence[str], times_s: Array, values: Array) -> PathFile:
     return PathFile(
         path=fitted(times_s, values),
         would_swing=would_swing(times_s, values),
         turns_far=turns_far(times_s, values[:, 3]),
+        unread=tuple(name for name in columns if name not in _READ),
     )
 
 
@@ -286,10 +292,12 @@ def _values(columns: Sequence[str], points: Array, numbers: Array) -> Array:
     Raises:
         ValueError: it has a heading instead, which may be counted in another way.
     """
-    if "heading" in columns and "yaw" not in columns:
+    headings = [name for name in columns if name in _HEADINGS or name.startswith("yaw_")]
+    if headings and "yaw" not in columns:
         raise ValueError(
-            "a column 'heading' is not read, because headings often count clockwise from north. "
-            "Give degrees counterclockwise from east, and name the column yaw, or leave it out."
+            f"a column '{headings[0][:40]}' is not read, because headings often count clockwise "
+            "from north. Give degrees counterclockwise from east, and name the column yaw, or "
+            "leave it out."
         )
 
     yaw_rad = np.zeros(len(numbers))

@@ -11,7 +11,7 @@ from pathlib import Path as FilePath
 import numpy as np
 
 from groundstation.paths.lights import TimedColour, whole_colours
-from groundstation.paths.path_files import PathFile, read_columns, read_path
+from groundstation.paths.path_files import COLOURS, PathFile, read_columns, read_path
 from groundstation.shows.geographic import Places, origin_of, path_of_places, read_places
 from groundstation.shows.show import (
     MAX_DRONES,
@@ -28,7 +28,6 @@ from onboard.config.fleet import ConfigError
 from onboard.control.path import LONGEST_S, Path, point_at
 from onboard.plain_text import listed, natural_sort_key
 
-_COLOURS = ("red", "green", "blue")
 _MIB = 2**20
 _MAX_BYTES = 256 * _MIB  # all CSVs together: 200 drones, 10 minutes, 40 lines in a second
 
@@ -175,6 +174,9 @@ def _notes(read: Mapping[str, PathFile]) -> tuple[str, ...]:
             "is flown as written, unless it would turn quicker than 90 degrees a second and so is "
             "taken for numbers that wrap"
         )
+    unread = {column: None for path_file in read.values() for column in path_file.unread}
+    if unread:
+        notes.append(f"columns that are not read: {listed(list(unread))}")
     return tuple(notes)
 
 
@@ -211,7 +213,7 @@ def _drone(
     first_s, last_s = span_s
 
     lights: tuple[TimedColour, ...] = ()
-    if has_times and set(_COLOURS) <= set(columns):
+    if has_times and set(COLOURS) <= set(columns):
         lights = _lights(file, columns, numbers)
 
     x, y, z = point_at(path, 0.0).position_enu_m
@@ -237,7 +239,7 @@ def _names_colours(file: FilePath) -> bool:
     """Whether the first line of a CSV names columns of colours."""
     for line in read_text(str(file), CSV_FILE).splitlines():
         if line.strip() and not line.startswith("#"):
-            return all(colour in line.lower() for colour in _COLOURS)
+            return all(colour in line.lower() for colour in COLOURS)
     return False
 
 
@@ -273,7 +275,7 @@ def _lights(file: FilePath, columns: Sequence[str], numbers: Array) -> tuple[Tim
         ConfigError: a colour is no whole number from 0 to 255.
     """
     times_s = numbers[:, 0]
-    colour_columns = [columns.index(colour) for colour in _COLOURS]
+    colour_columns = [columns.index(colour) for colour in COLOURS]
     colours = whole_colours(str(file), numbers[:, colour_columns])
 
     # A line is left out if the lines before and after it have its colour. The last line of a colour

@@ -236,6 +236,15 @@ def test_an_import_says_whose_yaw_turns_by_more_than_half_a_circle(tmp_path: Pat
     assert "the yaw of full.csv turns by more than half a circle" in note
 
 
+def test_an_import_names_the_columns_that_are_not_read(tmp_path: Path) -> None:
+    heads = {"a": "t,x,y,z,yaw,yaw_rate,Red,Green,Blue", "b": "t,x,y,z,volt,yaw,yaw_rate"}
+    for name, head in heads.items():
+        others = ",0" * (head.count(",") - 3)
+        rows = [head, f"0,0,0,2{others}", f"10,5,0,2{others}"]
+        (tmp_path / f"{name}.csv").write_text("\n".join(rows), encoding="utf-8")
+    assert read_folder(tmp_path).notes == ("columns that are not read: yaw_rate, volt",)
+
+
 def test_a_smoothed_path_keeps_the_clock_of_the_others(tmp_path: Path) -> None:
     """To the east at 0.5 m/s from 2 s to 14 s, once with corners and once at rest at both ends."""
     corners = [[0, [0, 0, 0], []], [2, [0, 0, 2], []], [14, [6, 0, 2], []], [16, [6, 0, 0], []]]
