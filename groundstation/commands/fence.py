@@ -42,10 +42,11 @@ def fence(
         write: append the fences to the fleet file
     """
     # Imported here: the help page does not need these modules.
-    from groundstation.starter.fence_files import read_fences, toml_of
+    from groundstation.starter.fence_files import read_fences, refuse_imported, toml_of
     from groundstation.starter.fleet_edit import checked_text, write_text
 
     fences = read_fences(file, buffer, _heights(height))
+    refuse_imported(fences, Path(fleet))
     text = toml_of(fences)
     fleet_text = checked_text(Path(fleet), text)
     print(text, end="")

@@ -15,9 +15,17 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+from groundstation.starter.fleet_edit import fleet_of_text
 from onboard.config.fences import MAX_CORNERS, MAX_FENCES, Fence, FenceCircle
-from onboard.config.file_reading import FENCE_FILE, json_values, read_bytes
+from onboard.config.file_reading import (
+    FENCE_FILE,
+    FLEET_FILE,
+    json_values,
+    read_bytes,
+    read_text,
+)
 from onboard.config.fleet import ConfigError
+from onboard.plain_text import listed
 
 PLAN_VERSION = 1
 GEOFENCE_VERSION = 2
@@ -48,6 +56,11 @@ def read_fences(
             does not have.
     """
     name = os.fspath(path)
+    if name.lower().endswith((".kml", ".kmz")):
+        raise ConfigError(
+            f"{name}: KML is not read. Open it in a GIS such as QGIS, and export the polygons as "
+            "GeoJSON."
+        )
     data = json_values(read_bytes(path, FENCE_FILE), name)
     if not isinstance(data, dict):
         raise ConfigError(f"{name} is no .plan and no GeoJSON: it is no table. {_REMEDY}")
@@ -84,6 +97,27 @@ def read_fences(
         )
         for fence in found
     ]
+
+
+def refuse_imported(fences: list[Fence], path: Path) -> None:
+    """Refuse fences whose names a fleet file has already, as after an earlier import.
+
+    Args:
+        fences: fences that were read.
+        path: path of the fleet file.
+
+    Raises:
+        ConfigError: the fleet file has such names, or is wrong itself.
+    """
+    fleet = fleet_of_text(path, read_text(path, FLEET_FILE))
+    known = {fence.name for fence in fleet.fences}
+    names = [_without_escapes(fence.name) for fence in fences]
+    names = [name for name in names if name in known]
+    if names:
+        raise ConfigError(
+            f"{path} has fences named {listed(names)} already, perhaps of an earlier import. "
+            "Remove these [[fences]] from it, or give them other names, and import again."
+        )
 
 
 def toml_of(fences: list[Fence]) -> str:

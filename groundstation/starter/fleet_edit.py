@@ -11,7 +11,7 @@ from typing import Any
 import tomlkit
 
 from onboard.config.file_reading import FLEET_FILE, read_bytes, read_text, toml_values
-from onboard.config.fleet import ConfigError, fleet_from_mapping
+from onboard.config.fleet import ConfigError, FleetConfig, fleet_from_mapping
 
 
 def edited(text: str, changes: Mapping[str, Any]) -> str:
@@ -69,9 +69,21 @@ def checked_text(path: Path, more: str) -> str:
         ConfigError: the file would be wrong with the tables.
     """
     text = read_text(path, FLEET_FILE).rstrip() + "\n\n" + more
-    # does not look for the law, because a user's own law may be missing on this computer
-    fleet_from_mapping(toml_values(text, str(path)), path=str(path), needs_folders=False)
+    fleet_of_text(path, text)
     return text
+
+
+def fleet_of_text(path: Path, text: str) -> FleetConfig:
+    """Return the fleet of a text; the law, a user's own, may be missing on this computer.
+
+    Args:
+        path: path of the fleet file.
+        text: its text.
+
+    Raises:
+        ConfigError: the text is wrong.
+    """
+    return fleet_from_mapping(toml_values(text, str(path)), path=str(path), needs_folders=False)
 
 
 def write_text(path: Path, text: str) -> None:

@@ -85,7 +85,9 @@ def test_a_fence_without_a_name_that_can_be_written_has_that_of_its_file(
     assert 'name = "field 1"' in toml_of(fences)
 
 
-def test_a_plan_becomes_an_area_to_stay_in_and_one_to_stay_out_of(tmp_path: Path) -> None:
+def test_a_plan_becomes_an_area_to_stay_in_and_one_to_stay_out_of(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     fleet = fleet_file(tmp_path)
     file = written(tmp_path, plan())
     command = ["import", "fence", str(file), "--fleet", str(fleet), "--height", "-1,2.5"]
@@ -100,7 +102,19 @@ def test_a_plan_becomes_an_area_to_stay_in_and_one_to_stay_out_of(tmp_path: Path
     assert (pond.name, pond.keeps_in, pond.radius_m) == ("field 2", False, 0.5)
     assert pond.center_enu_m == pytest.approx(POND, abs=0.002)
 
-    assert main([*command, "--write"]) == 2  # of the same names
+    text = fleet.read_text()
+    capsys.readouterr()
+    assert main([*command, "--write"]) == 2
+    assert "has fences named field 1, field 2 already, perhaps of an earlier import. Remove" in (
+        " ".join(capsys.readouterr().err.split())
+    )
+    assert fleet.read_text() == text
+
+
+@pytest.mark.parametrize("name", ["map.kml", "map.KMZ"])
+def test_kml_is_refused_with_what_to_export(tmp_path: Path, name: str) -> None:
+    with pytest.raises(ConfigError, match=r"KML is not read\. .* as GeoJSON\.$"):
+        read_fences(written(tmp_path, "<kml/>", name))
 
 
 def test_a_polygon_of_geojson_has_its_longitude_first_and_its_hole_is_to_stay_out_of(
