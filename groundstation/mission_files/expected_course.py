@@ -15,6 +15,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from typing import NamedTuple
 
 import numpy as np
 from msgspec import structs
@@ -65,6 +66,22 @@ _VerticalIntent = Takeoff | Land | Home  # orders with a climb or a descent
 PathsOf = Callable[[FollowPathStep], Mapping[str, Path]]
 
 
+class Branch(NamedTuple):
+    """One of the lists of steps that a parallel step flies at the same time."""
+
+    block: str  # key of the parallel step
+    number: int  # of the branch in it, from 0
+
+
+class InnerStep(NamedTuple):
+    """A step inside another one."""
+
+    key: str  # key of the step in the file
+    step: MissionStep
+    times: int = 1  # number of times that it is flown
+    branch: Branch | None = None  # the branch that it belongs to, if the outer step is a parallel
+
+
 @dataclass(frozen=True, slots=True)
 class CourseStep:
     """One step of a mission as it is expected to be flown."""
@@ -74,6 +91,8 @@ class CourseStep:
     positions: Mapping[str, Xyz]  # positions of all vehicles before the step
     flying: frozenset[str]  # vehicles that fly before the step
     is_known: bool  # whether positions and flying are certain; not after a fault or a reaction
+    index: int = 0  # index of the mission's step that is, or contains, this one
+    branches: tuple[Branch, ...] = ()  # branches that contain the step, the outermost first
     times: int = 1  # number of times that the step is flown
     planned: PlannedOrder | None = None  # the order, if the step is one
     goals: Mapping[str, Xyz] = field(default_factory=dict)  # positions of vehicles after the step
@@ -105,10 +124,6 @@ class CourseStep:
         return not self.is_known or name in self.flying_after
 
 
-# a step, and its key without the branches around it
-_KeyedStep = tuple[str, CourseStep]
-
-
 @dataclass(slots=True)
 class _CourseFleet:
     """The fleet at the present point of the course; each step changes it."""
@@ -138,7 +153,9 @@ def course(
     starts = {name: fleet.vehicles[name].start_enu_m for name in fleet.enabled_names}
     course_fleet = _CourseFleet(starts, HeldFormation(default_formation(fleet)))
     for index, step in enumerate(steps):
-        yield from _course_steps(fleet, step, f"step[{index}]", course_fleet, paths_of, path)
+        key = f"step[{index}]"
+        for course_step in _course_steps(fleet, step, key, course_fleet, paths_of, path):
+            yield replace(course_step, index=index)
 
 
 def begins_of(paths: Mapping[str, Path]) -> dict[str, Xyz]:
@@ -158,7 +175,7 @@ def expected_duration_s(course_steps: Iterable[CourseStep]) -> float:
     Args:
         course_steps: steps of one mission.
     """
-    return _duration_s([(course_step.key, course_step) for course_step in course_steps])
+    return _duration_s(course_steps, 0)
 
 
 def expected_flight_s(course_steps: Iterable[CourseStep], name: str) -> float:
@@ -170,68 +187,72 @@ def expected_flight_s(course_steps: Iterable[CourseStep], name: str) -> float:
         course_steps: steps of one mission.
         name: the vehicle.
     """
-    return _flight_s([(course_step.key, course_step) for course_step in course_steps], name)
+    return _flight_s(course_steps, 0, name)
 
 
-def _duration_s(steps: Iterable[_KeyedStep]) -> float:
-    """Return the time [s] of steps."""
-    outside, blocks = _in_blocks(steps)
+def _duration_s(steps: Iterable[CourseStep], depth: int) -> float:
+    """Return the time [s] of steps that have `depth` branches around them in common."""
+    outside, blocks = _in_blocks(steps, depth)
     total_s = sum(course_step.duration_s for course_step in outside)
     for branches in blocks:
-        total_s += max(_duration_s(branch) for branch in branches)
+        total_s += max(_duration_s(branch, depth + 1) for branch in branches)
     return total_s
 
 
-def _flight_s(steps: Iterable[_KeyedStep], name: str) -> float:
+def _flight_s(steps: Iterable[CourseStep], depth: int, name: str) -> float:
     """Return the time [s] of steps for which a vehicle flies."""
-    outside, blocks = _in_blocks(steps)
+    outside, blocks = _in_blocks(steps, depth)
     total_s = sum(course_step.duration_s for course_step in outside if course_step.may_fly(name))
     for branches in blocks:
-        total_s += _flight_in_block_s(branches, name)
+        total_s += _flight_in_block_s(branches, depth + 1, name)
     return total_s
 
 
-def _flight_in_block_s(branches: Sequence[Sequence[_KeyedStep]], name: str) -> float:
+def _flight_in_block_s(branches: Sequence[Sequence[CourseStep]], depth: int, name: str) -> float:
     """Return the time [s] for which a vehicle flies while branches are flown side by side.
 
-    The course has the branches one after the other. So only the branch in which the vehicle takes
-    off or lands says when it flies; at its end, the vehicle waits for the other branches.
+    The course lists branches one after another although they are flown at the same time. So the
+    step before does not show whether the vehicle flies; only the branch in which it takes off or
+    lands does. At the end of that branch, the vehicle waits for the other branches.
     """
-    block_s = max(_duration_s(branch) for branch in branches)
+    block_s = max(_duration_s(branch, depth) for branch in branches)
     for branch in branches:
         if not _begins_or_ends_flight(branch, name):
             continue
-        flight_s = _flight_s(branch, name)
-        _, last_step = branch[-1]
-        if last_step.may_fly_after(name):
-            flight_s += block_s - _duration_s(branch)
+        flight_s = _flight_s(branch, depth, name)
+        if branch[-1].may_fly_after(name):
+            flight_s += block_s - _duration_s(branch, depth)
         return flight_s
 
-    may_fly = any(course_step.may_fly(name) for branch in branches for _, course_step in branch)
+    may_fly = any(course_step.may_fly(name) for branch in branches for course_step in branch)
     return block_s if may_fly else 0.0
 
 
-def _begins_or_ends_flight(branch: Iterable[_KeyedStep], name: str) -> bool:
+def _begins_or_ends_flight(branch: Iterable[CourseStep], name: str) -> bool:
     """Return whether a vehicle takes off or lands in a branch."""
     return any(
         isinstance(course_step.step, _VerticalIntent) and name in course_step.goals
-        for _, course_step in branch
+        for course_step in branch
     )
 
 
 def _in_blocks(
-    steps: Iterable[_KeyedStep],
-) -> tuple[list[CourseStep], list[list[list[_KeyedStep]]]]:
-    """Return the steps outside of parallel steps, and the branches of each parallel step."""
+    steps: Iterable[CourseStep], depth: int
+) -> tuple[list[CourseStep], list[list[list[CourseStep]]]]:
+    """Return the steps outside of parallel steps, and the branches of each parallel step.
+
+    Args:
+        steps: steps that are in the same branches, as far as these are counted by the depth.
+        depth: number of parallel steps around all of them.
+    """
     outside = []
-    blocks: dict[str, dict[str, list[_KeyedStep]]] = {}
-    for key, course_step in steps:
-        block, _, in_branches = key.partition(".branches[")
-        if not in_branches:
+    blocks: dict[str, dict[int, list[CourseStep]]] = {}
+    for course_step in steps:
+        if len(course_step.branches) <= depth:
             outside.append(course_step)
             continue
-        branch, _, inner_key = in_branches.partition("]")
-        blocks.setdefault(block, {}).setdefault(branch, []).append((inner_key, course_step))
+        branch = course_step.branches[depth]
+        blocks.setdefault(branch.block, {}).setdefault(branch.number, []).append(course_step)
     return outside, [list(branches.values()) for branches in blocks.values()]
 
 
@@ -343,14 +364,14 @@ def _course_steps(
     course_fleet: _CourseFleet,
     paths_of: PathsOf,
     path: str,
-    times: int = 1,
 ) -> Iterator[CourseStep]:
     """Yield a step, or the steps inside it, and change the fleet as they would change it."""
     if isinstance(step, BlockStep):
-        for inner, inner_key, count in inner_steps(step, key):
-            yield from _course_steps(
-                fleet, inner, inner_key, course_fleet, paths_of, path, times * count
-            )
+        for inner in inner_steps(step, key):
+            for course_step in _course_steps(
+                fleet, inner.step, inner.key, course_fleet, paths_of, path
+            ):
+                yield _inside(inner, course_step)
         if isinstance(step, ReactStep):
             course_fleet.is_known = False
         return
@@ -359,7 +380,7 @@ def _course_steps(
         course_step = _course_step(fleet, step, key, course_fleet, paths_of)
     except ConfigError as error:
         raise ConfigError(f"{path}: '{key}' ({step.do}): {error}") from None
-    yield replace(course_step, times=times)
+    yield course_step
 
     course_fleet.positions.update(course_step.goals)
     if course_step.planned is not None:
@@ -374,8 +395,16 @@ def _course_steps(
         course_fleet.is_known = False
 
 
-def inner_steps(step: BlockStep, key: str) -> Iterator[tuple[MissionStep, str, int]]:
-    """Yield the steps inside a step, each with its key and the number of times it is flown.
+def _inside(inner: InnerStep, course_step: CourseStep) -> CourseStep:
+    """Return a step of the course with the times and the branch of the inner step around it."""
+    branches = course_step.branches
+    if inner.branch is not None:
+        branches = (inner.branch, *branches)
+    return replace(course_step, times=inner.times * course_step.times, branches=branches)
+
+
+def inner_steps(step: BlockStep, key: str) -> Iterator[InnerStep]:
+    """Yield the steps inside a step.
 
     The steps of a repetition are yielded twice: for its first time, and for all later times. The
     vehicles begin the first time where the step before has left them, and each later time where the
@@ -391,18 +420,20 @@ def inner_steps(step: BlockStep, key: str) -> Iterator[tuple[MissionStep, str, i
             counts.append(step.times - 1)
         for count in counts:
             for index, inner in enumerate(step.steps):
-                yield inner, f"{key}.steps[{index}]", count
+                yield InnerStep(f"{key}.steps[{index}]", inner, times=count)
 
     elif isinstance(step, ParallelStep):
-        for branch_index, branch in enumerate(step.branches):
-            for index, inner in enumerate(branch):
-                yield inner, f"{key}.branches[{branch_index}][{index}]", 1
+        for branch_index, steps in enumerate(step.branches):
+            branch = Branch(key, branch_index)
+            for index, inner in enumerate(steps):
+                inner_key = f"{key}.branches[{branch_index}][{index}]"
+                yield InnerStep(inner_key, inner, branch=branch)
 
     else:
         for index, inner in enumerate(step.steps):
-            yield inner, f"{key}.steps[{index}]", 1
+            yield InnerStep(f"{key}.steps[{index}]", inner)
         for index, inner in enumerate(step.then):
-            yield inner, f"{key}.then[{index}]", 1
+            yield InnerStep(f"{key}.then[{index}]", inner)
 
 
 def _course_step(

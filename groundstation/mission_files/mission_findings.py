@@ -213,9 +213,8 @@ def _pathless_finding(
     fleet: FleetConfig, course_step: CourseStep, step_name: str
 ) -> Iterator[Finding]:
     """Yield the finding about vehicles that fly while others follow paths, without one."""
-    has_other_branches = ".branches[" in course_step.key  # they may fly in one of these
-    if has_other_branches or not course_step.is_known:
-        return
+    if course_step.branches or not course_step.is_known:
+        return  # vehicles without a path may fly in another branch
 
     pathless = [
         name

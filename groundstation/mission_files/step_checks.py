@@ -53,8 +53,8 @@ def _check_reactions(step: MissionStep, key: str, mission: Mission) -> None:
 
     if isinstance(step, ReactStep):
         _check_until(step.when, mission.fleet, f"{mission.path}: '{key}.when'")
-    for inner, inner_key, _ in inner_steps(step, key):
-        _check_reactions(inner, inner_key, mission)
+    for inner in inner_steps(step, key):
+        _check_reactions(inner.step, inner.key, mission)
 
 
 def _check_course_step(course_step: CourseStep, mission: Mission) -> None:

@@ -134,7 +134,7 @@ def time_refusal(mission: Mission, times: Mapping[str, WallTime], begin_ns: int)
             paths_s = max((path.duration_s for path in course_step.paths.values()), default=0.0)
 
         written = getattr(step, "at", "")
-        is_side_by_side = ".branches" in course_step.key
+        is_side_by_side = bool(course_step.branches)
         if written and not is_side_by_side:
             start_s = (times[written].wall_ns - begin_ns) * 1e-9
             reached_s = known_s + expected_duration_s(since)

@@ -15,7 +15,6 @@ from groundstation.fleet.places import by_place, by_vehicle, place_of, vehicles_
 from groundstation.fleet.state import FleetState
 from groundstation.formations.frame import FormationPaths
 from groundstation.mission_files.expected_course import (
-    CourseStep,
     expected_duration_s,
     formation_paths,
     resolved,
@@ -78,7 +77,7 @@ class StepRunner:
 
         for index, step in enumerate(steps):
             left_s = expected_duration_s(
-                course_step for course_step in course if _outermost_index(course_step) >= index
+                course_step for course_step in course if course_step.index >= index
             )
             self._fleet.say(f"[{index + 1}/{len(steps)}] {step.do}; about {left_s:.0f} s left")
             await self._do(step, f"step[{index}]")
@@ -303,12 +302,6 @@ def _blocks(step: MissionStep) -> tuple[Sequence[MissionStep], ...]:
     if isinstance(step, RepeatStep):
         return (step.steps,)
     return ()
-
-
-def _outermost_index(course_step: CourseStep) -> int:
-    """Return the index of the mission's outermost step that a step belongs to."""
-    index_word, _, _ = course_step.key.removeprefix("step[").partition("]")
-    return int(index_word)
 
 
 def first_failure(failures: BaseExceptionGroup[BaseException]) -> BaseException:
