@@ -18,7 +18,6 @@ from __future__ import annotations
 
 import sys
 from contextlib import redirect_stdout
-from dataclasses import asdict, fields
 from json import dumps
 from typing import Annotated, Any
 
@@ -91,7 +90,7 @@ def check(
 
         if any(finding.status == "refused" for finding in examined.findings):
             status = max(status, EXIT_FAILED)
-        rows += [{"file": path, **asdict(finding)} for finding in examined.findings]
+        rows += [_row(path, finding) for finding in examined.findings]
         if not json:
             print(page(examined, errors, shown))
             shown += examined.findings
@@ -101,10 +100,31 @@ def check(
     return status
 
 
+def _row(path: str, finding: Finding) -> dict[str, Any]:
+    """Return the object of a finding about a file."""
+    return {
+        "file": path,
+        "name": finding.title,
+        "status": finding.status,
+        "value": finding.value,
+        "bound": finding.bound,
+        "unit": finding.unit,
+        "relation": finding.relation,
+        "sentence": finding.sentence,
+        "remedy": finding.remedy,
+    }
+
+
 def _row_of_wrong_file(path: str, error: ConfigError) -> dict[str, Any]:
-    """Return an object with the keys of a finding, most of them null."""
-    row: dict[str, Any] = {"file": path}
-    for field in fields(Finding):
-        row[field.name] = None
-    row |= {"name": "file", "status": "wrong", "sentence": str(error)}
-    return row
+    """Return the object of an error in a file, with the keys of a finding's."""
+    return {
+        "file": path,
+        "name": "file",
+        "status": "wrong",
+        "value": None,
+        "bound": None,
+        "unit": None,
+        "relation": None,
+        "sentence": str(error),
+        "remedy": None,
+    }

@@ -31,7 +31,7 @@ def page(examined: ExaminedFile, errors: ErrorClass | None, shown: Collection[Fi
     repeated = len(examined.findings) - len(new_findings)
     columns = shutil.get_terminal_size((_WIDEST, 24)).columns
     width = max(_NARROWEST, min(columns, _WIDEST))
-    name_width = max((len(finding.name) for finding in new_findings), default=0)
+    name_width = max((len(finding.title) for finding in new_findings), default=0)
     indent = " " * (_MARK_WIDTH + name_width + 2)
 
     is_below = width - len(indent) < _SENTENCE_WIDTH
@@ -40,7 +40,7 @@ def page(examined: ExaminedFile, errors: ErrorClass | None, shown: Collection[Fi
 
     lines = [examined.headline]
     for finding in new_findings:
-        head = f"{_MARKS[finding.status]:<8} {finding.name:<{name_width}}  "
+        head = f"{_MARKS[finding.status]:<8} {finding.title:<{name_width}}  "
         if is_below:
             lines.append(head.rstrip())
             head = indent

@@ -27,8 +27,6 @@ from onboard.plain_text import capitalised
 from onboard.safety.area_room import length_beyond_m
 from onboard.tuples import Xyz
 
-# names of findings that do not refuse a flight, since they do not concern what the law can fly
-_NEVER_REFUSING = ("time", "expectation", "arrival", "ending")
 _SPARE_PCT = 10.0  # charge at the end above the level at which a vehicle lands by itself
 _DETOUR_FACTOR = 1.7  # recommended time limit divided by the duration of the straight way
 # Time that a step with paths needs beside the paths: 3 s from the order to their start, and the
@@ -54,7 +52,7 @@ def mission_findings(mission: Mission, errors: ErrorClass | None = None) -> tupl
     """
     groups: dict[str, list[Finding]] = {}
     for finding in _step_findings(mission, errors):
-        groups.setdefault(_name_of(finding), []).append(finding)
+        groups.setdefault(finding.name, []).append(finding)
 
     groups["expectation"] = list(_separation_expectation(mission))
     groups["endurance"] = list(_endurance(mission))
@@ -80,7 +78,7 @@ def refused_findings(mission: Mission, is_simulated: bool) -> list[Finding]:
     return [
         finding
         for finding in (*mission_findings(mission), *fleet_findings(fleet))
-        if finding.status == "refused" and _name_of(finding) not in _NEVER_REFUSING
+        if finding.status == "refused" and not finding.never_refuses_flights
     ]
 
 
@@ -108,11 +106,6 @@ def refuse_unflyable(mission: Mission, is_simulated: bool) -> None:
         f"{mission.path}: the law says that this cannot be flown{more}. {refused[0].sentence} "
         f"'covey check {mission.path}' tells all."
     )
-
-
-def _name_of(finding: Finding) -> str:
-    """Return a finding's name without its step: the name is "NAME, STEP"."""
-    return finding.name.partition(",")[0]
 
 
 def _step_findings(mission: Mission, errors: ErrorClass | None) -> Iterator[Finding]:
@@ -197,7 +190,8 @@ def _path_time_limit(course_step: CourseStep, step_name: str) -> Iterator[Findin
     longest = max(paths, key=lambda name: paths[name].duration_s)
     duration_s = paths[longest].duration_s
     yield at_least(
-        name=f"time, {step_name}",
+        name="time",
+        where=step_name,
         value=step.timeout_s,
         bound=duration_s + _BESIDE_PATHS_S,
         unit="s",
@@ -205,6 +199,7 @@ def _path_time_limit(course_step: CourseStep, step_name: str) -> Iterator[Findin
         f"{duration_s:.1f} s, so <relation> <bound> leaves room for the start and for a vehicle "
         "that falls behind",
         remedy="Raise its timeout_s by <difference>.",
+        never_refuses_flights=True,
         refuse_below=duration_s,
     )
 
@@ -224,7 +219,8 @@ def _pathless_finding(
     if not pathless:
         return
     yield at_most(
-        name=f"no path, {step_name}",
+        name="no path",
+        where=step_name,
         value=float(len(pathless)),
         bound=0.0,
         unit="",
@@ -241,7 +237,8 @@ def _speed_finding(
     """Return the finding about a step's speed, which may be more than a vehicle flies."""
     slowest = min(course_step.goals, key=lambda name: fleet.vehicles[name].max_speed_m_s)
     return at_most(
-        name=f"speed, {step_name}",
+        name="speed",
+        where=step_name,
         value=speed_m_s,
         bound=fleet.vehicles[slowest].max_speed_m_s,
         unit="m/s",
@@ -280,7 +277,8 @@ def _unreachable_findings(
 
     name, words = next(iter(without_way.items()))
     yield at_most(
-        name=f"reach, {step_name}",
+        name="reach",
+        where=step_name,
         value=float(len(without_way)),
         bound=0.0,
         unit="",
@@ -301,7 +299,8 @@ def _way_findings(fleet: FleetConfig, course_step: CourseStep, step_name: str) -
 
     farthest = max(beyond_m, key=lambda name: beyond_m[name])
     yield at_most(
-        name=f"ways, {step_name}",
+        name="ways",
+        where=step_name,
         value=beyond_m[farthest],
         bound=0.0,
         unit="m",
@@ -315,13 +314,15 @@ def _way_findings(fleet: FleetConfig, course_step: CourseStep, step_name: str) -
 def _time_limit(timeout_s: float, name: str, alone_s: float, step_name: str) -> Finding:
     """Return the finding about the time that a step gives to one vehicle."""
     return at_least(
-        name=f"time, {step_name}",
+        name="time",
+        where=step_name,
         value=timeout_s,
         bound=_DETOUR_FACTOR * alone_s,
         unit="s",
         sentence=f"{capitalised(step_name)}: timeout_s is <value>; {name} needs {alone_s:.1f} s "
         "alone, so <relation> <bound> leaves room for detours",
         remedy="Raise its timeout_s by <difference>.",
+        never_refuses_flights=True,
         refuse_below=alone_s,
     )
 
@@ -340,6 +341,7 @@ def _separation_expectation(mission: Mission) -> Iterator[Finding]:
         sentence="The mission expects vehicles to stay <value> apart; fleet.safety_distance_m "
         "promises <bound>",
         remedy="Lower expect.min_separation_m, or raise fleet.safety_distance_m.",
+        never_refuses_flights=True,
     )
 
 
@@ -359,6 +361,7 @@ def _arrival_expectation(mission: Mission, errors: ErrorClass | None) -> Iterato
         sentence=f"The mission expects arrivals within <value>; with the accuracy of "
         f"'{accuracy.name}', expect <relation> <bound>: nearly every arrival is within that",
         remedy="Raise expect.arrived_within_m by <difference>, or fly on a better position.",
+        never_refuses_flights=True,
         refuse_below=0.0,
     )
 

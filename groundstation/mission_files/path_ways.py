@@ -147,7 +147,8 @@ def _way_finding(fleet: FleetConfig, name: str, crossing: _Crossing, where: str)
         )
 
     return at_most(
-        name=f"path through an obstacle, {where}",
+        name="path through an obstacle",
+        where=where,
         value=max(0.0, around_m - crossing.length_m),
         bound=_LONGER_M,
         unit="m",
@@ -160,7 +161,8 @@ def _way_finding(fleet: FleetConfig, name: str, crossing: _Crossing, where: str)
 def _time_finding(name: str, crossing: _Crossing, where: str) -> Finding:
     """Return the finding about the time that one part of a path stays deep inside an obstacle."""
     return at_most(
-        name=f"path inside an obstacle, {where}",
+        name="path inside an obstacle",
+        where=where,
         value=crossing.behind_s,
         bound=_BEHIND_S,
         unit="s",

@@ -398,7 +398,8 @@ def jump_findings(paths: Mapping[str, Path], where: str) -> list[Finding]:
         )
         findings.append(
             at_most(
-                name=f"path jump of {noun}, {where}",
+                name=f"path jump of {noun}",
+                where=where,
                 value=jump,
                 bound=bound,
                 unit=unit,
@@ -457,7 +458,8 @@ def _limit_finding(
     bound = bounds[index]
 
     return at_most(
-        name=f"path {noun}, {where}",
+        name=f"path {noun}",
+        where=where,
         value=float(values[step, index]),
         bound=bound,
         unit=unit,
@@ -506,7 +508,8 @@ def _room(fleet: FleetConfig, flown: SampledPaths, where: str) -> list[Finding]:
         step, index = np.unravel_index(values.argmin(), values.shape)
         findings.append(
             at_least(
-                name=f"path {noun}, {where}",
+                name=f"path {noun}",
+                where=where,
                 value=float(values[step, index]),
                 bound=bound,
                 unit="m",
@@ -550,7 +553,8 @@ def _obstacle_finding(fleet: FleetConfig, flown: SampledPaths, where: str) -> Fi
     gaps_m = obstacle_gaps_m(fleet, flown.values[0, :, :, :3])
     step, index = np.unravel_index(gaps_m.argmin(), gaps_m.shape)
     return at_least(
-        name=f"path obstacles, {where}",
+        name="path obstacles",
+        where=where,
         value=float(gaps_m[step, index]),
         bound=0.5 * fleet.fleet.body_diameter_m + fleet.law.obstacle_margin_m,
         unit="m",
@@ -580,7 +584,8 @@ def _spacing(fleet: FleetConfig, flown: SampledPaths, where: str, accuracy: Accu
             "each other."
         )
     return at_least(
-        name=f"path spacing, {where}",
+        name="path spacing",
+        where=where,
         value=pairs[0].distance_m,
         bound=least_m,
         unit="m",

@@ -63,7 +63,8 @@ def _finding(fleet: FleetConfig, name: str, top: Xyz, label: str, refused_s: flo
     )
 
     return at_most(
-        name=f"descent without poses, {label}",
+        name="descent without poses",
+        where=label,
         value=POSITION_STALE_S + sinking_s(height_m, params),
         bound=_KEPT_S,
         unit="s",

@@ -37,6 +37,13 @@ class Finding:
     relation: Relation
     sentence: str  # contains value and bound; ends with the remedy unless the status is ok
     remedy: str
+    where: str = ""  # what the finding is about, such as a step of the mission; empty: the fleet
+    never_refuses_flights: bool = False  # a flight begins even if the status is "refused"
+
+    @property
+    def title(self) -> str:
+        """The name, and what the finding is about."""
+        return f"{self.name}, {self.where}" if self.where else self.name
 
 
 def worst_first(findings: Iterable[Finding]) -> tuple[Finding, ...]:
@@ -70,6 +77,8 @@ def at_least(
     sentence: str,
     remedy: str,
     *,
+    where: str = "",
+    never_refuses_flights: bool = False,
     refuse_below: float | None = None,
     warn_below: float | None = None,
 ) -> Finding:
@@ -84,6 +93,8 @@ def at_least(
             for the numbers with their unit, ``<relation>`` for "at least". The difference is
             rounded up, so that it is enough.
         remedy: template of the same kind, with a full stop.
+        where: what the finding is about; empty: the fleet.
+        never_refuses_flights: whether a flight begins even if the value is refused.
         refuse_below: a smaller value is refused; None: the bound; -inf: no value is refused.
         warn_below: a smaller value is a warning; None: the bound.
     """
@@ -107,6 +118,8 @@ def at_least(
         relation="at least",
         sentence=sentence,
         remedy=remedy,
+        where=where,
+        never_refuses_flights=never_refuses_flights,
     )
 
 
@@ -118,6 +131,8 @@ def at_most(
     sentence: str,
     remedy: str,
     *,
+    where: str = "",
+    never_refuses_flights: bool = False,
     refuse_above: float | None = None,
     warn_above: float | None = None,
 ) -> Finding:
@@ -130,6 +145,8 @@ def at_most(
         unit: unit of value and bound.
         sentence: template as in :func:`at_least`.
         remedy: template as in :func:`at_least`.
+        where: what the finding is about; empty: the fleet.
+        never_refuses_flights: whether a flight begins even if the value is refused.
         refuse_above: a greater value is refused; None: the bound; inf: no value is refused.
         warn_above: a greater value is a warning; None: the bound.
     """
@@ -153,6 +170,8 @@ def at_most(
         relation="at most",
         sentence=sentence,
         remedy=remedy,
+        where=where,
+        never_refuses_flights=never_refuses_flights,
     )
 
 
@@ -208,6 +227,8 @@ def _finding(
     relation: Relation,
     sentence: str,
     remedy: str,
+    where: str,
+    never_refuses_flights: bool,
 ) -> Finding:
     """Return a finding whose templates are filled in."""
     digits = _DIGITS
@@ -240,6 +261,8 @@ def _finding(
         relation=relation,
         sentence=full_sentence,
         remedy=full_remedy,
+        where=where,
+        never_refuses_flights=never_refuses_flights,
     )
 
 

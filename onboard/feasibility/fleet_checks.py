@@ -348,7 +348,8 @@ def spacing_finding(
     bound_m = parking_m(fleet, accuracy)
 
     return at_least(
-        name=f"spacing, {label}",
+        name="spacing",
+        where=label,
         value=spacing_m,
         bound=bound_m,
         unit="m",
@@ -394,7 +395,8 @@ def _fence_finding(fleet: FleetConfig, name: str, spot: Xyz, label: str) -> Find
     margin_m = fleet.law.fence_margin_m
     if room_m < margin_m and fleet.law.built_in != "off":
         return at_least(
-            name=f"fence, {label}",
+            name="fence",
+            where=label,
             value=room_m,
             bound=margin_m,
             unit="m",
@@ -412,7 +414,8 @@ def _fence_finding(fleet: FleetConfig, name: str, spot: Xyz, label: str) -> Find
     )
 
     return at_least(
-        name=f"fence, {label}",
+        name="fence",
+        where=label,
         value=room_m,
         bound=stop_m,
         unit="m",
@@ -476,7 +479,8 @@ def obstacle_finding(fleet: FleetConfig, spots: Mapping[str, Xyz], label: str) -
     half_body_m = 0.5 * fleet.fleet.body_diameter_m
 
     return at_least(
-        name=f"obstacles, {label}",
+        name="obstacles",
+        where=label,
         value=gap_m,
         bound=half_body_m + fleet.law.obstacle_margin_m,
         unit="m",

@@ -81,5 +81,5 @@ def _refusals(findings: Iterable[Finding]) -> tuple[Refusal, ...]:
     for finding in findings:
         if finding.status == "refused" and finding.name != OWN_FAILSAFES:
             sentence = finding.sentence.removesuffix(f" {finding.remedy}")
-            refusals.append((finding.name, sentence, finding.remedy))
+            refusals.append((finding.title, sentence, finding.remedy))
     return tuple(refusals)

@@ -386,7 +386,7 @@ def test_vehicles_in_the_air_without_a_path_are_found_and_their_lights_are_refus
 
     def pathless(mission: Mission) -> list[str]:
         findings = mission_findings(mission)
-        return [found.sentence for found in findings if found.name.startswith("no path")]
+        return [found.sentence for found in findings if found.name == "no path"]
 
     (sentence,) = pathless(mission_of(follow))
     assert sentence.startswith("Step[1] (follow_path): mav0, mav2 will hover on the spot")

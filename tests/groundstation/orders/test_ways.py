@@ -53,9 +53,9 @@ def alone_s(flown: FleetConfig, timeout_s: float = 40.0, **move: object) -> tupl
     )
     course_step = list(mission.course())[1]
     refused = [
-        finding.name
+        finding.title
         for finding in mission_findings(mission)
-        if finding.status == "refused" and finding.name.startswith("time")
+        if finding.status == "refused" and finding.name == "time"
     ]
     return course_step.alone_s["mav0"], refused
 
@@ -125,7 +125,7 @@ def _unreached(flown: FleetConfig, steps: list[dict[str, object]]) -> list[str]:
     return [
         finding.sentence
         for finding in mission_findings(mission)
-        if finding.name.startswith("reach") and finding.status == "refused"
+        if finding.name == "reach" and finding.status == "refused"
     ]
 
 

@@ -32,7 +32,7 @@ def test_spots_above_each_other_are_judged_by_the_accuracy_of_heights(errors, is
     fleet = load_fleet("configs/fleets/above.toml")
     spots = {"mav0": (0.0, 0.0, 1.0), "mav1": (0.0, 0.0, 2.52)}
     worst = {
-        finding.name: finding for finding in spot_findings(fleet, spots, "slots", errors=errors)
+        finding.title: finding for finding in spot_findings(fleet, spots, "slots", errors=errors)
     }["spacing, slots"]
     assert (worst.status == "refused") is is_refused
 
@@ -44,7 +44,7 @@ def test_a_refusal_names_a_height_that_suffices(errors):
     def spacing(height_m):
         spots = {"mav0": (0.0, 0.0, 1.0), "mav1": (0.0, 0.0, 1.0 + height_m)}
         findings = spot_findings(fleet, spots, "slots", errors=errors)
-        return next(finding for finding in findings if finding.name == "spacing, slots")
+        return next(finding for finding in findings if finding.title == "spacing, slots")
 
     refusal = spacing(1.2)
     assert refusal.status == "refused"
@@ -59,6 +59,6 @@ def test_a_refusal_names_a_height_that_suffices(errors):
 def test_spots_above_each_other_are_refused_without_a_vertical_separation():
     spots = {"mav0": (0.0, 0.0, 1.0), "mav1": (0.0, 0.0, 2.52)}
     cylinders = load_fleet("configs/fleets/sih.toml")
-    assert {one.name: one for one in spot_findings(cylinders, spots, "slots")}[
+    assert {one.title: one for one in spot_findings(cylinders, spots, "slots")}[
         "spacing, slots"
     ].status == "refused"

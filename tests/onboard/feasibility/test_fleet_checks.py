@@ -46,7 +46,7 @@ def fleet_with(changes: dict[str, Any] | None = None, base: str = "sih") -> Flee
 
 
 def named(fleet: FleetConfig, name: str, **options: Any) -> Finding:
-    return next(finding for finding in fleet_findings(fleet, **options) if finding.name == name)
+    return next(finding for finding in fleet_findings(fleet, **options) if finding.title == name)
 
 
 @pytest.mark.parametrize("base", ["paper", "sih"])
@@ -57,7 +57,7 @@ def test_the_shipped_fleets_can_be_flown_on_a_mocap(base: str) -> None:
 @pytest.mark.parametrize("base", ["paper", "sih"])
 def test_gps_with_the_papers_spacing_is_refused_in_words(base: str) -> None:
     refused = {
-        f.name: f
+        f.title: f
         for f in fleet_findings(fleet_with(base=base), errors="gps")
         if f.status == "refused"
     }
@@ -127,7 +127,7 @@ def test_a_row_without_prediction_is_refused() -> None:
 def test_a_goal_inside_an_obstacles_clearance_is_refused() -> None:
     pillar = [{"name": "pillar", "circle": {"center_enu_m": [0.0, 1.0], "radius_m": 0.3}}]
     fleet = fleet_with({"obstacles": pillar})
-    assert spot_findings(fleet, {"mav0": (0.6, 1.0, 1.0)}, "goals")[0].name == "obstacles, goals"
+    assert spot_findings(fleet, {"mav0": (0.6, 1.0, 1.0)}, "goals")[0].title == "obstacles, goals"
     assert spot_findings(fleet, {"mav0": (0.6, 1.0, 1.0)}, "goals")[0].status == "refused"
     assert all(
         finding.status == "ok"
@@ -145,7 +145,7 @@ def test_gps_is_accepted_with_spacings_and_margin_two_and_a_half_times_as_large(
     wide["law.design_margin_m"] = 1.36
     findings = fleet_findings(fleet_with(wide), errors="gps")
     # the map was flown without GPS, and the inequality takes a wider margin
-    other = {finding.name: finding.status for finding in findings if finding.status != "ok"}
+    other = {finding.title: finding.status for finding in findings if finding.status != "ok"}
     assert other == {"map of the law": "note", "inequality": "note"}
 
 
@@ -328,7 +328,7 @@ def test_spots_that_are_moved_apart_by_the_remedy_are_far_enough_apart() -> None
     for x_m in (0.951, 0.9555, 0.999):
         for _ in range(2):
             spots = {"mav0": (0.0, 0.0, 1.0), "mav1": (x_m, 0.0, 1.0)}
-            findings = {finding.name: finding for finding in spot_findings(fleet, spots, "here")}
+            findings = {finding.title: finding for finding in spot_findings(fleet, spots, "here")}
             spacing = findings["spacing, here"]
             found = re.search(r"([\d.]+) m farther apart", spacing.remedy)
             if found is not None:
@@ -508,11 +508,11 @@ def test_vehicles_that_would_be_too_long_without_poses_are_warned_of_and_then_re
     statuses = []
     for height_m in (2.5, 4.2, 8.0):
         spots = {"mav0": (0.0, 0.0, 1.0), "mav1": (2.0, 0.0, height_m)}
-        findings = {finding.name: finding for finding in spot_findings(fleet, spots, "here")}
+        findings = {finding.title: finding for finding in spot_findings(fleet, spots, "here")}
         statuses.append(findings["descent without poses, here"].status)
     assert statuses == ["ok", "warning", "refused"]
     alone = spot_findings(fleet, {"mav1": (2.0, 0.0, 8.0)}, "here")
-    assert "descent without poses, here" not in {finding.name for finding in alone}
+    assert "descent without poses, here" not in {finding.title for finding in alone}
 
 
 def test_a_descent_without_poses_goes_to_the_ground_below_and_not_to_the_own_spot() -> None:
@@ -521,7 +521,7 @@ def test_a_descent_without_poses_goes_to_the_ground_below_and_not_to_the_own_spo
     statuses = []
     for x, y in ((2.0, 2.0), (0.0, -1.5)):  # above the roof, and above the yard beside it
         spots = {"mav0": (-1.5, -1.5, 1.0), "mav1": (x, y, 8.0)}
-        findings = {finding.name: finding for finding in spot_findings(fleet, spots, "here")}
+        findings = {finding.title: finding for finding in spot_findings(fleet, spots, "here")}
         statuses.append(findings["descent without poses, here"].status)
     assert statuses == ["ok", "refused"]
 
