@@ -98,7 +98,7 @@ class CourseStep:
     goals: Mapping[str, Xyz] = field(default_factory=dict)  # positions of vehicles after the step
     paths: Mapping[str, Path] = field(default_factory=dict)
     # time that each vehicle needs if it flies alone
-    alone_s: Mapping[str, float] = field(default_factory=dict)
+    durations_alone_s: Mapping[str, float] = field(default_factory=dict)
     expected_s: float = 0.0
 
     @property
@@ -500,19 +500,21 @@ def _with_order(
 
     intent = with_speed(intent, fleet, goals, course_fleet.positions)
     duration_s = intent.message_values().duration_s
-    alone_s = {}
+    durations_alone_s = {}
     for name, goal in goals.items():
         position = course_fleet.positions[name]
         if isinstance(written, _VerticalIntent):
-            alone_s[name] = _vertical_order_s(fleet, name, position, goal, duration_s)
+            durations_alone_s[name] = _vertical_order_s(fleet, name, position, goal, duration_s)
         else:
-            alone_s[name] = _move_or_stay_s(fleet, name, position, goal, duration_s)
+            durations_alone_s[name] = _move_or_stay_s(fleet, name, position, goal, duration_s)
 
-    expected_s = max(alone_s.values(), default=0.0) + _SETTLE_S
+    expected_s = max(durations_alone_s.values(), default=0.0) + _SETTLE_S
     if isinstance(intent, Takeoff):
         later_waves = max(0, len(intent.waves) - 1)
         expected_s += later_waves * (expected_s + intent.every_s)
-    return replace(course_step, goals=goals, alone_s=alone_s, expected_s=expected_s)
+    return replace(
+        course_step, goals=goals, durations_alone_s=durations_alone_s, expected_s=expected_s
+    )
 
 
 def _with_planned_fields(intent: Intent, fleet: FleetConfig, course_fleet: _CourseFleet) -> Intent:

@@ -6,7 +6,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 
 from groundstation.mission_files.expected_course import CourseStep, begins_of, expected_flight_s
 from groundstation.mission_files.mission import Mission
@@ -29,9 +29,9 @@ from onboard.tuples import Xyz
 
 _SPARE_PCT = 10.0  # charge at the end above the level at which a vehicle lands by itself
 _DETOUR_FACTOR = 1.7  # recommended time limit divided by the duration of the straight way
-# Time that a step with paths needs beside the paths: 3 s from the order to their start, and the
-# time for which the others wait for one vehicle that falls behind.
-_BESIDE_PATHS_S = 3.0 + CATCH_UP_LIMIT_S
+# Time that a step with paths needs in addition to its longest path: 3 s from the order to their
+# start, and the time for which the others wait for one vehicle that falls behind.
+_PATH_SPARE_S = 3.0 + CATCH_UP_LIMIT_S
 # Distance from the goal within which nearly every arrival with motion capture is.
 _ARRIVAL_M = 0.056
 # Factor on what another accuracy adds to the standard deviation of an axis. The distance has three
@@ -115,56 +115,79 @@ def _step_findings(mission: Mission, errors: ErrorClass | None) -> Iterator[Find
 
     for course_step in mission.course():
         step = course_step.step
-        step_name = f"{course_step.key} ({step.do})"  # such as "step[2] (goto)"
+        where = f"{course_step.key} ({step.do})"  # such as "step[2] (goto)"
+
         if course_step.paths:
-            yield from path_findings(fleet, course_step.paths, step_name, errors=errors)
-            yield from _unreachable_findings(
-                fleet,
-                course_step,
-                step_name,
-                begins_of(course_step.paths),
-                "first point of the path",
-            )
-            yield from crossing_findings(fleet, course_step.paths, step_name)
-            yield from _descent_from_paths(fleet, course_step, step_name)
-            yield from _path_time_limit(course_step, step_name)
+            yield from _path_step_findings(fleet, course_step, where, errors)
         if isinstance(step, FollowPathStep):
-            yield from _pathless_finding(fleet, course_step, step_name)
-        if not course_step.alone_s or not isinstance(step, Intent):
-            continue
+            yield from _pathless_finding(fleet, course_step, where)
+        if course_step.durations_alone_s and isinstance(step, Intent):
+            yield from _order_findings(fleet, course_step, step, where, errors)
+            flying = course_step.flying_after
 
-        yield worst(
-            _time_limit(step.timeout_s, name, alone_s, step_name)
-            for name, alone_s in course_step.alone_s.items()
-        )
+    yield from _ending_finding(mission, flying)
 
-        if isinstance(step, GoalIntent) and step.speed_m_s is not None:
-            yield _speed_finding(fleet, step.speed_m_s, course_step, step_name)
-        yield from _unreachable_findings(fleet, course_step, step_name, course_step.goals, "goal")
-        if fleet.fences:
-            yield from _way_findings(fleet, course_step, step_name)
-        flying = course_step.flying_after
-        if not isinstance(step, Land | Home):
-            positions = {**course_step.positions, **course_step.goals}
-            # in the order of the fleet, so that the findings are the same each time
-            flying_at = {name: at_m for name, at_m in positions.items() if name in flying}
-            yield from spot_findings(fleet, flying_at, step_name, errors=errors)
 
-    if flying and mission.expect.all_landed is not False:
-        names = ", ".join(sorted(flying))
-        yield at_most(
-            name="ending",
-            value=float(len(flying)),
-            bound=0.0,
-            unit="",
-            sentence=f"The mission ends with {names} in the air, so it cannot pass",
-            remedy='Add a last [[step]] with do = "land", or say expect.all_landed = false.',
-            refuse_above=math.inf,
-        )
+def _path_step_findings(
+    fleet: FleetConfig, course_step: CourseStep, where: str, errors: ErrorClass | None
+) -> Iterator[Finding]:
+    """Yield findings about a step whose vehicles follow paths."""
+    paths = course_step.paths
+    yield from path_findings(fleet, paths, where, errors=errors)
+    yield from _unreachable_findings(
+        fleet, course_step, where, begins_of(paths), "first point of the path"
+    )
+    yield from crossing_findings(fleet, paths, where)
+    yield from _descent_from_paths(fleet, course_step, where)
+    yield from _path_time_limit(course_step, where)
+
+
+def _order_findings(
+    fleet: FleetConfig,
+    course_step: CourseStep,
+    order: Intent,
+    where: str,
+    errors: ErrorClass | None,
+) -> Iterator[Finding]:
+    """Yield findings about a step whose order moves vehicles."""
+    yield worst(
+        _time_limit(order.timeout_s, name, alone_s, where)
+        for name, alone_s in course_step.durations_alone_s.items()
+    )
+    if isinstance(order, GoalIntent) and order.speed_m_s is not None:
+        yield _speed_finding(fleet, order.speed_m_s, course_step, where)
+    yield from _unreachable_findings(fleet, course_step, where, course_step.goals, "goal")
+    if fleet.fences:
+        yield from _way_findings(fleet, course_step, where)
+
+    if not isinstance(order, Land | Home):
+        positions = {**course_step.positions, **course_step.goals}
+        # in the order of the fleet, so that the findings are the same each time
+        flying_at = {
+            name: at_m for name, at_m in positions.items() if name in course_step.flying_after
+        }
+        yield from spot_findings(fleet, flying_at, where, errors=errors)
+
+
+def _ending_finding(mission: Mission, flying: Collection[str]) -> Iterator[Finding]:
+    """Yield the finding about vehicles that still fly at the end of the mission."""
+    if not flying or mission.expect.all_landed is False:
+        return
+
+    names = ", ".join(sorted(flying))
+    yield at_most(
+        name="ending",
+        value=float(len(flying)),
+        bound=0.0,
+        unit="",
+        sentence=f"The mission ends with {names} in the air, so it cannot pass",
+        remedy='Add a last [[step]] with do = "land", or say expect.all_landed = false.',
+        refuse_above=math.inf,
+    )
 
 
 def _descent_from_paths(
-    fleet: FleetConfig, course_step: CourseStep, step_name: str
+    fleet: FleetConfig, course_step: CourseStep, where: str
 ) -> Iterator[Finding]:
     """Yield the finding about a descent without poses from the highest points of paths.
 
@@ -177,10 +200,10 @@ def _descent_from_paths(
             spots[name] = highest[name]
         elif name in course_step.flying:
             spots[name] = course_step.positions[name]
-    yield from blind_descent_findings(fleet, spots, step_name, are_on_paths=True)
+    yield from blind_descent_findings(fleet, spots, where, are_on_paths=True)
 
 
-def _path_time_limit(course_step: CourseStep, step_name: str) -> Iterator[Finding]:
+def _path_time_limit(course_step: CourseStep, where: str) -> Iterator[Finding]:
     """Yield the finding about the time that a step with paths gives to the longest of them."""
     step = course_step.step
     if not isinstance(step, FollowPathStep | FlyFormationStep) or step.timeout_s is None:
@@ -191,11 +214,11 @@ def _path_time_limit(course_step: CourseStep, step_name: str) -> Iterator[Findin
     duration_s = paths[longest].duration_s
     yield at_least(
         name="time",
-        where=step_name,
+        where=where,
         value=step.timeout_s,
-        bound=duration_s + _BESIDE_PATHS_S,
+        bound=duration_s + _PATH_SPARE_S,
         unit="s",
-        sentence=f"{capitalised(step_name)}: timeout_s is <value>; {longest}'s path takes "
+        sentence=f"{capitalised(where)}: timeout_s is <value>; {longest}'s path takes "
         f"{duration_s:.1f} s, so <relation> <bound> leaves room for the start and for a vehicle "
         "that falls behind",
         remedy="Raise its timeout_s by <difference>.",
@@ -204,9 +227,7 @@ def _path_time_limit(course_step: CourseStep, step_name: str) -> Iterator[Findin
     )
 
 
-def _pathless_finding(
-    fleet: FleetConfig, course_step: CourseStep, step_name: str
-) -> Iterator[Finding]:
+def _pathless_finding(fleet: FleetConfig, course_step: CourseStep, where: str) -> Iterator[Finding]:
     """Yield the finding about vehicles that fly while others follow paths, without one."""
     if course_step.branches or not course_step.is_known:
         return  # vehicles without a path may fly in another branch
@@ -220,11 +241,11 @@ def _pathless_finding(
         return
     yield at_most(
         name="no path",
-        where=step_name,
+        where=where,
         value=float(len(pathless)),
         bound=0.0,
         unit="",
-        sentence=f"{capitalised(step_name)}: {', '.join(pathless)} will hover on the spot, in the "
+        sentence=f"{capitalised(where)}: {', '.join(pathless)} will hover on the spot, in the "
         "air and without a path",
         remedy="Name a file for each of them in paths, or let them land before.",
         refuse_above=math.inf,
@@ -232,17 +253,17 @@ def _pathless_finding(
 
 
 def _speed_finding(
-    fleet: FleetConfig, speed_m_s: float, course_step: CourseStep, step_name: str
+    fleet: FleetConfig, speed_m_s: float, course_step: CourseStep, where: str
 ) -> Finding:
     """Return the finding about a step's speed, which may be more than a vehicle flies."""
     slowest = min(course_step.goals, key=lambda name: fleet.vehicles[name].max_speed_m_s)
     return at_most(
         name="speed",
-        where=step_name,
+        where=where,
         value=speed_m_s,
         bound=fleet.vehicles[slowest].max_speed_m_s,
         unit="m/s",
-        sentence=f"{capitalised(step_name)}: it asks for <value>, {slowest} flies at most "
+        sentence=f"{capitalised(where)}: it asks for <value>, {slowest} flies at most "
         "<bound>, and takes longer",
         remedy="Lower speed_m_s, or leave it out: then all fly as fast as they may.",
         refuse_above=math.inf,
@@ -252,7 +273,7 @@ def _speed_finding(
 def _unreachable_findings(
     fleet: FleetConfig,
     course_step: CourseStep,
-    step_name: str,
+    where: str,
     goals: Mapping[str, Xyz],
     noun: str,
 ) -> Iterator[Finding]:
@@ -278,16 +299,16 @@ def _unreachable_findings(
     name, words = next(iter(without_way.items()))
     yield at_most(
         name="reach",
-        where=step_name,
+        where=where,
         value=float(len(without_way)),
         bound=0.0,
         unit="",
-        sentence=f"{capitalised(step_name)}: the {noun} of {name} {words}",
+        sentence=f"{capitalised(where)}: the {noun} of {name} {words}",
         remedy="Or move what stands in the way.",
     )
 
 
-def _way_findings(fleet: FleetConfig, course_step: CourseStep, step_name: str) -> Iterator[Finding]:
+def _way_findings(fleet: FleetConfig, course_step: CourseStep, where: str) -> Iterator[Finding]:
     """Yield the finding about the vehicle with most of its straight way beyond a fence's edge."""
     areas = flight_space_of(fleet).areas
     beyond_m = {
@@ -300,26 +321,26 @@ def _way_findings(fleet: FleetConfig, course_step: CourseStep, step_name: str) -
     farthest = max(beyond_m, key=lambda name: beyond_m[name])
     yield at_most(
         name="ways",
-        where=step_name,
+        where=where,
         value=beyond_m[farthest],
         bound=0.0,
         unit="m",
-        sentence=f"{capitalised(step_name)}: <value> of the straight way of {farthest} lie "
+        sentence=f"{capitalised(where)}: <value> of the straight way of {farthest} lie "
         "beyond a fence or in its buffer; it is led around, which takes longer",
         remedy="Put a goal between, from which both ways are free.",
         refuse_above=math.inf,
     )
 
 
-def _time_limit(timeout_s: float, name: str, alone_s: float, step_name: str) -> Finding:
+def _time_limit(timeout_s: float, name: str, alone_s: float, where: str) -> Finding:
     """Return the finding about the time that a step gives to one vehicle."""
     return at_least(
         name="time",
-        where=step_name,
+        where=where,
         value=timeout_s,
         bound=_DETOUR_FACTOR * alone_s,
         unit="s",
-        sentence=f"{capitalised(step_name)}: timeout_s is <value>; {name} needs {alone_s:.1f} s "
+        sentence=f"{capitalised(where)}: timeout_s is <value>; {name} needs {alone_s:.1f} s "
         "alone, so <relation> <bound> leaves room for detours",
         remedy="Raise its timeout_s by <difference>.",
         never_refuses_flights=True,

@@ -57,7 +57,7 @@ def alone_s(flown: FleetConfig, timeout_s: float = 40.0, **move: object) -> tupl
         for finding in mission_findings(mission)
         if finding.status == "refused" and finding.name == "time"
     ]
-    return course_step.alone_s["mav0"], refused
+    return course_step.durations_alone_s["mav0"], refused
 
 
 def test_the_way_around_a_wall_is_longer_than_the_straight_line() -> None:
@@ -92,8 +92,8 @@ def test_times_of_climbs_count_the_little_lift_of_a_heavy_vehicle() -> None:
     content = {"schema": 1, "step": [{"do": "takeoff", "height_m": climb_m}, {"do": "land"}]}
     mission = mission_from_mapping(content, path="heavy.toml", fleet=heavy)
     takeoff, land = mission.course()
-    assert takeoff.alone_s["mav0"] == pytest.approx(3.0 + climb_s, abs=0.1)
-    assert land.alone_s["mav0"] == pytest.approx(3.0 + climb_s, abs=0.1)
+    assert takeoff.durations_alone_s["mav0"] == pytest.approx(3.0 + climb_s, abs=0.1)
+    assert land.durations_alone_s["mav0"] == pytest.approx(3.0 + climb_s, abs=0.1)
 
     home = parse(f"bring home all {climb_m}", heavy)
     planned = plan_order(home, heavy, None, held=HeldFormation(None), author="test", now_ns=0)
@@ -138,7 +138,7 @@ def times_s(ground_m: float, height_m: float) -> list[float]:
     data["formations"] = {}
     content = {"schema": 1, "step": [{"do": "takeoff", "height_m": height_m}, {"do": "land"}]}
     mission = mission_from_mapping(content, path="hill.toml", fleet=fleet_from_mapping(data))
-    return [step.alone_s["mav0"] for step in mission.course()]
+    return [step.durations_alone_s["mav0"] for step in mission.course()]
 
 
 def test_times_of_climbs_and_descents_count_from_the_ground() -> None:
