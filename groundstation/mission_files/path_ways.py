@@ -18,7 +18,7 @@ from typing import NamedTuple
 import numpy as np
 
 from groundstation.orders.reachable_goals import reach_refusal, way_m
-from groundstation.paths.checks import obstacle_gaps_m, path_findings, refusals, sample
+from groundstation.paths.checks import obstacle_clearances_m, path_findings, refusals, sample
 from onboard.arrays import Array
 from onboard.config.fleet import FleetConfig
 from onboard.control.path import Path
@@ -93,13 +93,13 @@ def _crossings(fleet: FleetConfig, times_s: Array, positions: Array) -> Iterator
         times_s: times of the samples (T,).
         positions: positions of the path (T, 3) [m], ENU.
     """
-    gaps_m = obstacle_gaps_m(fleet, positions)
+    to_obstacle_m = obstacle_clearances_m(fleet, positions)
     needed_m = 0.5 * fleet.fleet.body_diameter_m + fleet.law.obstacle_margin_m
-    near = np.flatnonzero(gaps_m < needed_m + _SPARE_M)
+    near = np.flatnonzero(to_obstacle_m < needed_m + _SPARE_M)
     parts = np.split(near, np.flatnonzero(np.diff(near) > 1) + 1)
 
     for part in parts:
-        if not part.size or gaps_m[part].min() >= 0.0:
+        if not part.size or to_obstacle_m[part].min() >= 0.0:
             continue
         first = max(0, part[0] - 1)
         last = min(len(positions) - 1, part[-1] + 1)
@@ -111,7 +111,8 @@ def _crossings(fleet: FleetConfig, times_s: Array, positions: Array) -> Iterator
             end_enu_m=(end_x, end_y, end_z),
             length_m=float(np.sqrt((steps_m**2).sum(-1)).sum()),
             time_s=float(times_s[first]),
-            behind_s=_samples_behind(needed_m - gaps_m[part]) * float(times_s[1] - times_s[0]),
+            behind_s=_samples_behind(needed_m - to_obstacle_m[part])
+            * float(times_s[1] - times_s[0]),
         )
 
 

@@ -14,7 +14,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from groundstation.paths.checks import bound_m, height_share_of, limits_of, sample
+from groundstation.paths.checks import height_share_of, limits_of, path_spacing_m, sample
 from groundstation.paths.lights import TimedColour
 from groundstation.paths.path_files import write_path
 from groundstation.processes.free_ports import in_another_folder, toml_text
@@ -102,8 +102,8 @@ def write_show(
         show,
         names,
         limits_of(draft, vehicles),
-        spacing_m=bound_m(draft, accuracy),
-        home_spacing_m=bound_m(draft, accuracy) + _EXTRA_HOME_SPACING_M,
+        spacing_m=path_spacing_m(draft, accuracy),
+        home_spacing_m=path_spacing_m(draft, accuracy) + _EXTRA_HOME_SPACING_M,
         accuracy=accuracy,
         height_share=height_share_of(draft, accuracy),
     )
