@@ -134,17 +134,8 @@ def _home(intent: Home, facts: GoalFacts) -> Goals:
 
     goals = {}
     for name in facts.names:
-        vehicle = facts.fleet.vehicles[name]
-        x, y, _ = facts.spot_enu_m(name)
-        height_m = intent.height_m
-        if height_m is None:
-            # A vehicle on the ground gets a goal as well; its agent refuses the order with a better
-            # reason.
-            lowest_m = float(touchable_ground_at_m(facts.fleet, x, y)) + least_height_m(vehicle)
-            _, _, present_height_m = destinations[name]
-            height_m = max(present_height_m, lowest_m)
-            height_m = _height_at_home_m(facts, name, (x, y, height_m))
-        goals[name] = (x, y, height_m)
+        spot_enu_m = facts.spot_enu_m(name)
+        goals[name] = _goal_above_spot(facts, name, spot_enu_m, destinations[name], intent.height_m)
     return Goals(intent, goals)
 
 
@@ -174,15 +165,8 @@ def _bring_home(intent: BringHome, facts: GoalFacts) -> Goals:
 
     goals = {}
     for name in facts.names:
-        x, y, _ = facts.spot_enu_m(takes.get(name, name))
-        height_m = intent.height_m
-        if height_m is None:
-            least_m = least_height_m(facts.fleet.vehicles[name])
-            lowest_m = float(touchable_ground_at_m(facts.fleet, x, y)) + least_m
-            _, _, present_height_m = positions[name]
-            height_m = max(present_height_m, lowest_m)
-            height_m = _height_at_home_m(facts, name, (x, y, height_m))
-        goals[name] = (x, y, height_m)
+        spot_enu_m = facts.spot_enu_m(takes.get(name, name))
+        goals[name] = _goal_above_spot(facts, name, spot_enu_m, positions[name], intent.height_m)
 
     if not intent.duration_s:
         # The assignment avoids conflicts only if all vehicles need the same time.
@@ -192,6 +176,31 @@ def _bring_home(intent: BringHome, facts: GoalFacts) -> Goals:
         )
         intent = replace(intent, duration_s=math.ceil(10.0 * max(_MIN_FLIGHT_S, longest_s)) / 10.0)
     return Goals(intent, goals)
+
+
+def _goal_above_spot(
+    facts: GoalFacts, name: str, spot_enu_m: Xyz, from_enu_m: Xyz, ordered_height_m: float | None
+) -> Xyz:
+    """Return a vehicle's goal above a take-off spot [m], ENU.
+
+    Args:
+        facts: the fleet.
+        name: the vehicle.
+        spot_enu_m: the spot, its own or another one [m].
+        from_enu_m: its position, or the goal of its present flight [m].
+        ordered_height_m: height of the goal [m]; None: the vehicle's own, or more where the ground
+            requires it. A vehicle on the ground gets a goal as well; its agent refuses the order
+            with a better reason.
+    """
+    x, y, _ = spot_enu_m
+    if ordered_height_m is not None:
+        return (x, y, ordered_height_m)
+
+    least_m = least_height_m(facts.fleet.vehicles[name])
+    lowest_m = float(touchable_ground_at_m(facts.fleet, x, y)) + least_m
+    _, _, own_height_m = from_enu_m
+    height_m = max(own_height_m, lowest_m)
+    return (x, y, _height_at_home_m(facts, name, (x, y, height_m)))
 
 
 def _height_at_home_m(facts: GoalFacts, name: str, goal_enu_m: Xyz) -> float:
