@@ -20,6 +20,7 @@ import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from enum import Enum, IntEnum
+from typing import NamedTuple
 
 from msgspec import Struct
 
@@ -102,7 +103,7 @@ class FailsafeTrigger:
     parameter: str | None  # parameter of the action; None when the action is always `otherwise`
     actions: Mapping[int, FailsafeAction]  # action by value of the parameter
     otherwise: FailsafeAction  # action for every other value
-    waits: bool = False  # whether COM_FAIL_ACT_T seconds of Hold precede the action
+    is_delayed: bool = False  # whether COM_FAIL_ACT_T seconds of Hold precede the action
     clears: Clears = Clears.WITH_CONDITION  # end of the action
     allows_takeover: bool = True  # whether a requested mode is flown in spite of the trigger
 
@@ -229,7 +230,7 @@ FAILSAFE_TRIGGERS: tuple[FailsafeTrigger, ...] = (
             3: FailsafeAction.RETURN,
         },
         otherwise=FailsafeAction.WARN,
-        waits=True,
+        is_delayed=True,
     ),
     FailsafeTrigger(
         name="battery at emergency level",
@@ -242,7 +243,7 @@ FAILSAFE_TRIGGERS: tuple[FailsafeTrigger, ...] = (
             3: FailsafeAction.LAND,
         },
         otherwise=FailsafeAction.WARN,
-        waits=True,
+        is_delayed=True,
     ),
     FailsafeTrigger(
         name="attitude failure",
@@ -265,7 +266,7 @@ FAILSAFE_TRIGGERS: tuple[FailsafeTrigger, ...] = (
             5: FailsafeAction.LAND,
         },
         otherwise=FailsafeAction.WARN,
-        waits=True,
+        is_delayed=True,
         clears=Clears.BY_MODE_CHANGE,
     ),
     FailsafeTrigger(
@@ -274,7 +275,7 @@ FAILSAFE_TRIGGERS: tuple[FailsafeTrigger, ...] = (
         parameter=None,
         actions={},
         otherwise=FailsafeAction.RETURN,
-        waits=True,
+        is_delayed=True,
     ),
     FailsafeTrigger(
         name="battery short of home",
@@ -282,7 +283,7 @@ FAILSAFE_TRIGGERS: tuple[FailsafeTrigger, ...] = (
         parameter="COM_FLTT_LOW_ACT",
         actions={1: FailsafeAction.WARN, 3: FailsafeAction.RETURN},
         otherwise=FailsafeAction.NONE,
-        waits=True,
+        is_delayed=True,
         clears=Clears.BY_MODE_CHANGE,
     ),
     FailsafeTrigger(
@@ -298,7 +299,7 @@ FAILSAFE_TRIGGERS: tuple[FailsafeTrigger, ...] = (
             5: FailsafeAction.LAND,
         },
         otherwise=FailsafeAction.WARN,
-        waits=True,
+        is_delayed=True,
         clears=Clears.BY_MODE_CHANGE,
     ),
     FailsafeTrigger(
@@ -313,10 +314,20 @@ FAILSAFE_TRIGGERS: tuple[FailsafeTrigger, ...] = (
             6: FailsafeAction.DISARM,
         },
         otherwise=FailsafeAction.NONE,
-        waits=True,
+        is_delayed=True,
         clears=Clears.BY_MODE_CHANGE,
     ),
 )
+
+
+class _Selection(NamedTuple):
+    """The most severe actions of all triggers at one time, and which triggers have one."""
+
+    immediate: FailsafeAction
+    delayed: FailsafeAction  # follows after a Hold
+    without_takeover: FailsafeAction  # that a user cannot take over
+    present: frozenset[str]
+    has_new_hold: bool  # whether a trigger that had no action before asks for Hold or more
 
 
 @dataclass(slots=True)
@@ -327,7 +338,7 @@ class Failsafe:
     delayed: FailsafeAction = FailsafeAction.NONE  # action that follows the present Hold
     present: frozenset[str] = frozenset()  # names of the triggers with an action
     _latched: dict[str, FailsafeAction] = field(default_factory=dict)  # by name of the trigger
-    _waiting_since_s: float = math.inf  # start of the Hold before a delayed action
+    _delayed_since_s: float = math.inf  # start of the Hold before a delayed action
     # Whether somebody has requested a mode during the present action, which then only warns.
     _is_taken_over: bool = False
 
@@ -348,7 +359,7 @@ class Failsafe:
         self.delayed = FailsafeAction.NONE
         self.present = frozenset()
         self._latched.clear()
-        self._waiting_since_s = math.inf
+        self._delayed_since_s = math.inf
         self._is_taken_over = False
 
     def mode_requested(self) -> None:
@@ -379,42 +390,24 @@ class Failsafe:
             self.action = FailsafeAction.NONE
             self.delayed = FailsafeAction.NONE
             self.present = frozenset()
-            self._waiting_since_s = math.inf
+            self._delayed_since_s = math.inf
             self._is_taken_over = False
             return False
 
-        # The most severe immediate action, and the most severe delayed one.
-        urgent = FailsafeAction.NONE
-        waiting = FailsafeAction.NONE
-        without_takeover = FailsafeAction.NONE  # action that a user cannot take over
-        present: list[str] = []
-
-        for trigger in FAILSAFE_TRIGGERS:
-            action = self._latching_action(trigger, inputs, params)
-            if action is FailsafeAction.NONE:
-                continue
-
-            present.append(trigger.name)
-            is_new = trigger.name not in present_before
-            if is_new and action >= FailsafeAction.HOLD and self._is_taken_over:
-                self._is_taken_over = False
-                self._waiting_since_s = math.inf
-
-            if not trigger.allows_takeover or action > FailsafeAction.DESCEND:
-                without_takeover = max(without_takeover, action)
-            if trigger.waits and FailsafeAction.HOLD < action < FailsafeAction.DISARM:
-                waiting = max(waiting, action)
-            else:
-                urgent = max(urgent, action)
-
-        self.present = frozenset(present)
-        if max(urgent, waiting) < FailsafeAction.HOLD:
+        selection = self._select(inputs, params)
+        self.present = selection.present
+        if selection.has_new_hold and self._is_taken_over:
             self._is_taken_over = False
+            self._delayed_since_s = math.inf
+        if max(selection.immediate, selection.delayed) < FailsafeAction.HOLD:
+            self._is_taken_over = False
+
         if self._is_taken_over:
             self.delayed = FailsafeAction.NONE
-            self.action = max(FailsafeAction.WARN, without_takeover)
+            self.action = max(FailsafeAction.WARN, selection.without_takeover)
         else:
-            self.action = max(urgent, self._hold_first(now_s, waiting, params))
+            after_hold = self._hold_first(now_s, selection.delayed, params)
+            self.action = max(selection.immediate, after_hold)
 
         is_return = FailsafeAction.RETURN in (self.action, self.delayed)
         is_milder = self.action <= FailsafeAction.RETURN
@@ -427,6 +420,38 @@ class Failsafe:
         has_new_trigger = bool(self.present - present_before)
         is_new_warning = self.action is FailsafeAction.WARN and has_new_trigger
         return self.action > action_before or is_new_warning
+
+    def _select(self, inputs: FailsafeInputs, params: Parameters) -> _Selection:
+        """Return the most severe actions of all triggers."""
+        immediate = FailsafeAction.NONE
+        delayed = FailsafeAction.NONE
+        without_takeover = FailsafeAction.NONE
+        present: list[str] = []
+        has_new_hold = False
+
+        for trigger in FAILSAFE_TRIGGERS:
+            action = self._latching_action(trigger, inputs, params)
+            if action is FailsafeAction.NONE:
+                continue
+
+            present.append(trigger.name)
+            if trigger.name not in self.present and action >= FailsafeAction.HOLD:
+                has_new_hold = True
+
+            if not trigger.allows_takeover or action > FailsafeAction.DESCEND:
+                without_takeover = max(without_takeover, action)
+            if trigger.is_delayed and FailsafeAction.HOLD < action < FailsafeAction.DISARM:
+                delayed = max(delayed, action)
+            else:
+                immediate = max(immediate, action)
+
+        return _Selection(
+            immediate=immediate,
+            delayed=delayed,
+            without_takeover=without_takeover,
+            present=frozenset(present),
+            has_new_hold=has_new_hold,
+        )
 
     def _latching_action(
         self, trigger: FailsafeTrigger, inputs: FailsafeInputs, params: Parameters
@@ -443,16 +468,16 @@ class Failsafe:
         return max(action, latched)
 
     def _hold_first(
-        self, now_s: float, waiting: FailsafeAction, params: Parameters
+        self, now_s: float, delayed: FailsafeAction, params: Parameters
     ) -> FailsafeAction:
         """Return Hold until COM_FAIL_ACT_T has passed, then the delayed action."""
         self.delayed = FailsafeAction.NONE
-        if waiting is FailsafeAction.NONE:
-            self._waiting_since_s = math.inf
+        if delayed is FailsafeAction.NONE:
+            self._delayed_since_s = math.inf
             return FailsafeAction.NONE
 
-        self._waiting_since_s = min(self._waiting_since_s, now_s)
-        if now_s - self._waiting_since_s < params["COM_FAIL_ACT_T"]:
-            self.delayed = waiting
+        self._delayed_since_s = min(self._delayed_since_s, now_s)
+        if now_s - self._delayed_since_s < params["COM_FAIL_ACT_T"]:
+            self.delayed = delayed
             return FailsafeAction.HOLD
-        return waiting
+        return delayed
