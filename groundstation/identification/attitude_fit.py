@@ -49,60 +49,73 @@ def fit_attitude(log: Log, begin_s: float, end_s: float) -> LeastSquares:
     time_s = log.attitude_time_s[used]
     measured = tilt_vector_rad(log.attitude_quaternion_wxyz[used])
     commands = commanded_tilt(log, time_s)
-    # First the coarse grid, with every fourth sample.
-    few_measured = measured[::4]
-    few_commands = CommandedTilt(
-        ago_s=commands.ago_s[::4], change=commands.change[::4], oldest=commands.oldest[::4]
-    )
 
-    def gain_and_errors(theta: Array) -> tuple[Array, Array]:
-        """Return the best gain and errors for a delay, wn and zeta, and the model's tilt."""
-        unit_tilt = response(few_commands, theta)  # the tilt for a gain of one
-        centred = unit_tilt - unit_tilt.mean(0)
-        gain = float((centred * few_measured).sum() / max(float((centred * centred).sum()), 1e-12))
-        error = (few_measured - gain * unit_tilt).mean(0)
-        return np.concatenate([[gain], error]), gain * unit_tilt + error
+    start = _best_of_grid(measured[::4], commands.every(4))
+    theta, residual, jacobian = _refined(start, measured, commands)
 
-    def cost(theta: Array) -> float:
-        _, tilt = gain_and_errors(theta)
-        return float(((few_measured - tilt) ** 2).sum())
+    # both axes of a sample belong to the cluster of its second
+    cluster = np.repeat((time_s / _CLUSTER_S).astype(np.int64), 2)
+    std, clusters = jackknife(jacobian, residual, cluster)
+    rms = float(np.sqrt(np.mean(residual**2)))
+    return LeastSquares(theta=theta, std=std, rms=rms, clusters=clusters)
 
-    grid = [np.array([delay, wn, 0.7]) for delay in _GRID_DELAYS_S for wn in _GRID_WN]
-    best = min(grid, key=cost)
-    best_gain_and_errors, _ = gain_and_errors(best)
-    theta = np.concatenate([best, best_gain_and_errors])
 
-    # Then Gauss-Newton from the best point of the grid, with all samples. theta holds delay, wn,
-    # zeta, gain, error x and error y.
-    def unit_tilt_of(theta: Array) -> Array:
-        return response(commands, theta)
+def _best_of_grid(measured: Array, commands: CommandedTilt) -> Array:
+    """Return theta at the point of a coarse grid of delays and wn that fits best.
 
-    def residuals(theta: Array, unit_tilt: Array) -> Array:
-        return np.asarray((measured - theta[3] * unit_tilt - theta[4:6]).ravel())
+    Args:
+        measured: measured tilt (m, 2) [rad].
+        commands: commands at the same times.
+    """
+    fits: list[tuple[float, Array]] = []  # sum of the squared residuals, and theta
+    for delay_s in _GRID_DELAYS_S:
+        for wn in _GRID_WN:
+            shape = np.array([delay_s, wn, 0.7])
+            unit_tilt = response(commands, shape)  # the tilt for a gain of one
+            theta = np.concatenate([shape, _best_gain_and_errors(measured, unit_tilt)])
+            cost = float((_residual(theta, unit_tilt, measured) ** 2).sum())
+            fits.append((cost, theta))
 
-    def derivatives(theta: Array, unit_tilt: Array) -> Array:
-        """Return the derivatives of the model's tilt with respect to theta, one column each."""
-        columns = []
-        for index, half_step in enumerate(_HALF_STEPS):
-            step = np.zeros(3)
-            step[index] = half_step
-            difference = unit_tilt_of(theta[:3] + step) - unit_tilt_of(theta[:3] - step)
-            columns.append(theta[3] * difference.ravel() / (2.0 * half_step))
-        errors = np.tile(np.eye(2), (time_s.size, 1))
-        return np.stack([*columns, unit_tilt.ravel(), errors[:, 0], errors[:, 1]], axis=1)
+    _, best = min(fits, key=lambda fit: fit[0])
+    return best
 
+
+def _best_gain_and_errors(measured: Array, unit_tilt: Array) -> Array:
+    """Return the gain, error x and error y (3,) with which a response fits best.
+
+    Args:
+        measured: measured tilt (m, 2) [rad].
+        unit_tilt: response with a gain of one (m, 2) [rad].
+    """
+    centred = unit_tilt - unit_tilt.mean(0)
+    gain = float((centred * measured).sum() / max(float((centred * centred).sum()), 1e-12))
+    error = (measured - gain * unit_tilt).mean(0)
+    return np.concatenate([[gain], error])
+
+
+def _refined(theta: Array, measured: Array, commands: CommandedTilt) -> tuple[Array, Array, Array]:
+    """Improve theta by damped Gauss-Newton steps.
+
+    Args:
+        theta: a first guess (6,).
+        measured: measured tilt (m, 2) [rad].
+        commands: commands at the same times.
+
+    Returns:
+        theta (6,), its residual (2 m,) and the derivatives of the model's tilt (2 m, 6).
+    """
     damping = 1e-3
-    unit_tilt = unit_tilt_of(theta)
-    residual = residuals(theta, unit_tilt)
-    jacobian = derivatives(theta, unit_tilt)
+    unit_tilt = response(commands, theta)
+    residual = _residual(theta, unit_tilt, measured)
+    jacobian = _derivatives(theta, unit_tilt, commands)
     for _ in range(_MAX_ROUNDS):
         normal = jacobian.T @ jacobian
         damped = normal + damping * np.diag(np.diag(normal) + 1e-12)
         trial = theta + np.linalg.solve(damped, jacobian.T @ residual)
         trial[:3] = np.clip(trial[:3], _LEAST, _MOST)
 
-        trial_unit_tilt = unit_tilt_of(trial)
-        trial_residual = residuals(trial, trial_unit_tilt)
+        trial_unit_tilt = response(commands, trial)
+        trial_residual = _residual(trial, trial_unit_tilt, measured)
         is_better = trial_residual @ trial_residual < residual @ residual
         if not is_better:
             damping *= 10.0
@@ -114,15 +127,30 @@ def fit_attitude(log: Log, begin_s: float, end_s: float) -> LeastSquares:
         theta = trial
         residual = trial_residual
         damping = max(0.2 * damping, 1e-9)
-        jacobian = derivatives(theta, trial_unit_tilt)
+        jacobian = _derivatives(theta, trial_unit_tilt, commands)
         if is_done:
             break
+    return theta, residual, jacobian
 
-    # both axes of a sample belong to the cluster of its second
-    cluster = np.repeat((time_s / _CLUSTER_S).astype(np.int64), 2)
-    std, clusters = jackknife(jacobian, residual, cluster)
-    rms = float(np.sqrt(np.mean(residual**2)))
-    return LeastSquares(theta=theta, std=std, rms=rms, clusters=clusters)
+
+def _residual(theta: Array, unit_tilt: Array, measured: Array) -> Array:
+    """Return the measured tilt minus the model's (2 m,) [rad]."""
+    gain = theta[3]
+    error = theta[4:6]
+    return np.asarray((measured - gain * unit_tilt - error).ravel())
+
+
+def _derivatives(theta: Array, unit_tilt: Array, commands: CommandedTilt) -> Array:
+    """Return the derivatives of the model's tilt with respect to theta (2 m, 6)."""
+    gain = theta[3]
+    columns = []
+    for index, half_step in enumerate(_HALF_STEPS):
+        step = np.zeros(3)
+        step[index] = half_step
+        difference = response(commands, theta[:3] + step) - response(commands, theta[:3] - step)
+        columns.append(gain * difference.ravel() / (2.0 * half_step))
+    errors = np.tile(np.eye(2), (len(unit_tilt), 1))
+    return np.stack([*columns, unit_tilt.ravel(), errors[:, 0], errors[:, 1]], axis=1)
 
 
 def unexplained_times_s(log: Log, fit: LeastSquares, begin_s: float, end_s: float) -> Array:
@@ -157,6 +185,12 @@ class CommandedTilt:
     ago_s: Array  # (m, w): time since each command
     change: Array  # (m, w, 2): change of the commanded tilt by each command
     oldest: Array  # (m, 2): commanded tilt before the first of them
+
+    def every(self, step: int) -> CommandedTilt:
+        """Return the commands of every so-many-th time."""
+        return CommandedTilt(
+            ago_s=self.ago_s[::step], change=self.change[::step], oldest=self.oldest[::step]
+        )
 
 
 def commanded_tilt(log: Log, time_s: Array) -> CommandedTilt:
