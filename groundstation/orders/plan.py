@@ -22,7 +22,7 @@ import numpy as np
 from groundstation.fleet.places import out_of_service, place_of
 from groundstation.fleet.state import FleetState, VehicleView
 from groundstation.fleet.stoppable import stoppable
-from groundstation.orders.goals import GoalFacts, goals_of
+from groundstation.orders.goals import GoalFacts, Goals, goals_of
 from groundstation.orders.held_formation import HeldFormation, held_after, held_slots
 from groundstation.orders.intents import (
     LONGEST_EVERY_S,
@@ -109,36 +109,22 @@ def plan_order(
     try:
         intent = with_checked_values(intent)
     except ConfigError as error:
-        refusals = dict.fromkeys(intent.names, str(error))
-        return PlannedOrder(intent=intent, refusals=refusals, held=held)
+        wrong_values = dict.fromkeys(intent.names, str(error))
+        return PlannedOrder(intent=intent, refusals=wrong_values, held=held)
 
-    intent = _without_disabled(intent, state)
-    intent = _without_bystanders(intent, state)
-    intent = _without_lost_on_ground(intent, state)
-    intent = _without_slotless(intent, fleet, state, held)
+    intent = _for_those_taking_part(intent, fleet, state, held)
     if isinstance(intent, Swap) and state is not None:
         intent = with_place(intent, state)
 
-    refusals = {}
-    names = []
-    for name in intent.names:
-        if _may_be_ordered(name, intent, fleet):
-            names.append(name)
-        else:
-            refusals[name] = _unknown(name, fleet)
+    names = [name for name in intent.names if _may_be_ordered(name, intent, fleet)]
+    refusals: Mapping[str, str] = {
+        name: _unknown(name, fleet) for name in intent.names if name not in names
+    }
 
     goals_enu_m: Mapping[str, Xyz] = {}
     if not refusals and intent.has_goals:
-        try:
-            planned = goals_of(intent, GoalFacts(fleet, state, held, names))
-        except ConfigError as error:  # a formation that cannot be made
-            refusals = dict.fromkeys(names, str(error))
-        else:
-            intent = planned.intent
-            goals_enu_m = planned.goals
-            refusals = dict(planned.refusals)
-        if not refusals:
-            refusals = _goal_refusals(goals_enu_m, fleet, state, now_ns)
+        facts = GoalFacts(fleet, state, held, names)
+        intent, goals_enu_m, refusals = _checked_goals(intent, facts, now_ns)
 
     if not refusals and isinstance(intent, Swap) and state is not None:
         refusals = swap_refusals(intent, fleet, state, now_ns)
@@ -149,11 +135,8 @@ def plan_order(
         refusals = _refuse_jointly(refusals, names)
 
     values = intent.message_values()
-    orders = {}
-    for name in names:
-        if name in refusals:
-            continue
-        orders[name] = Order(
+    orders = {
+        name: Order(
             order_id=new_id(),
             author=author,
             kind=intent.kind_for(name),
@@ -169,7 +152,9 @@ def plan_order(
             stands_in_for=_place_for(name, intent),
             follows=values.follows,
         )
-
+        for name in names
+        if name not in refusals
+    }
     if orders:
         held = held_after(intent, held)
     return PlannedOrder(
@@ -218,6 +203,42 @@ def _place_for(name: str, intent: Intent) -> str:
             return intent.place
         return intent.swapped
     return ""
+
+
+def _for_those_taking_part(
+    intent: Intent, fleet: FleetConfig, state: FleetState | None, held: HeldFormation
+) -> Intent:
+    """Return an order to all without the vehicles that it cannot mean.
+
+    Args:
+        intent: the order; one that names its vehicles is not changed.
+        fleet: the fleet file.
+        state: the fleet as known now.
+        held: present formation.
+    """
+    intent = _without_disabled(intent, state)
+    intent = _without_bystanders(intent, state)
+    intent = _without_lost_on_ground(intent, state)
+    return _without_slotless(intent, fleet, state, held)
+
+
+def _checked_goals(intent: Intent, facts: GoalFacts, now_ns: int) -> Goals:
+    """Return the goals of an order, with refusals where there is none or no vehicle may go to it.
+
+    Args:
+        intent: intent of a verb that has goals.
+        facts: the fleet, and the vehicles that may be ordered.
+        now_ns: the ground's monotonic clock [ns].
+    """
+    try:
+        planned = goals_of(intent, facts)
+    except ConfigError as error:  # a formation that cannot be made
+        return Goals(intent, refusals=dict.fromkeys(facts.names, str(error)))
+
+    if planned.refusals:
+        return planned
+    refusals = _goal_refusals(planned.goals, facts.fleet, facts.state, now_ns)
+    return planned._replace(refusals=refusals)
 
 
 def _without_disabled(intent: Intent, state: FleetState | None) -> Intent:
