@@ -150,14 +150,7 @@ async def follow_paths(
     await ground.check_open(FollowPath(vehicles=tuple(paths)))
     await _load(ground, paths)
 
-    begins: dict[str, Xyz] = {}
-    for name, path in taking_part().items():
-        begins[name] = point_at(path, 0.0).position_enu_m
-    to_begins = Goto(vehicles=tuple(begins), goals=begins)
-    client = ground.client
-    way_s = longest_move_s(client.fleet, client.state, begins)
-    await ground.order(to_begins, way_s + _LATE_S, may_be_left_out=False)
-    await _wait_at_begins(ground, {name: begins[name] for name in taking_part()})
+    await _bring_to_first_points(ground, taking_part)
 
     if at is None:
         start_ns = ground.client.now_ns() + int(AHEAD_S * 1e9)
@@ -173,35 +166,16 @@ async def follow_paths(
     longest_s = max(paths[name].duration_s for name in names)
     ground.say(f"follow_path {listed(names)}: {longest_s:.0f} s, {begin_words}")
 
-    begin_ns = ground.client.now_ns()
-    tasks = [
-        asyncio.create_task(_say_progress(ground, names, longest_s)),
-        asyncio.create_task(_play_lights(ground, lights)),
-    ]
-    try:
-        if not timeout_s:
-            timeout_s = AHEAD_S + longest_s / _SLOWEST_RATE + _LATE_S
-        with ground.noting_cancellation(f"follow_path {','.join(names)}", order):
-            results = await _end_of(ground, order, timeout_s)
-    finally:
-        for task in tasks:
-            task.cancel()
-        await asyncio.gather(*tasks, return_exceptions=True)
+    if not timeout_s:
+        timeout_s = AHEAD_S + longest_s / _SLOWEST_RATE + _LATE_S
 
+    begin_ns = ground.client.now_ns()
+    results = await _flown(ground, order, lights, longest_s, timeout_s)
     duration_s = (ground.client.now_ns() - begin_ns) * 1e-9
     judged = _without_replaced(ground, results)
-    if judged:
-        ground.steps.append(step_result(f"follow_path {','.join(judged)}", duration_s, judged))
-    for name, result in results.items():
-        if result.is_done:
-            end = point_at(paths[name], longest_s).position_enu_m
-            ground.add_arrival("follow_path", name, end)
-            ground.note_done("follow_path", name, order.planned.orders[name], results)
-        else:
-            ground.say(f"  {result.words}")
-    if duration_s > AHEAD_S and any(result.is_done for result in results.values()):
-        ground.say(f"  followed in {duration_s - AHEAD_S:.1f} s")
 
+    ends = {name: point_at(paths[name], longest_s).position_enu_m for name in names}
+    _note_results(ground, order, results, judged, ends, duration_s)
     await _judge_end(ground, order.intent, judged)
     return results
 
@@ -210,6 +184,81 @@ def _grounded(ground: PathGround, names: Iterable[str]) -> list[str]:
     """Return the vehicles without which the mission goes on and that do not fly."""
     vehicles = ground.client.state.vehicles
     return [name for name in names if name in ground.left_out and not vehicles[name].is_airborne]
+
+
+async def _bring_to_first_points(ground: PathGround, taking_part: Callable[[], Paths]) -> None:
+    """Order the vehicles to the first points of their paths, and wait until all are there together.
+
+    Args:
+        ground: gives the mission's orders.
+        taking_part: function that returns the paths of the vehicles that still take part.
+    """
+    begins: dict[str, Xyz] = {}
+    for name, path in taking_part().items():
+        begins[name] = point_at(path, 0.0).position_enu_m
+
+    client = ground.client
+    move_s = longest_move_s(client.fleet, client.state, begins)
+    to_begins = Goto(vehicles=tuple(begins), goals=begins)
+    await ground.order(to_begins, move_s + _LATE_S, may_be_left_out=False)
+    await _wait_at_begins(ground, {name: begins[name] for name in taking_part()})
+
+
+async def _flown(
+    ground: PathGround, order: OrderResult, lights: Lights, longest_s: float, timeout_s: float
+) -> Results:
+    """Wait for the end of all paths; meanwhile say how far they are flown, and play the lights.
+
+    Args:
+        ground: gives the mission's orders.
+        order: the order that has started the paths.
+        lights: colours of the vehicles.
+        longest_s: duration of the longest path [s].
+        timeout_s: longest wait [s].
+    """
+    names = tuple(order.results)
+    tasks = [
+        asyncio.create_task(_say_progress(ground, names, longest_s)),
+        asyncio.create_task(_play_lights(ground, lights)),
+    ]
+    try:
+        with ground.noting_cancellation(f"follow_path {','.join(names)}", order):
+            return await _end_of(ground, order, timeout_s)
+    finally:
+        for task in tasks:
+            task.cancel()
+        await asyncio.gather(*tasks, return_exceptions=True)
+
+
+def _note_results(
+    ground: PathGround,
+    order: OrderResult,
+    results: Results,
+    judged: Results,
+    ends: Mapping[str, Xyz],
+    duration_s: float,
+) -> None:
+    """Note how the vehicles have followed their paths, and say what was wrong.
+
+    Args:
+        ground: keeps the mission's results.
+        order: the order that has started the paths.
+        results: its results.
+        judged: results without vehicles that the mission itself has ordered elsewhere.
+        ends: last points of the paths [m], ENU.
+        duration_s: time from the order to its end [s].
+    """
+    if judged:
+        ground.steps.append(step_result(f"follow_path {','.join(judged)}", duration_s, judged))
+    for name, result in results.items():
+        if result.is_done:
+            ground.add_arrival("follow_path", name, ends[name])
+            ground.note_done("follow_path", name, order.planned.orders[name], results)
+        else:
+            ground.say(f"  {result.words}")
+    is_followed = any(result.is_done for result in results.values())
+    if is_followed and duration_s > AHEAD_S:
+        ground.say(f"  followed in {duration_s - AHEAD_S:.1f} s")
 
 
 def _without_replaced(ground: PathGround, results: Results) -> Results:
