@@ -13,7 +13,7 @@ Vehicles that a pilot flies by hand are left to the pilot; the landing does not 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 
 from groundstation.client.client import FleetClient
 from groundstation.fleet.descent import longest_descent_s
@@ -88,10 +88,9 @@ async def land_all(
             shown_lines.add(line)
             say(line)
 
-    remaining = up
+    remaining = up  # vehicles that this landing still has to bring down
     while remaining and client.now_ns() < end_ns:
-        by_hand = flown_by_hand(client)
-        remaining = tuple(name for name in remaining if name not in by_hand)
+        remaining = _without(remaining, flown_by_hand(client))
         if not remaining:
             return True
 
@@ -103,32 +102,25 @@ async def land_all(
             if watch.takeover() is not None:
                 return False
 
+        results: Results = {}
         ordered = tuple(name for name in remaining if not _is_landing(client, name))
-        if not ordered:
-            if await client.wait_for(_all_down(client, up), LAND_AGAIN_S):
-                return True
-            remaining = tuple(name for name in remaining if not _is_down(client, name))
-            continue
+        if ordered:
+            say_once(f"Landing {listed(ordered)}.")
+            planned = client.plan(Land(vehicles=ordered, is_everybody=is_everybody))
+            order = client.send(planned, is_by_mission=not is_by_person)
+            await client.wait_for(_has_ended(client, order), (end_ns - client.now_ns()) * 1e-9)
+            results = order.results
 
-        say_once(f"Landing {listed(ordered)}.")
-        planned = client.plan(Land(vehicles=ordered, is_everybody=is_everybody))
-        order = client.send(planned, is_by_mission=not is_by_person)
-        await client.wait_for(_has_ended(client, order), (end_ns - client.now_ns()) * 1e-9)
-
-        # A vehicle whose order is not done may still come down: when a failsafe has taken over, PX4
-        # lands by itself. A vehicle whose order is done may no longer send telemetry: its agent
-        # may have ended, and PX4 itself has reported the landing over the direct link.
-        remaining = tuple(
-            name
-            for name in remaining
-            if name not in order.results or not order.results[name].is_done
-        )
+        # A vehicle whose order is done may no longer send telemetry: its agent may have ended, and
+        # PX4 itself has reported the landing over the direct link. A vehicle whose order is not
+        # done may still come down: when a failsafe has taken over, PX4 lands by itself.
+        remaining = _without(remaining, [name for name in results if results[name].is_done])
         wait_s = LAND_AGAIN_S if remaining else _LAST_TELEMETRY_S
         if await client.wait_for(_all_down(client, up), wait_s):
             return True
 
-        _say_failures(client, order.results, say_once)
-        remaining = tuple(name for name in remaining if not _is_down(client, name))
+        _say_failures(client, results, say_once)
+        remaining = _without(remaining, [name for name in remaining if _is_down(client, name)])
 
     return not remaining
 
@@ -146,6 +138,10 @@ async def wait_for_landings(client: FleetClient, timeout_s: float) -> None:
         return not any(_is_landing(client, name) for name in client.fleet.enabled_names)
 
     await client.wait_for(lands_nobody, _landing_limit_s(client, timeout_s))
+
+
+def _without(names: Sequence[str], excluded: Collection[str]) -> tuple[str, ...]:
+    return tuple(name for name in names if name not in excluded)
 
 
 def _landing_limit_s(client: FleetClient, timeout_s: float) -> float:
