@@ -29,7 +29,7 @@ from groundstation.alarms.alarm_table import (
     Kind,
     implied_by,
 )
-from groundstation.fleet.places import out_of_service
+from groundstation.fleet.slot_owners import out_of_service
 from groundstation.fleet.state import FleetState, LoggedEvent, VehicleView
 from onboard.bus.schema import Telemetry
 from onboard.config.fleet import FleetConfig

@@ -20,7 +20,7 @@ from typing import NamedTuple
 import numpy as np
 from msgspec import structs
 
-from groundstation.fleet.places import by_place
+from groundstation.fleet.slot_owners import by_slot_owner
 from groundstation.formations.assignment import nearest_slots
 from groundstation.formations.frame import Begin, FormationPaths, frame_paths
 from groundstation.formations.slots import formation_names, formation_slots
@@ -270,7 +270,7 @@ def resolved(intent: Intent, fleet: FleetConfig) -> Intent:
     is_everybody = means_all(intent.vehicles)
 
     if isinstance(intent, Goto):
-        goals = by_place(intent.goals.items(), fleet, "position")
+        goals = by_slot_owner(intent.goals.items(), fleet, "position")
         return structs.replace(intent, vehicles=tuple(goals), goals=goals)
 
     if isinstance(intent, Formation):

@@ -11,7 +11,7 @@ import itertools
 import math
 from collections.abc import Collection, Sequence
 
-from groundstation.fleet.places import by_place
+from groundstation.fleet.slot_owners import by_slot_owner
 from groundstation.mission_files.expected_course import (
     CourseStep,
     inner_steps,
@@ -137,7 +137,7 @@ def _check_until(until: Until | None, fleet: FleetConfig, written_key: str) -> N
     try:
         for vehicles in (until.vehicles, until.landed, until.flying):
             refuse_disabled(fleet.select(vehicles), fleet)
-        refuse_disabled(by_place(until.reached.items(), fleet, "position"), fleet)
+        refuse_disabled(by_slot_owner(until.reached.items(), fleet, "position"), fleet)
     except ConfigError as error:
         raise ConfigError(f"{written_key}: {error}") from None
 

@@ -19,7 +19,7 @@ from pathlib import Path
 from typing import Literal, get_args
 
 from groundstation.client.client import FleetClient
-from groundstation.fleet.places import vehicles_at
+from groundstation.fleet.slot_owners import vehicles_of_slots
 from groundstation.fleet.state import FleetState, Separation
 from groundstation.missions.argument_checks import check_duration, check_timeout
 from groundstation.missions.connection import (
@@ -243,7 +243,7 @@ class Fleet(Group):
         return [logged.event for logged in self.state.events]
 
     def __getitem__(self, name: str) -> MissionVehicle:
-        (name,) = vehicles_at([name], self.state)  # the spare, if the vehicle was swapped
+        (name,) = vehicles_of_slots([name], self.state)  # the spare, if the vehicle was swapped
         if name not in self._names:
             raise ConfigError(
                 f"'{name}' is not a vehicle of fleet '{self.config.fleet.name}': "

@@ -12,7 +12,7 @@ from collections.abc import Collection, Iterator, Mapping, Sequence
 
 from msgspec import structs
 
-from groundstation.fleet.places import empty_places
+from groundstation.fleet.slot_owners import unused_slot_owners
 from groundstation.fleet.state import FleetState
 from groundstation.mission_files.expected_course import CourseStep, expected_duration_s, resolved
 from groundstation.mission_files.mission import Mission
@@ -57,18 +57,18 @@ def begin_refusal(mission: Mission, state: FleetState) -> str:
     return ""
 
 
-def without_empty_places(mission: Mission, state: FleetState) -> Mission:
+def without_unused_slots(mission: Mission, state: FleetState) -> Mission:
     """Return the mission with the fleet that takes part in it now.
 
-    A place is a vehicle's name with its take-off spot, slots and paths. It is empty while the
-    vehicle is out of service and no spare replaces it. "all" then leaves out empty places, and the
-    checks of the mission ignore them. A place that a step names itself stays.
+    The slots of a vehicle are unused while it is out of service and no spare replaces it. Then
+    "all" leaves it out, and the checks of the mission ignore it. A vehicle that a step names itself
+    stays.
 
     Args:
         mission: mission file, loaded and checked.
         state: the fleet as known now.
     """
-    fleet = _without(mission.fleet, empty_places(state))
+    fleet = _without(mission.fleet, unused_slot_owners(state))
     named: set[str] = set()
     for step in _in_order(mission.steps):
         if isinstance(step, FollowPathStep):
@@ -76,7 +76,7 @@ def without_empty_places(mission: Mission, state: FleetState) -> Mission:
         elif isinstance(step, Intent):
             named.update(resolved(step, fleet).names)
 
-    fleet = _without(mission.fleet, empty_places(state) - named)
+    fleet = _without(mission.fleet, unused_slot_owners(state) - named)
     if not fleet.enabled_names:
         return mission
     return structs.replace(mission, fleet=fleet)

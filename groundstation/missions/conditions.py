@@ -12,7 +12,7 @@ import math
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from typing import NamedTuple
 
-from groundstation.fleet.places import by_vehicle, out_of_service, vehicles_at
+from groundstation.fleet.slot_owners import by_vehicle, out_of_service, vehicles_of_slots
 from groundstation.fleet.state import FleetState, LoggedEvent, VehicleView
 from groundstation.missions.argument_checks import as_mapping, as_position, check_number
 from onboard.bus.schema import Event
@@ -383,7 +383,7 @@ def _views(moment: FleetMoment, names: Sequence[str] | None) -> dict[str, Vehicl
     if names is None:
         excluded = state.disabled | out_of_service(state)
         return {name: view for name, view in state.vehicles.items() if name not in excluded}
-    return {name: _view(name, state) for name in vehicles_at(names, state)}
+    return {name: _view(name, state) for name in vehicles_of_slots(names, state)}
 
 
 def _view(name: str, state: FleetState) -> VehicleView:

@@ -17,7 +17,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence, Set
 from msgspec.structs import replace
 
 from groundstation.client.client import FleetClient
-from groundstation.fleet.places import out_of_service
+from groundstation.fleet.slot_owners import out_of_service
 from groundstation.fleet.state import FleetState
 from groundstation.mission_files.wall_time import WallTime, time_words
 from groundstation.missions.countdown import Countdown, CountdownEnded, clock_words, count_down

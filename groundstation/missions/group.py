@@ -18,7 +18,12 @@ from typing import NamedTuple, get_args
 import numpy as np
 
 from groundstation.client.client import FleetClient
-from groundstation.fleet.places import by_vehicle, out_of_service, place_of, vehicles_at
+from groundstation.fleet.slot_owners import (
+    by_vehicle,
+    out_of_service,
+    slot_owner_of,
+    vehicles_of_slots,
+)
 from groundstation.fleet.state import FleetState
 from groundstation.fleet.stoppable import stoppable
 from groundstation.formations.frame import FormationPaths
@@ -194,7 +199,7 @@ class Group:
                 return _Selection(self.names, is_everybody=True)
             return _Selection(self.ground.without_lost(self.names), is_everybody=True)
 
-        selected = vehicles_at(self.config.select(names), self.state)
+        selected = vehicles_of_slots(self.config.select(names), self.state)
         self._check_in_group(selected)
         return _Selection(selected, is_everybody=False)
 
@@ -425,8 +430,8 @@ class Group:
             goals = {self.names[0]: goals}
 
         named_goals = by_name(goals, self.config, "go_to", "position")
-        places = {name: as_position(goal, "go_to") for name, goal in named_goals.items()}
-        own_goals = by_vehicle(places, self.state)
+        positions = {name: as_position(goal, "go_to") for name, goal in named_goals.items()}
+        own_goals = by_vehicle(positions, self.state)
         intent = Goto(
             vehicles=self.select(list(own_goals)),
             goals=own_goals,
@@ -491,7 +496,9 @@ class Group:
         names, is_everybody = self._selected(vehicles)
         if is_everybody:
             slots = formation_slots(self.config, name)
-            names = tuple(vehicle for vehicle in names if place_of(vehicle, self.state) in slots)
+            names = tuple(
+                vehicle for vehicle in names if slot_owner_of(vehicle, self.state) in slots
+            )
 
         intent = Formation(
             vehicles=names,
@@ -786,16 +793,18 @@ class Group:
         """
         self.ground.check_not_ended()
         check_duration(duration_s, "follow")
-        leaders = vehicles_at(self.config.select(as_names(leader)), self.state)
+        leaders = vehicles_of_slots(self.config.select(as_names(leader)), self.state)
         if len(leaders) != 1:
             raise ConfigError(f"follow: {', '.join(leaders)} cannot all be followed. Name one.")
         (leader,) = leaders  # the spare, if the vehicle was swapped
         if offsets is not None:
             named = by_name(offsets, self.config, "follow", "offset")
-            places = {name: as_position(offset, "follow") for name, offset in named.items()}
+            offsets_by_owner = {
+                name: as_position(offset, "follow") for name, offset in named.items()
+            }
         else:
-            places = present_offsets(self.client, leader, self.names)
-        own_offsets = by_vehicle(places, self.state)
+            offsets_by_owner = present_offsets(self.client, leader, self.names)
+        own_offsets = by_vehicle(offsets_by_owner, self.state)
 
         followers = self.select(list(own_offsets))
         follower_offsets = {name: own_offsets[name] for name in followers}

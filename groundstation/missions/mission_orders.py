@@ -20,7 +20,7 @@ from groundstation.mission_files.loading import load_mission, mission_from_mappi
 from groundstation.mission_files.mission_findings import refuse_unflyable
 from groundstation.mission_files.names import mission_names
 from groundstation.mission_files.wall_time import WallTime, local_now, time_words, wall_time
-from groundstation.missions.beginning import begin_refusal, without_empty_places
+from groundstation.missions.beginning import begin_refusal, without_unused_slots
 from groundstation.missions.countdown import clock_problem, clock_words
 from groundstation.missions.mission_words import USAGE
 from groundstation.missions.python_check import check_python
@@ -150,7 +150,7 @@ class MissionOrders:
                 check_python(mission)
             # The checks are about the vehicles that take part now. The mission itself keeps all
             # vehicles: when it flies, it leaves out those that are out of service then.
-            flown_now = without_empty_places(mission, client.state)
+            flown_now = without_unused_slots(mission, client.state)
             refuse_unflyable(flown_now, client.state.is_simulated)
             refusal = begin_refusal(mission, client.state)
             if refusal:

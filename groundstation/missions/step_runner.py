@@ -11,7 +11,12 @@ from collections.abc import Mapping, Sequence
 
 from msgspec.structs import replace
 
-from groundstation.fleet.places import by_place, by_vehicle, place_of, vehicles_at
+from groundstation.fleet.slot_owners import (
+    by_slot_owner,
+    by_vehicle,
+    slot_owner_of,
+    vehicles_of_slots,
+)
 from groundstation.fleet.state import FleetState
 from groundstation.formations.frame import FormationPaths
 from groundstation.mission_files.expected_course import (
@@ -118,7 +123,7 @@ class StepRunner:
         elif isinstance(step, FollowPathStep):
             await self._follow(step, self._mission.paths_of(step), self._mission.lights_of(step))
         elif isinstance(step, FlyFormationStep):
-            paths = formation_paths(step, self._fleet.config, self._positions_of_places())
+            paths = formation_paths(step, self._fleet.config, self._positions_by_slot_owner())
             await self._follow(step, paths, {})
         elif isinstance(step, RepeatStep):
             for _ in range(step.times):
@@ -132,7 +137,7 @@ class StepRunner:
         """Give a step's order to those of its vehicles that still take part."""
         fleet = self._fleet
         fleet.ground.note_other_ends()  # leaves out who has come down since the last order
-        intent = _at_places(resolved(step, fleet.config), fleet.state)
+        intent = _with_spares(resolved(step, fleet.config), fleet.state)
         names = tuple(name for name in intent.names if name not in fleet.ground.left_out)
         is_for_lost = intent.brings_down and not isinstance(intent, Hold)
         if means_all(step.vehicles) and not is_for_lost:
@@ -227,13 +232,15 @@ class StepRunner:
             return FormationPaths(own_paths, paths.end)
         return own_paths
 
-    def _positions_of_places(self) -> dict[str, Xyz]:
+    def _positions_by_slot_owner(self) -> dict[str, Xyz]:
         """Return the reported positions, by the names that the mission file uses.
 
         A spare that was swapped in has the name of the vehicle that it replaces.
         """
         state = self._fleet.state
-        return {place_of(name, state): position for name, position in self._positions().items()}
+        return {
+            slot_owner_of(name, state): position for name, position in self._positions().items()
+        }
 
     def _positions(self) -> dict[str, Xyz]:
         """Return the positions of the vehicles that report one [m], ENU."""
@@ -262,7 +269,7 @@ def condition(until: Until, fleet: Fleet) -> WaitCondition:
 
     parts = []
     if until.reached:
-        goals = by_place(until.reached.items(), fleet.config, "position")
+        goals = by_slot_owner(until.reached.items(), fleet.config, "position")
         parts.append(conditions.reached(by_vehicle(goals, fleet.state), until.within_m))
     if until.separation_above_m is not None:
         parts.append(conditions.separation_above(until.separation_above_m))
@@ -284,9 +291,9 @@ def condition(until: Until, fleet: Fleet) -> WaitCondition:
     return conditions.all_of(*parts)
 
 
-def _at_places(intent: Intent, state: FleetState) -> Intent:
+def _with_spares(intent: Intent, state: FleetState) -> Intent:
     """Return an order with the spares that were swapped in, instead of the vehicles it names."""
-    names = vehicles_at(intent.names, state)
+    names = vehicles_of_slots(intent.names, state)
     if isinstance(intent, Goto):
         goals = by_vehicle(intent.goals, state)
         return replace(intent, vehicles=tuple(goals), goals=goals)

@@ -10,7 +10,7 @@ from collections.abc import Iterable, Mapping
 from numbers import Integral
 from typing import Any, TypeVar
 
-from groundstation.fleet.places import by_place
+from groundstation.fleet.slot_owners import by_slot_owner
 from groundstation.missions.argument_checks import as_mapping
 from groundstation.orders.intents import Names
 from onboard.config.fleet import ConfigError, FleetConfig
@@ -53,7 +53,7 @@ def by_name(values: object, fleet: FleetConfig, verb: str, what: str) -> dict[st
     """
     values = as_mapping(values, verb, what, example=next(iter(fleet.vehicles)))
     named = [(as_names(vehicle), value) for vehicle, value in values.items()]
-    return by_place(named, fleet, what)
+    return by_slot_owner(named, fleet, what)
 
 
 def _as_name(vehicle: object) -> str:

@@ -10,7 +10,7 @@ import math
 from collections.abc import Sequence
 from typing import NamedTuple
 
-from groundstation.fleet.places import spot_of
+from groundstation.fleet.slot_owners import spot_of
 from groundstation.fleet.state import FleetState
 from onboard.config.fleet import FleetConfig, Vehicle
 from onboard.tuples import Xyz

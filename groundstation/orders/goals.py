@@ -17,7 +17,7 @@ from typing import Any, NamedTuple
 
 from msgspec.structs import replace
 
-from groundstation.fleet.places import by_vehicle, place_of, spot_of
+from groundstation.fleet.slot_owners import by_vehicle, slot_owner_of, spot_of
 from groundstation.fleet.state import FleetState, VehicleView
 from groundstation.formations.assignment import nearest_slots, spots_without_crossing
 from groundstation.orders.held_formation import (
@@ -62,16 +62,15 @@ class GoalFacts(NamedTuple):
         """Return the offset of each vehicle in a formation [m], with spares that replace others."""
         return by_vehicle(held_slots(self.fleet, held), self.state)
 
-    def by_place(self, takes: Mapping[str, str]) -> dict[str, str]:
-        """Return an assignment of slots with places instead of vehicles.
-
-        The place of a vehicle is its own name, or the name of the vehicle that it replaces.
+    def by_slot_owner(self, takes: Mapping[str, str]) -> dict[str, str]:
+        """Return an assignment of slots with slot owners instead of vehicles.
 
         Args:
             takes: vehicle -> the vehicle whose slot it takes.
         """
         return {
-            place_of(name, self.state): place_of(other, self.state) for name, other in takes.items()
+            slot_owner_of(name, self.state): slot_owner_of(other, self.state)
+            for name, other in takes.items()
         }
 
 
@@ -264,7 +263,7 @@ def _formation(intent: Formation, facts: GoalFacts) -> Goals:
         destinations = _destinations_or_starts(facts)
         own_slots = {name: slots[name] for name in facts.names if name in slots}
         takes = nearest_slots(own_slots, destinations, position_enu_m)
-        intent = replace(intent, takes=facts.by_place(takes))
+        intent = replace(intent, takes=facts.by_slot_owner(takes))
         held = held_after(intent, facts.held)
         slots = facts.slots(held)
 

@@ -368,7 +368,7 @@ class Formation(GoalIntent, frozen=True, kw_only=True):
     rotation_deg: float = 0.0  # angle by which it is turned, counterclockwise
     # ids: each vehicle has its own slot; nearest: the longest flight is as short as possible
     assign: Assign = "ids"
-    takes: Mapping[str, str] | None = None  # place -> the place whose slot it takes
+    takes: Mapping[str, str] | None = None  # slot owner -> the slot owner whose slot it takes
 
     @classmethod
     def from_line(cls, line: LineWords) -> Self:
@@ -663,11 +663,12 @@ class Swap(Intent, frozen=True, kw_only=True):
     is_mission_step = False
     is_joint = True
     begins = "on ground"
-    planned_fields = (*Intent.planned_fields, "place")
+    planned_fields = (*Intent.planned_fields, "slot_owner")
 
     timeout_s: float = 5.0
-    # the vehicle whose place the spare gets: the first one, or the vehicle that it replaces
-    place: str = ""
+    # the vehicle whose spot, slots and paths the spare gets: the first one, or the vehicle that the
+    # first one replaces
+    slot_owner: str = ""
 
     @property
     def swapped(self) -> str:

@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 
-from groundstation.fleet.places import stand_ins
+from groundstation.fleet.slot_owners import stand_ins
 from groundstation.fleet.state import FleetState
 from groundstation.orders.plan import PlannedOrder
 from groundstation.orders.result import Results

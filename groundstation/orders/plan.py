@@ -19,7 +19,7 @@ from typing import Any
 import msgspec
 import numpy as np
 
-from groundstation.fleet.places import out_of_service, place_of
+from groundstation.fleet.slot_owners import out_of_service, slot_owner_of
 from groundstation.fleet.state import FleetState, VehicleView
 from groundstation.fleet.stoppable import stoppable
 from groundstation.orders.goals import GoalFacts, Goals, goals_of
@@ -39,7 +39,7 @@ from groundstation.orders.intents import (
     for_fewer,
 )
 from groundstation.orders.reachable_goals import reach_refusal
-from groundstation.orders.swap import names_that_hear, swap_refusals, with_place
+from groundstation.orders.swap import names_that_hear, swap_refusals, with_slot_owner
 from onboard.bus.schema import BY_MISSION, ON_PATHS, Order
 from onboard.config.fleet import (
     ConfigError,
@@ -114,7 +114,7 @@ def plan_order(
 
     intent = _for_those_taking_part(intent, fleet, state, held)
     if isinstance(intent, Swap) and state is not None:
-        intent = with_place(intent, state)
+        intent = with_slot_owner(intent, state)
 
     names = [name for name in intent.names if _may_be_ordered(name, intent, fleet)]
     refusals: Mapping[str, str] = {
@@ -149,7 +149,7 @@ def plan_order(
             yaw_deg=values.yaw_deg,
             then_land=values.then_land,
             reason=values.reason,
-            stands_in_for=_place_for(name, intent),
+            stands_in_for=_slot_owner_for(name, intent),
             follows=values.follows,
         )
         for name in names
@@ -193,14 +193,11 @@ def _as_built_in(value: Any) -> Any:
     return repr(value)
 
 
-def _place_for(name: str, intent: Intent) -> str:
-    """Return the place that the spare of a swap gets; empty for other vehicles and orders.
-
-    A place is the name of the vehicle that the spare replaces.
-    """
+def _slot_owner_for(name: str, intent: Intent) -> str:
+    """Return the slot owner of the spare of a swap; empty for other vehicles and orders."""
     if isinstance(intent, Swap) and name == intent.spare:
-        if intent.place:
-            return intent.place
+        if intent.slot_owner:
+            return intent.slot_owner
         return intent.swapped
     return ""
 
@@ -308,7 +305,7 @@ def _without_slotless(
         slots = held_slots(fleet, next_held)
     except ConfigError:  # a formation that cannot be made; goals_of says why
         return intent
-    names = tuple(name for name in intent.names if place_of(name, state) in slots)
+    names = tuple(name for name in intent.names if slot_owner_of(name, state) in slots)
     if not names:
         return intent
     return for_fewer(intent, names)

@@ -11,30 +11,30 @@ import math
 
 from msgspec.structs import replace
 
-from groundstation.fleet.places import place_of, stand_ins
+from groundstation.fleet.slot_owners import slot_owner_of, stand_ins
 from groundstation.fleet.state import FleetState, VehicleView
 from groundstation.orders.intents import Swap
 from onboard.config.fleet import FleetConfig
 from onboard.config.stand_in import stand_in_refusal
 
 
-def with_place(intent: Swap, state: FleetState) -> Swap:
-    """Return the order with the place that the spare gets.
+def with_slot_owner(intent: Swap, state: FleetState) -> Swap:
+    """Return the order with the vehicle whose spot, slots and paths the spare gets.
 
     Args:
         intent: order as it was written.
         state: the fleet as known now.
     """
-    if intent.place:
+    if intent.slot_owner:
         return intent
-    return replace(intent, place=place_of(intent.swapped, state))
+    return replace(intent, slot_owner=slot_owner_of(intent.swapped, state))
 
 
 def names_that_hear(intent: Swap, state: FleetState, now_ns: int) -> list[str]:
     """Return which vehicles get a message: the spare, and the swapped vehicle if it is heard.
 
     Args:
-        intent: swap whose place is filled in.
+        intent: swap whose slot owner is filled in.
         state: the fleet as known now.
         now_ns: the ground's monotonic clock [ns].
     """
@@ -50,7 +50,7 @@ def swap_refusals(
     """Return why a swap is refused, as a sentence for the vehicle that is the reason.
 
     Args:
-        intent: swap whose place is filled in.
+        intent: swap whose slot owner is filled in.
         fleet: the fleet file.
         state: the fleet as known now.
         now_ns: the ground's monotonic clock [ns].
@@ -81,20 +81,21 @@ def _spare_refusal(
     if not_standing:
         return not_standing
 
-    own_place = place_of(spare.name, state)
-    if own_place not in (spare.name, intent.place):
+    own_slot_owner = slot_owner_of(spare.name, state)
+    if own_slot_owner not in (spare.name, intent.slot_owner):
         return (
-            f"{spare.name} stands in for {own_place} already: order swap {spare.name} "
-            f"{own_place} first."
+            f"{spare.name} stands in for {own_slot_owner} already: order swap {spare.name} "
+            f"{own_slot_owner} first."
         )
-    holder = stand_ins(state).get(intent.place, intent.swapped)  # the vehicle that has the place
+    # the vehicle that has the place now
+    holder = stand_ins(state).get(intent.slot_owner, intent.swapped)
     if holder not in (intent.swapped, spare.name):
-        return f"{holder} has the place of {intent.place}: write swap {holder} {spare.name}."
+        return f"{holder} has the place of {intent.slot_owner}: write swap {holder} {spare.name}."
     in_the_way = _in_the_way(intent, fleet, state, now_ns)
     if in_the_way:
         return in_the_way
     position_enu_m = telemetry.position_enu_m if telemetry.is_position_valid else None
-    return stand_in_refusal(fleet, spare.name, intent.place, position_enu_m)
+    return stand_in_refusal(fleet, spare.name, intent.slot_owner, position_enu_m)
 
 
 def _in_the_way(intent: Swap, fleet: FleetConfig, state: FleetState, now_ns: int) -> str:
@@ -103,10 +104,10 @@ def _in_the_way(intent: Swap, fleet: FleetConfig, state: FleetState, now_ns: int
     The avoidance law does not avoid vehicles that stand on the ground.
     """
     position_enu_m = state.vehicles[intent.swapped].position_enu_m(now_ns)
-    if position_enu_m is None or intent.place not in fleet.vehicles:
+    if position_enu_m is None or intent.slot_owner not in fleet.vehicles:
         return ""
 
-    spot_enu_m = fleet.vehicles[intent.place].start_enu_m
+    spot_enu_m = fleet.vehicles[intent.slot_owner].start_enu_m
     if math.dist(position_enu_m[:2], spot_enu_m[:2]) > fleet.fleet.safety_distance_m:
         return ""
     return (

@@ -11,7 +11,7 @@ from collections.abc import Mapping, Sequence
 
 import msgspec
 
-from groundstation.fleet.places import out_of_service
+from groundstation.fleet.slot_owners import out_of_service
 from groundstation.fleet.state import FleetState, Separation, unknown_until
 from groundstation.fleet.touchdown import is_fall
 from groundstation.fleet.unknown_time import UnknownTime

@@ -16,7 +16,7 @@ from groundstation.mission_files.loading import load_mission, mission_from_mappi
 from groundstation.mission_files.mission import Mission
 from groundstation.mission_files.mission_findings import refused_findings
 from groundstation.missions.api import Fleet
-from groundstation.missions.beginning import without_empty_places
+from groundstation.missions.beginning import without_unused_slots
 from groundstation.missions.conditions import flying
 from groundstation.missions.runner import MissionRun
 from groundstation.missions.taken import FleetWatch
@@ -185,7 +185,7 @@ def test_no_finding_is_about_a_vehicle_that_is_out_of_service(
     (finding,) = refused_findings(mission, is_simulated=False)
     assert "mav1" in finding.sentence
 
-    flown_now = without_empty_places(mission, serviced.state)
+    flown_now = without_unused_slots(mission, serviced.state)
     assert refused_findings(flown_now, is_simulated=False) == []
 
 
@@ -193,7 +193,7 @@ def test_a_vehicle_out_of_service_that_a_step_names_is_checked_all_the_same(
     fleet: FleetConfig, serviced: Any
 ) -> None:
     mission = over_the_spot_of_mav1(fleet, vehicles=["mav0", "mav1"])
-    flown_now = without_empty_places(mission, serviced.state)
+    flown_now = without_unused_slots(mission, serviced.state)
     (finding,) = refused_findings(flown_now, is_simulated=False)
     assert "mav1" in finding.sentence
 
@@ -205,7 +205,7 @@ def test_a_spare_is_checked_at_the_place_that_it_takes_and_not_at_its_own(
     telemetry = telemetry_of("mav2", stands_in_for="mav1")
     state = fleet_state.fold(state, telemetry, client.now_ns())
 
-    flown_now = without_empty_places(over_the_spot_of_mav1(fleet), state)
+    flown_now = without_unused_slots(over_the_spot_of_mav1(fleet), state)
     assert flown_now.fleet.enabled_names == ("mav0", "mav1")
     assert len(refused_findings(flown_now, is_simulated=False)) == 1
 
