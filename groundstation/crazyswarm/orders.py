@@ -19,12 +19,12 @@ from typing import Any, Literal, NamedTuple
 
 from msgspec import structs
 
-from groundstation.mission_files.path_ways import path_refusals
 from groundstation.missions.api import Fleet
 from groundstation.missions.blocking import BlockingFleet
 from groundstation.missions.ground import step_result
 from groundstation.orders.grammar import OrderError
 from groundstation.orders.intents import Goto
+from groundstation.orders.obstacle_crossings import path_refusals
 from groundstation.orders.plan import PlannedOrder
 from groundstation.orders.result import OrderFailed, Results
 from groundstation.paths.pieces import slowed

@@ -48,7 +48,7 @@ from groundstation.orders.intents import (
     means_all,
 )
 from groundstation.orders.plan import PlannedOrder, plan_order
-from groundstation.orders.reachable_goals import shortest_leg_s, shortest_move_s, way_m
+from groundstation.orders.reachable_goals import route_length_m, shortest_leg_s, shortest_move_s
 from onboard.config.fleet import ConfigError, FleetConfig
 from onboard.config.ground import ground_at_m
 from onboard.control.climb_duration import climb_duration_s
@@ -307,7 +307,7 @@ def refuse_disabled(names: Iterable[str], fleet: FleetConfig) -> None:
 def with_speed(
     intent: Intent, fleet: FleetConfig, goals: Mapping[str, Xyz], positions: Mapping[str, Xyz]
 ) -> Intent:
-    """Return an order with the duration that its speed gives for the longest way.
+    """Return an order with the duration that its speed gives for the longest route.
 
     Args:
         intent: an order; an order without a speed is returned unchanged.
@@ -317,15 +317,15 @@ def with_speed(
     """
     if not isinstance(intent, GoalIntent) or intent.speed_m_s is None:
         return intent
-    ways_m = [
-        way_m(fleet, name, positions[name], goal)
+    lengths_m = [
+        route_length_m(fleet, name, positions[name], goal)
         for name, goal in goals.items()
         if name in positions
     ]
-    if not ways_m:
+    if not lengths_m:
         return intent
 
-    duration_s = PEAK_OF_MEAN_SPEED * max(ways_m) / intent.speed_m_s
+    duration_s = PEAK_OF_MEAN_SPEED * max(lengths_m) / intent.speed_m_s
     return structs.replace(intent, duration_s=duration_s)
 
 
@@ -462,7 +462,7 @@ def _course_step(
 def _with_paths(
     course_step: CourseStep, fleet: FleetConfig, paths: Mapping[str, Path]
 ) -> CourseStep:
-    """Return a step with its paths, their ends, and their duration with the way to their starts."""
+    """Return a step with its paths, their ends, and the time to and along its paths."""
     course_step = replace(course_step, paths=paths)
     if not paths or not set(paths) <= set(fleet.enabled_names):
         return course_step
@@ -566,7 +566,7 @@ def _vertical_order_s(
 ) -> float:
     """Return the duration of an order with a climb or a descent [s].
 
-    It consists of the horizontal way, of the start, and of the climb or descent.
+    It consists of the horizontal flight, of the start, and of the climb or descent.
     """
     x, y, z = position
     goal_x, goal_y, goal_z = goal

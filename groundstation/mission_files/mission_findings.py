@@ -10,9 +10,9 @@ from collections.abc import Collection, Iterator, Mapping
 
 from groundstation.mission_files.expected_course import CourseStep, begins_of, expected_flight_s
 from groundstation.mission_files.mission import Mission
-from groundstation.mission_files.path_ways import crossing_findings
 from groundstation.mission_files.steps import FlyFormationStep, FollowPathStep
 from groundstation.orders.intents import GoalIntent, Home, Intent, Land
+from groundstation.orders.obstacle_crossings import crossing_findings
 from groundstation.orders.reachable_goals import reach_refusal
 from groundstation.paths.checks import highest_points, path_findings
 from onboard.config.fleet import ConfigError, FleetConfig
@@ -28,7 +28,7 @@ from onboard.safety.area_room import length_beyond_m
 from onboard.tuples import Xyz
 
 _SPARE_PCT = 10.0  # charge at the end above the level at which a vehicle lands by itself
-_DETOUR_FACTOR = 1.7  # recommended time limit divided by the duration of the straight way
+_DETOUR_FACTOR = 1.7  # recommended time limit divided by the duration of a straight flight
 # Time that a step with paths needs in addition to its longest path: 3 s from the order to their
 # start, and the time for which the others wait for one vehicle that falls behind.
 _PATH_SPARE_S = 3.0 + CATCH_UP_LIMIT_S
@@ -134,7 +134,7 @@ def _path_step_findings(
     """Yield findings about a step whose vehicles follow paths."""
     paths = course_step.paths
     yield from path_findings(fleet, paths, where, errors=errors)
-    yield from _unreachable_findings(
+    yield from _reach_findings(
         fleet, course_step, where, begins_of(paths), "first point of the path"
     )
     yield from crossing_findings(fleet, paths, where)
@@ -156,9 +156,9 @@ def _order_findings(
     )
     if isinstance(order, GoalIntent) and order.speed_m_s is not None:
         yield _speed_finding(fleet, order.speed_m_s, course_step, where)
-    yield from _unreachable_findings(fleet, course_step, where, course_step.goals, "goal")
+    yield from _reach_findings(fleet, course_step, where, course_step.goals, "goal")
     if fleet.fences:
-        yield from _way_findings(fleet, course_step, where)
+        yield from _straight_line_findings(fleet, course_step, where)
 
     if not isinstance(order, Land | Home):
         positions = {**course_step.positions, **course_step.goals}
@@ -270,14 +270,14 @@ def _speed_finding(
     )
 
 
-def _unreachable_findings(
+def _reach_findings(
     fleet: FleetConfig,
     course_step: CourseStep,
     where: str,
     goals: Mapping[str, Xyz],
     noun: str,
 ) -> Iterator[Finding]:
-    """Yield the finding about goals to which obstacles, fences or raised ground leave no way.
+    """Yield the finding about goals to which obstacles, fences or raised ground leave no route.
 
     The goals of paths are their first points; the noun names a goal in the sentence.
     """
@@ -285,22 +285,22 @@ def _unreachable_findings(
     if isinstance(course_step.step, Land | Home):  # it ends on the ground
         clearance_share = None
 
-    without_way = {}
+    without_route = {}
     for name, goal in goals.items():
         begin = course_step.positions.get(name)
         if begin is None:  # a path of a vehicle that was disabled after the loading
             continue
         words = reach_refusal(fleet, name, begin, goal, clearance_share)
         if words:
-            without_way[name] = words
-    if not without_way:
+            without_route[name] = words
+    if not without_route:
         return
 
-    name, words = next(iter(without_way.items()))
+    name, words = next(iter(without_route.items()))
     yield at_most(
         name="reach",
         where=where,
-        value=float(len(without_way)),
+        value=float(len(without_route)),
         bound=0.0,
         unit="",
         sentence=f"{capitalised(where)}: the {noun} of {name} {words}",
@@ -308,8 +308,10 @@ def _unreachable_findings(
     )
 
 
-def _way_findings(fleet: FleetConfig, course_step: CourseStep, where: str) -> Iterator[Finding]:
-    """Yield the finding about the vehicle with most of its straight way beyond a fence's edge."""
+def _straight_line_findings(
+    fleet: FleetConfig, course_step: CourseStep, where: str
+) -> Iterator[Finding]:
+    """Yield the finding about the straight line to a goal that lies farthest beyond fences."""
     areas = flight_space_of(fleet).areas
     beyond_m = {
         name: length_beyond_m(areas, course_step.positions[name], goal)
@@ -325,9 +327,9 @@ def _way_findings(fleet: FleetConfig, course_step: CourseStep, where: str) -> It
         value=beyond_m[farthest],
         bound=0.0,
         unit="m",
-        sentence=f"{capitalised(where)}: <value> of the straight way of {farthest} lie "
-        "beyond a fence or in its buffer; it is led around, which takes longer",
-        remedy="Put a goal between, from which both ways are free.",
+        sentence=f"{capitalised(where)}: <value> of the straight line from {farthest} to its goal "
+        "lie beyond a fence or in its buffer; the vehicle is led around, which takes longer",
+        remedy="Put a goal between, so that both straight lines are free.",
         refuse_above=math.inf,
     )
 

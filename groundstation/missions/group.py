@@ -28,7 +28,6 @@ from groundstation.fleet.state import FleetState
 from groundstation.fleet.stoppable import stoppable
 from groundstation.formations.frame import FormationPaths
 from groundstation.formations.slots import formation_names, formation_slots
-from groundstation.mission_files.path_ways import path_refusals
 from groundstation.mission_files.wall_time import (
     WallTime,
     check_wall_time,
@@ -82,6 +81,7 @@ from groundstation.orders.intents import (
     Yaw,
     means_all,
 )
+from groundstation.orders.obstacle_crossings import path_refusals
 from groundstation.orders.path_orders import OnLag
 from groundstation.orders.result import OrderFailed, Results
 from groundstation.paths.lights import TimedColour

@@ -14,7 +14,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from groundstation.orders.intents import Intent
-from groundstation.orders.reachable_goals import way_m
+from groundstation.orders.reachable_goals import route_length_m
 from onboard.arrays import Array
 from onboard.config.fleet import FleetConfig
 from onboard.config.flight_space import flight_space_of
@@ -32,7 +32,7 @@ _PATH_POINTS = 80  # approximate number of drawn points of each path
 _MANY_VEHICLES = 20  # largest fleet that is flown ahead more than once
 _SPARE_S = 10.0  # time that a flight may take beyond its expected duration
 _LONGEST_S = 90.0  # longest flight that is computed
-_DETOUR = 4.0  # expected duration over the duration of the longest way at top speed
+_DETOUR = 4.0  # expected duration over the duration of the longest route at top speed
 _CLOSER_M = 0.02  # least decrease of a distance that counts as caused by the order
 
 
@@ -90,11 +90,12 @@ def forecast(
     goal_enu_m = np.array([legs[name].goal_enu_m for name in names])
     ordered_s = max(leg.duration_s for leg in legs.values())
 
-    ways_m = {
-        name: way_m(fleet, name, leg.start_enu_m, leg.goal_enu_m) for name, leg in legs.items()
+    lengths_m = {
+        name: route_length_m(fleet, name, leg.start_enu_m, leg.goal_enu_m)
+        for name, leg in legs.items()
     }
     slowest_m_s = min(fleet.vehicles[name].max_speed_m_s for name in names)
-    expected_s = max(ordered_s, _DETOUR * max(ways_m.values()) / slowest_m_s)
+    expected_s = max(ordered_s, _DETOUR * max(lengths_m.values()) / slowest_m_s)
 
     if len(names) > _MANY_VEHICLES:
         seeds = seeds[:1]
@@ -124,7 +125,7 @@ def forecast(
     duration_s = float(arrival_s.max())
     held_up: dict[str, str] = {}
     if math.isinf(duration_s):
-        held_up = _held_up(flight.trace_enu_m[-1, arrival_s.argmax()], goal_enu_m, ways_m)
+        held_up = _held_up(flight.trace_enu_m[-1, arrival_s.argmax()], goal_enu_m, lengths_m)
 
     if is_takeoff:
         duration_s += TAKEOFF_START_S
@@ -209,24 +210,26 @@ def _closest(
     return float(gaps_m[tick, index]), pair, int(tick) * TICK_S
 
 
-def _held_up(end_enu_m: Array, goal_enu_m: Array, ways_m: Mapping[str, float]) -> dict[str, str]:
+def _held_up(end_enu_m: Array, goal_enu_m: Array, lengths_m: Mapping[str, float]) -> dict[str, str]:
     """Return the vehicles that have not arrived, with the vehicle nearest to each.
 
     Two vehicles that block each other push each other off their goals. So of two that are nearest
-    to each other, only the one with the longer way is returned.
+    to each other, only the one with the longer route is returned.
 
     Args:
         end_enu_m: last positions [m] of the N vehicles, (N, 3).
         goal_enu_m: their goals [m], (N, 3).
-        ways_m: their names, with the lengths of their ways [m].
+        lengths_m: their names, with the lengths of their routes [m].
     """
     held_up: dict[str, str] = {}
-    if len(ways_m) < 2:
+    if len(lengths_m) < 2:
         return held_up
 
-    names = tuple(ways_m)
+    names = tuple(lengths_m)
     from_goal_m = np.linalg.norm(end_enu_m - goal_enu_m, axis=-1)
-    longest_first = sorted(range(len(names)), key=lambda index: ways_m[names[index]], reverse=True)
+    longest_first = sorted(
+        range(len(names)), key=lambda index: lengths_m[names[index]], reverse=True
+    )
     for index in longest_first:
         if from_goal_m[index] <= ARRIVED_M:
             continue

@@ -483,7 +483,7 @@ def _goal_refusals(
     for name, goal in goals_enu_m.items():
         refusal = _space_refusal(name, goal, fleet)
         if refusal is None:
-            refusal = _way_refusal(name, goal, fleet, state)
+            refusal = _route_refusal(name, goal, fleet, state)
         if refusal is not None:
             refusals[name] = refusal
 
@@ -522,8 +522,10 @@ def _space_refusal(name: str, goal: Xyz, fleet: FleetConfig) -> str | None:
     return None
 
 
-def _way_refusal(name: str, goal: Xyz, fleet: FleetConfig, state: FleetState | None) -> str | None:
-    """Return why a vehicle finds no way to a goal from where it is; None if it finds one."""
+def _route_refusal(
+    name: str, goal: Xyz, fleet: FleetConfig, state: FleetState | None
+) -> str | None:
+    """Return why a vehicle finds no route to a goal from where it is; None if it finds one."""
     view = None if state is None else state.vehicles.get(name)
     telemetry = None if view is None else view.telemetry
     if telemetry is None or not telemetry.is_position_valid:

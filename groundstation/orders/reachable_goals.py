@@ -1,7 +1,7 @@
-"""The ways of a fleet file's vehicles to their goals: whether there are any, how long they are, and
-how long they take.
+"""The routes of a fleet file's vehicles to their goals: whether there are any, how long they are,
+and how long they take.
 
-The map of what stands in a vehicle's way is computed once, and kept for later questions.
+The map of what surrounds a vehicle is computed once, and kept for later questions.
 """
 
 from __future__ import annotations
@@ -71,8 +71,8 @@ def height_of_goal_m(
     )
 
 
-def way_m(fleet: FleetConfig, name: str, begin_enu_m: Xyz, goal_enu_m: Xyz) -> float:
-    """Return the length [m] of a vehicle's way to a goal, around what stands still.
+def route_length_m(fleet: FleetConfig, name: str, begin_enu_m: Xyz, goal_enu_m: Xyz) -> float:
+    """Return the length [m] of a vehicle's route to a goal, around what stands still.
 
     Args:
         fleet: the fleet file.
@@ -90,17 +90,17 @@ def shortest_move_s(fleet: FleetConfig, name: str, begin_enu_m: Xyz, goal_enu_m:
         name: one of its vehicles.
         begin_enu_m, goal_enu_m: position of the vehicle, and the goal [m], ENU.
     """
-    distance_m = way_m(fleet, name, begin_enu_m, goal_enu_m)
+    distance_m = route_length_m(fleet, name, begin_enu_m, goal_enu_m)
     climb_m = goal_enu_m[2] - begin_enu_m[2]
     return shortest_leg_s(fleet.vehicles[name], distance_m, climb_m)
 
 
 def shortest_leg_s(vehicle: Vehicle, distance_m: float, climb_m: float) -> float:
-    """Return the shortest time [s] of a way from rest to rest within a vehicle's limits.
+    """Return the shortest time [s] of a flight from rest to rest within a vehicle's limits.
 
     Args:
         vehicle: its entry in the fleet file.
-        distance_m: length of the way.
+        distance_m: length of its route.
         climb_m: height of the end above the begin; negative for a descent.
     """
     bounds = TrajectoryParams(

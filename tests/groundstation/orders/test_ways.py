@@ -14,7 +14,7 @@ from groundstation.mission_files.mission_findings import mission_findings
 from groundstation.orders.grammar import parse
 from groundstation.orders.held_formation import HeldFormation
 from groundstation.orders.plan import plan_order
-from groundstation.orders.reachable_goals import way_m
+from groundstation.orders.reachable_goals import route_length_m
 from onboard.config.fleet import FleetConfig, fleet_from_mapping
 from onboard.control.vertical_limits import planned_m_s2
 
@@ -61,8 +61,8 @@ def alone_s(flown: FleetConfig, timeout_s: float = 40.0, **move: object) -> tupl
 
 
 def test_the_way_around_a_wall_is_longer_than_the_straight_line() -> None:
-    straight_m = way_m(fleet(has_wall=False), "mav0", BEGIN, BEHIND)
-    around_m = way_m(fleet(has_wall=True), "mav0", BEGIN, BEHIND)
+    straight_m = route_length_m(fleet(has_wall=False), "mav0", BEGIN, BEHIND)
+    around_m = route_length_m(fleet(has_wall=True), "mav0", BEGIN, BEHIND)
     assert straight_m == pytest.approx(4.61, abs=0.01)
     assert around_m > 1.3 * straight_m
 

@@ -1,4 +1,4 @@
-"""What ``covey check`` says about fences: room to stop, buffers in the wind, and straight ways."""
+"""What ``covey check`` says about fences: room to stop, buffers in the wind, and straight lines."""
 
 from __future__ import annotations
 
@@ -70,7 +70,7 @@ def test_a_straight_way_across_the_bay_of_a_field_draws_a_warning() -> None:
     finding = named(mission_findings(mission), "ways")
     assert finding.status == "warning"
     assert finding.value == pytest.approx(4.18, abs=0.06)  # from x = 0.2 to y = 0.2 m
-    assert "of the straight way of mav0 lie beyond a fence or in its buffer" in finding.sentence
+    assert "of the straight line from mav0 to its goal lie beyond a fence" in finding.sentence
 
     del steps[1]
     mission = mission_from_mapping({"schema": 1, "step": steps}, path="m.toml", fleet=fleet())

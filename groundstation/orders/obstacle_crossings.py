@@ -1,12 +1,13 @@
 """Findings about paths that lead through obstacles. Pure.
 
-A vehicle on a path is steered by the law alone, which knows no way around. It slides along the
-outline of a thin obstacle while its path passes on the other side, and stays behind at a wide one.
-So the way around decides: where it is much longer than the path, the vehicle does not keep up.
+On a path no router leads the vehicle: only the law keeps it away from obstacles, and the law finds
+no route. The vehicle slides along the outline of a thin obstacle while its path passes on the other
+side, and stays behind at a wide one. So the detour decides: where the route around the obstacle is
+much longer than the path, the vehicle does not keep up.
 
-Where a path comes out near the place at which it went in, the time inside decides, too. The vehicle
-waits outside, farther behind than it may be, and leaves its path when its time to catch up is used
-up.
+Where a path comes out of an obstacle near the point at which it went in, the time inside decides,
+too. The vehicle waits outside, farther behind than it may be, and leaves its path when its time to
+catch up is used up.
 """
 
 from __future__ import annotations
@@ -17,7 +18,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from groundstation.orders.reachable_goals import reach_refusal, way_m
+from groundstation.orders.reachable_goals import reach_refusal, route_length_m
 from groundstation.paths.checks import obstacle_clearances_m, path_findings, refusals, sample
 from onboard.arrays import Array
 from onboard.config.fleet import FleetConfig
@@ -27,12 +28,12 @@ from onboard.flight.path_flight import BEHIND_M, CATCH_UP_LIMIT_S, CAUGHT_UP_M, 
 from onboard.plain_text import capitalised
 from onboard.tuples import Xyz
 
-# Most that the way around an obstacle is longer than the path. In lockstep flights at 0.25 m/s a
-# vehicle keeps up around a pillar with a radius of 0.3 m (1.0 m longer) and around the near end of
-# a wall (1.2 m). Around a pillar of 0.5 m (1.24 m longer), around a wall of 1 m by its middle
-# (1.6 m) and around more it stays behind until it leaves its path.
-_LONGER_M = 1.2
-_SPARE_M = 0.05  # the way around begins and ends this much farther from the obstacle than needed
+# Largest difference between the route around an obstacle and the path. In lockstep flights at
+# 0.25 m/s a vehicle keeps up around a pillar with a radius of 0.3 m (1.0 m longer) and around the
+# near end of a wall (1.2 m). Around a pillar of 0.5 m (1.24 m longer), around a wall of 1 m by its
+# middle (1.6 m) and around more it stays behind until it leaves its path.
+_LONGEST_DETOUR_M = 1.2
+_SPARE_M = 0.05  # the route begins and ends this much farther from the obstacle than needed
 # Longest time on the path for which a vehicle may be too far behind. In flight it is
 # CATCH_UP_LIMIT_S, in which the clock of the path runs at the slowest rate.
 _BEHIND_S = SLOWEST_RATE * CATCH_UP_LIMIT_S
@@ -61,15 +62,15 @@ def crossing_findings(
     if not fleet.obstacles:
         return
 
-    ways = []
+    detours = []
     times = []
     flown = sample(paths)
     for index, name in enumerate(flown.names):
         for crossing in _crossings(fleet, flown.times_s, flown.values[0, :, index, :3]):
-            ways.append(_way_finding(fleet, name, crossing, where))
+            detours.append(_detour_finding(fleet, name, crossing, where))
             times.append(_time_finding(name, crossing, where))
-    if ways:
-        yield worst(ways)
+    if detours:
+        yield worst(detours)
         yield worst(times)
 
 
@@ -131,27 +132,27 @@ def _samples_behind(lags_m: Array) -> int:
     return count
 
 
-def _way_finding(fleet: FleetConfig, name: str, crossing: _Crossing, where: str) -> Finding:
-    """Return the finding about the way around the obstacle of one part of a path."""
+def _detour_finding(fleet: FleetConfig, name: str, crossing: _Crossing, where: str) -> Finding:
+    """Return the finding about the detour around the obstacle of one part of a path."""
     begin = crossing.begin_enu_m
     end = crossing.end_enu_m
-    around_m = way_m(fleet, name, begin, end)
-    sentence = _begin_of_sentence(name, crossing, where)
-    refuse_above = _LONGER_M
+    around_m = route_length_m(fleet, name, begin, end)
+    sentence = _crossing_words(name, crossing, where)
+    refuse_above = _LONGEST_DETOUR_M
     if reach_refusal(fleet, name, begin, end):
-        sentence += "no way leads around it"
+        sentence += "no route leads around it"
         refuse_above = -math.inf
     else:
         sentence += (
-            "the way around is <value> longer, and a vehicle keeps up with its path if that is "
-            "<relation> <bound>"
+            "the route around it is <value> longer, and a vehicle keeps up with its path if that "
+            "is <relation> <bound>"
         )
 
     return at_most(
         name="path through an obstacle",
         where=where,
         value=max(0.0, around_m - crossing.length_m),
-        bound=_LONGER_M,
+        bound=_LONGEST_DETOUR_M,
         unit="m",
         sentence=sentence,
         remedy="Lead the path around the obstacle.",
@@ -167,14 +168,14 @@ def _time_finding(name: str, crossing: _Crossing, where: str) -> Finding:
         value=crossing.behind_s,
         bound=_BEHIND_S,
         unit="s",
-        sentence=f"{_begin_of_sentence(name, crossing, where)}the obstacle keeps the vehicle more "
+        sentence=f"{_crossing_words(name, crossing, where)}the obstacle keeps the vehicle more "
         f"than {BEHIND_M:g} m behind for <value>, and a vehicle keeps up with its path if that is "
         "<relation> <bound>",
         remedy="Lead the path around the obstacle.",
     )
 
 
-def _begin_of_sentence(name: str, crossing: _Crossing, where: str) -> str:
+def _crossing_words(name: str, crossing: _Crossing, where: str) -> str:
     """Return the words that say which path leads through an obstacle, and when."""
     return (
         f"{capitalised(where)}: {name}'s path leads through an obstacle from "
