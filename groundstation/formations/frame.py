@@ -47,7 +47,7 @@ class FramePoint(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_onl
     duration_s: float = 0.0
 
 
-class Begin(msgspec.Struct, frozen=True, kw_only=True):
+class FormationStart(msgspec.Struct, frozen=True, kw_only=True):
     """A formation before it sets off."""
 
     name: str
@@ -90,7 +90,7 @@ class _Keyframe(NamedTuple):
 
 def frame_paths(
     fleet: FleetConfig,
-    begin: Begin,
+    start: FormationStart,
     points: Sequence[FramePoint],
     positions: Mapping[str, Xyz] | None = None,
 ) -> FormationPaths:
@@ -100,7 +100,7 @@ def frame_paths(
 
     Args:
         fleet: the fleet file.
-        begin: the formation at the start.
+        start: the formation before it sets off.
         points: points that are flown through.
         positions: positions of the vehicles before the start; they decide who gets which slot, in
             later shapes as well. None: each vehicle has its own slots, as always with a leader.
@@ -120,22 +120,22 @@ def frame_paths(
             "Fly it in several steps."
         )
 
-    if begin.leader is not None:
+    if start.leader is not None:
         positions = None
-    slots = _slots(fleet, begin.name, begin.spacing_m, begin.leader)
+    slots = _slots(fleet, start.name, start.spacing_m, start.leader)
     names = list(slots)
     takes = {vehicle: vehicle for vehicle in names}
     if positions is not None:
-        turned = stretched(slots, None, begin.rotation_deg)
-        takes = nearest_slots(turned, positions, begin.position_enu_m)
+        turned = stretched(slots, None, start.rotation_deg)
+        takes = nearest_slots(turned, positions, start.position_enu_m)
         slots = {vehicle: slots[takes[vehicle]] for vehicle in names}
 
     keyframes = [
         _Keyframe(
-            name=begin.name,
-            spacing_m=begin.spacing_m,
-            centre_enu_m=begin.position_enu_m,
-            angle_rad=math.radians(begin.rotation_deg),
+            name=start.name,
+            spacing_m=start.spacing_m,
+            centre_enu_m=start.position_enu_m,
+            angle_rad=math.radians(start.rotation_deg),
             slots=slots,
             takes=takes,
             time_s=0.0,
@@ -144,7 +144,7 @@ def frame_paths(
     slowest_m_s = min(fleet.vehicles[vehicle].max_speed_m_s for vehicle in names)
     for number, point in enumerate(points, start=1):
         before = keyframes[-1]
-        reached = _reached(fleet, begin, before, point, is_assigned=positions is not None)
+        reached = _reached(fleet, start, before, point, is_assigned=positions is not None)
         duration_s = point.duration_s
         if not duration_s:
             duration_s = max(_MIN_S, _longest_m(before, reached) / (_SPEED_SHARE * slowest_m_s))
@@ -177,13 +177,18 @@ def _held(keyframe: _Keyframe) -> HeldFormation:
 
 
 def _reached(
-    fleet: FleetConfig, begin: Begin, before: _Keyframe, point: FramePoint, *, is_assigned: bool
+    fleet: FleetConfig,
+    start: FormationStart,
+    before: _Keyframe,
+    point: FramePoint,
+    *,
+    is_assigned: bool,
 ) -> _Keyframe:
     """Return the frame at a point, still with the time of the keyframe before.
 
     Args:
         fleet: the fleet file.
-        begin: the formation at the start.
+        start: the formation before it sets off.
         before: the frame at the point before.
         point: the point.
         is_assigned: whether vehicles take the nearest slots of a new shape.
@@ -205,9 +210,9 @@ def _reached(
     elif point.name:
         spacing_m = None  # the new formation's own
 
-    slots = _slots(fleet, name, spacing_m, begin.leader)
+    slots = _slots(fleet, name, spacing_m, start.leader)
     if set(slots) != set(before.slots):
-        raise ConfigError(f"Formation '{name}' has slots for other vehicles than '{begin.name}'.")
+        raise ConfigError(f"Formation '{name}' has slots for other vehicles than '{start.name}'.")
     takes = {vehicle: vehicle for vehicle in before.slots}
     if is_assigned:
         takes = nearest_slots(slots, before.slots, (0.0, 0.0, 0.0))

@@ -22,7 +22,7 @@ from msgspec import structs
 
 from groundstation.fleet.slot_owners import by_slot_owner
 from groundstation.formations.assignment import nearest_slots
-from groundstation.formations.frame import Begin, FormationPaths, frame_paths
+from groundstation.formations.frame import FormationPaths, FormationStart, frame_paths
 from groundstation.formations.slots import formation_names, formation_slots
 from groundstation.mission_files.steps import (
     BlockStep,
@@ -158,7 +158,7 @@ def course(
             yield replace(course_step, index=index)
 
 
-def begins_of(paths: Mapping[str, Path]) -> dict[str, Xyz]:
+def first_points(paths: Mapping[str, Path]) -> dict[str, Xyz]:
     """Return the first point of each path [m], ENU.
 
     Args:
@@ -342,7 +342,7 @@ def formation_paths(
     Raises:
         ConfigError: see :func:`groundstation.formations.frame.frame_paths`.
     """
-    begin = Begin(
+    start = FormationStart(
         name=step.name,
         position_enu_m=step.position_enu_m,
         rotation_deg=step.rotation_deg,
@@ -350,8 +350,8 @@ def formation_paths(
         leader=step.leader,
     )
     if step.assign == "nearest":
-        return frame_paths(fleet, begin, step.to, positions)
-    return frame_paths(fleet, begin, step.to, None)
+        return frame_paths(fleet, start, step.to, positions)
+    return frame_paths(fleet, start, step.to, None)
 
 
 # -- one step after the other ----------------------------------------------------------------------
@@ -468,12 +468,14 @@ def _with_paths(
         return course_step
 
     ends = {name: _point(path, math.inf) for name, path in paths.items()}
-    to_begins_s = max(
-        _move_s(fleet, name, course_step.positions[name], begin, 0.0)
-        for name, begin in begins_of(paths).items()
+    to_first_points_s = max(
+        _move_s(fleet, name, course_step.positions[name], point, 0.0)
+        for name, point in first_points(paths).items()
     )
     longest_s = max(path.duration_s for path in paths.values())
-    return replace(course_step, goals=ends, expected_s=to_begins_s + _PATH_SETTLE_S + longest_s)
+    return replace(
+        course_step, goals=ends, expected_s=to_first_points_s + _PATH_SETTLE_S + longest_s
+    )
 
 
 def _with_order(

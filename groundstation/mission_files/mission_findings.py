@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 from collections.abc import Collection, Iterator, Mapping
 
-from groundstation.mission_files.expected_course import CourseStep, begins_of, expected_flight_s
+from groundstation.mission_files.expected_course import CourseStep, expected_flight_s, first_points
 from groundstation.mission_files.mission import Mission
 from groundstation.mission_files.steps import FlyFormationStep, FollowPathStep
 from groundstation.orders.intents import GoalIntent, Home, Intent, Land
@@ -135,7 +135,7 @@ def _path_step_findings(
     paths = course_step.paths
     yield from path_findings(fleet, paths, where, errors=errors)
     yield from _reach_findings(
-        fleet, course_step, where, begins_of(paths), "first point of the path"
+        fleet, course_step, where, first_points(paths), "first point of the path"
     )
     yield from crossing_findings(fleet, paths, where)
     yield from _descent_from_paths(fleet, course_step, where)

@@ -122,7 +122,7 @@ def time_refusal(mission: Mission, times: Mapping[str, WallTime], begin_ns: int)
         times: result of :func:`step_times`.
         begin_ns: start of the mission, by the wall clock [ns].
     """
-    known_s = 0.0  # time from the mission's start to the end of the latest timed step
+    timed_until_s = 0.0  # time from the mission's start to the end of the latest timed step
     since: list[CourseStep] = []  # steps after that one
     for course_step in mission.course():
         step = course_step.step
@@ -137,16 +137,16 @@ def time_refusal(mission: Mission, times: Mapping[str, WallTime], begin_ns: int)
         is_side_by_side = bool(course_step.branches)
         if written and not is_side_by_side:
             start_s = (times[written].wall_ns - begin_ns) * 1e-9
-            reached_s = known_s + expected_duration_s(since)
+            reached_s = timed_until_s + expected_duration_s(since)
             earliest_start_s = reached_s + course_step.expected_s - paths_s
             if start_s < earliest_start_s:
                 return (
                     f"{mission.path} was not begun: '{course_step.key}' ({step.do}) is to start at "
-                    f"{times[written].words}, {time_words(max(0.0, start_s))} after the mission's "
-                    f"begin, and what comes before it takes about {time_words(earliest_start_s)}. "
+                    f"{times[written].words}, {time_words(max(0.0, start_s))} after the mission "
+                    f"begins, and what comes before it takes about {time_words(earliest_start_s)}. "
                     "Give it a later time, or begin earlier."
                 )
-            known_s = start_s + paths_s
+            timed_until_s = start_s + paths_s
             since = []
         else:
             since.append(course_step)

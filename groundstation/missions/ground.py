@@ -423,8 +423,8 @@ class MissionGround:
             return "No order of the mission waits. Write pause: then the next one does."
         if not self._may_leave_out:
             return (
-                f"'{self._waiting}' brings the vehicles to the begin of their paths: the step "
-                "cannot go on without it."
+                f"'{self._waiting}' brings the vehicles to the first points of their paths: the "
+                "step cannot go on without it."
             )
         self._is_left_out = True
         self._next.set()

@@ -48,8 +48,10 @@ _LOAD_S = 10.0  # longest wait for the reply to one part of a path
 _LOOK_S = 0.5  # time between two checks for a pause
 _HOME_S = 120.0  # longest wait for vehicles that are brought home
 _LIGHT_S = 0.2  # time between two checks for a new colour
-_AT_BEGIN_M = 0.4  # largest distance from the first point before the start; agents allow AT_START_M
-_AT_BEGIN_S = 20.0  # longest wait for all vehicles to be there at the same time
+_AT_FIRST_POINT_M = (
+    0.4  # largest distance from the first point before the start; agents allow AT_START_M
+)
+_AT_FIRST_POINT_S = 20.0  # longest wait for all vehicles to be there at the same time
 _NO_PATH = "No path is flown, because the mission goes on without these vehicles."
 _SPARE_S = 0.3  # margin of the time that an order needs
 
@@ -193,15 +195,15 @@ async def _bring_to_first_points(ground: PathGround, taking_part: Callable[[], P
         ground: gives the mission's orders.
         taking_part: function that returns the paths of the vehicles that still take part.
     """
-    begins: dict[str, Xyz] = {}
+    first_points: dict[str, Xyz] = {}
     for name, path in taking_part().items():
-        begins[name] = point_at(path, 0.0).position_enu_m
+        first_points[name] = point_at(path, 0.0).position_enu_m
 
     client = ground.client
-    move_s = longest_move_s(client.fleet, client.state, begins)
-    to_begins = Goto(vehicles=tuple(begins), goals=begins)
-    await ground.order(to_begins, move_s + _LATE_S, may_be_left_out=False)
-    await _wait_at_begins(ground, {name: begins[name] for name in taking_part()})
+    move_s = longest_move_s(client.fleet, client.state, first_points)
+    to_first_points = Goto(vehicles=tuple(first_points), goals=first_points)
+    await ground.order(to_first_points, move_s + _LATE_S, may_be_left_out=False)
+    await _wait_at_first_points(ground, {name: first_points[name] for name in taking_part()})
 
 
 async def _flown(
@@ -370,8 +372,8 @@ async def _load(ground: PathGround, paths: Paths) -> None:
         _require_done(ground, results, "load_path")
 
 
-async def _wait_at_begins(ground: PathGround, begins: Mapping[str, Xyz]) -> None:
-    """Wait until all vehicles are at the begins of their paths at the same time, or not for long.
+async def _wait_at_first_points(ground: PathGround, first_points: Mapping[str, Xyz]) -> None:
+    """Wait until all vehicles are at the first points of their paths together, but not for long.
 
     A vehicle may have gone aside for others that arrived later. The agent of one that is still
     elsewhere after the wait refuses the start.
@@ -379,21 +381,21 @@ async def _wait_at_begins(ground: PathGround, begins: Mapping[str, Xyz]) -> None
     client = ground.client
 
     def are_there(state: FleetState) -> bool:
-        return not _away_from(state, begins)
+        return not _away_from(state, first_points)
 
-    away = _away_from(client.state, begins)
+    away = _away_from(client.state, first_points)
     if not away:
         return
-    ground.say(f"  waits until {listed(away)} is back at the begin of its path")
-    await client.wait_for(are_there, _AT_BEGIN_S)
+    ground.say(f"  waits until {listed(away)} is back at the first point of its path")
+    await client.wait_for(are_there, _AT_FIRST_POINT_S)
 
 
-def _away_from(state: FleetState, begins: Mapping[str, Xyz]) -> list[str]:
-    """Return the vehicles whose newest telemetry is not near the begins of their paths."""
+def _away_from(state: FleetState, first_points: Mapping[str, Xyz]) -> list[str]:
+    """Return the vehicles whose newest telemetry is not near the first points of their paths."""
     away = []
-    for name, begin in begins.items():
+    for name, point in first_points.items():
         telemetry = state.vehicles[name].telemetry
-        if telemetry is None or math.dist(telemetry.position_enu_m, begin) > _AT_BEGIN_M:
+        if telemetry is None or math.dist(telemetry.position_enu_m, point) > _AT_FIRST_POINT_M:
             away.append(name)
     return away
 
@@ -413,7 +415,8 @@ async def _start_at(
         if countdown.left_s < AHEAD_S:
             raise CountdownEnded(
                 f"{at.words} comes in {countdown.left_s:.1f} s, and a start is ordered "
-                f"{AHEAD_S:g} s ahead: the vehicles came too late to the begins of their paths."
+                f"{AHEAD_S:g} s ahead: the vehicles came too late to the first points of their "
+                "paths."
             )
         await count_down(countdown, ground.say, until_s=AHEAD_S + _SPARE_S)
 

@@ -321,7 +321,7 @@ async def stay(
         client.control.hand_over()
 
     say(
-        f"{taken.by} {taken.words}, {since_s:.1f} s after the mission's begin, and has the fleet. "
+        f"{taken.by} {taken.words}, {since_s:.1f} s after the mission began, and has the fleet. "
         "Nobody is landed from here; Ctrl-C lands all."
     )
     say(

@@ -101,7 +101,7 @@ def shortest_leg_s(vehicle: Vehicle, distance_m: float, climb_m: float) -> float
     Args:
         vehicle: its entry in the fleet file.
         distance_m: length of its route.
-        climb_m: height of the end above the begin; negative for a descent.
+        climb_m: height of the end above the first point; negative for a descent.
     """
     bounds = TrajectoryParams(
         max_speed_m_s=vehicle.max_speed_m_s,

@@ -179,7 +179,7 @@ globalThis.Covey ??= {};
       element(
         "p",
         { className: "soft" },
-        "Battery: at the begin, and its least. The law: its largest change of the thrust, and how long it changed it.",
+        "Battery: at first, and its least. The law: its largest change of the thrust, and how long it changed it.",
         " Period of the loop (nominal 20 ms) and age of the neighbour that was silent for longest: the largest of the flight.",
       ),
     );

@@ -359,7 +359,7 @@ globalThis.Covey ??= {};
     /*
      * Adds a path through points (x, y, z, x, y, z, ...); where a number is NaN it is interrupted.
      *
-     * from, to: first and last point; isFading: its begin is transparent; dash: this many pieces are
+     * from, to: first and last point; isFading: its first part is transparent; dash: this many pieces are
      * drawn, then as many left out.
      */
     path(

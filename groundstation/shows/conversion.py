@@ -260,8 +260,8 @@ def _path(name: str, pieces: Sequence[Sequence[float]]) -> Path:
         return path_of(pieces)
     except ConfigError as error:
         raise ConfigError(
-            f"'{name}': with its wait, and with its begin and its end at rest, no vehicle can hold "
-            f"its path. {error} Design it shorter, or with fewer points."
+            f"'{name}': with its wait, and at rest at its first and last points, no vehicle can "
+            f"hold its path. {error} Design it shorter, or with fewer points."
         ) from None
 
 
@@ -311,13 +311,17 @@ def _accuracy_proposal(accuracy: Accuracy) -> str:
 
 def _assign_homes(flyable: Converted) -> None:
     """Assign homes near the starts of the paths, if that shortens the longest flight to a path."""
-    begins = {name: point_at(path, 0.0).position_enu_m for name, path in flyable.paths.items()}
+    first_points = {
+        name: point_at(path, 0.0).position_enu_m for name, path in flyable.paths.items()
+    }
     # each home, raised to the height at which its path begins
-    above_home = {name: (x, y, begins[name][2]) for name, (x, y, _) in flyable.homes.items()}
-    assigned = nearest_slots(above_home, begins, (0.0, 0.0, 0.0))
+    above_home = {name: (x, y, first_points[name][2]) for name, (x, y, _) in flyable.homes.items()}
+    assigned = nearest_slots(above_home, first_points, (0.0, 0.0, 0.0))
 
-    before_m = {name: math.dist(above_home[name], begins[name]) for name in above_home}
-    after_m = {name: math.dist(above_home[home], begins[name]) for name, home in assigned.items()}
+    before_m = {name: math.dist(above_home[name], first_points[name]) for name in above_home}
+    after_m = {
+        name: math.dist(above_home[home], first_points[name]) for name, home in assigned.items()
+    }
     if max(before_m.values()) - max(after_m.values()) < _ASSIGN_ABOVE_M:
         return
 
@@ -327,9 +331,9 @@ def _assign_homes(flyable: Converted) -> None:
             continue
         flyable.homes[name] = homes[home_owner]
         flyable.own_notes[name].append(
-            f"starts from {home_owner}'s home, {after_m[name]:.2f} m from the begin of its path "
-            f"instead of {before_m[name]:.2f} m: homes are dealt out such that the longest way to "
-            "a path is short"
+            f"starts from {home_owner}'s home, {after_m[name]:.2f} m from the first point of its "
+            f"path instead of {before_m[name]:.2f} m: homes are dealt out such that the longest "
+            "way to a path is short"
         )
 
 

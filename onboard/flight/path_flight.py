@@ -269,12 +269,12 @@ def start_refusal(
             f"The show would begin in {wait_s:.1f} s: order it 0 to {START_WITHIN_S:.0f} s ahead."
         )
 
-    begin = paths.point_at(flight.path, 0.0)
-    away_m = math.dist(begin.position_enu_m, position_enu_m)
+    first = paths.point_at(flight.path, 0.0)
+    away_m = math.dist(first.position_enu_m, position_enu_m)
     if away_m > AT_START_M:
         return (
-            f"The vehicle is {away_m:.2f} m from the begin of its path: "
-            f"move it there, to {AT_START_M:g} m."
+            f"The vehicle is {away_m:.2f} m from the first point of its path: "
+            f"move it to within {AT_START_M:g} m of it."
         )
     return None
 

@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from groundstation.formations.frame import Begin, FramePoint, frame_paths
+from groundstation.formations.frame import FormationStart, FramePoint, frame_paths
 from groundstation.orders.held_formation import held_slots
 from onboard.config.fleet import FleetConfig
 from onboard.control.path import point_at
@@ -37,9 +37,11 @@ def fleet() -> FleetConfig:
 def test_paths_end_in_the_formation_that_the_next_move_keeps(
     fleet: FleetConfig, points: list[FramePoint], *, is_nearest: bool, leader: str | None
 ) -> None:
-    begin = Begin(name="ring", position_enu_m=(0.0, 0.0, 2.0), rotation_deg=20.0, leader=leader)
+    start = FormationStart(
+        name="ring", position_enu_m=(0.0, 0.0, 2.0), rotation_deg=20.0, leader=leader
+    )
     starts = {name: vehicle.start_enu_m for name, vehicle in fleet.vehicles.items()}
-    paths = frame_paths(fleet, begin, points, starts if is_nearest else None)
+    paths = frame_paths(fleet, start, points, starts if is_nearest else None)
 
     slots = held_slots(fleet, paths.end)
     offsets = [

@@ -316,7 +316,7 @@ async def test_vehicles_that_come_too_late_to_their_paths_do_not_start(
     clock = client.wall_clock = MovableClock(client.now_ns)
     flown = Fleet(client)
     await flown.takeoff(1.0)
-    with pytest.raises(CountdownEnded, match="too late to the begins of their paths"):
+    with pytest.raises(CountdownEnded, match="too late to the first points of their paths"):
         await asyncio.wait_for(flown.follow_path(paths_of(fleet), at=clock.after(1.0)), 20.0)
     with pytest.raises(CountdownEnded, match="the vehicles came too late"):
         await asyncio.wait_for(flown.countdown(clock.after(-1.0)), 20.0)

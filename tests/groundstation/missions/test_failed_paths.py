@@ -18,7 +18,7 @@ from onboard.bus.schema import Event
 from onboard.bus.topics import Topic
 from onboard.config.fleet import FleetConfig
 from tests.groundstation.conftest import FakeBus
-from tests.groundstation.missions.test_path_begins import begin_above_the_starts
+from tests.groundstation.missions.test_first_points import begin_above_the_starts
 
 ALL = ("mav0", "mav1", "mav2")
 

@@ -346,7 +346,7 @@ def test_a_path_may_pass_hardly_beside_a_house(beside_m: float, is_taken: bool) 
     [
         (10.0, 0.5, None),
         (0.05, 0.0, None),
-        (10.0, 0.51, "from the begin of its path"),
+        (10.0, 0.51, "from the first point of its path"),
         (0.0, 0.0, "would begin in 0.0 s"),
         (59.9, 0.0, None),
         (60.0, 0.0, "would begin in 60.0 s"),

@@ -125,7 +125,9 @@ def test_what_cannot_be_followed_is_refused_in_words() -> None:
     assert "battery" in rig.order("follow_path", path=start(rig, good)).reason
     rig.battery_frac = 0.31
     rig.carry(1.0, 0.0, 1.0)
-    assert "from the begin of its path" in rig.order("follow_path", path=start(rig, good)).reason
+    assert (
+        "from the first point of its path" in rig.order("follow_path", path=start(rig, good)).reason
+    )
 
 
 def test_a_path_in_parts_is_complete_with_the_last_one() -> None:

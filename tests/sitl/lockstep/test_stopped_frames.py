@@ -13,7 +13,7 @@ from collections.abc import Awaitable, Callable
 
 import pytest
 
-from groundstation.formations.frame import Begin, FramePoint, frame_paths
+from groundstation.formations.frame import FormationStart, FramePoint, frame_paths
 from groundstation.missions.group import Group
 from groundstation.orders.result import OrderFailed
 from onboard.control.path import Path, point_at
@@ -32,12 +32,12 @@ Order = Callable[[Group], Awaitable[object]]
 
 def frame_of(flight: Lockstep) -> dict[str, Path]:
     """A ring that flies 1.5 m north, turns a quarter and becomes wider on its way."""
-    begin = Begin(name="ring", position_enu_m=(0.0, 0.0, HEIGHT_M))
+    start = FormationStart(name="ring", position_enu_m=(0.0, 0.0, HEIGHT_M))
     points = [
         FramePoint(position_enu_m=(0.0, 0.8, HEIGHT_M), turn_deg=45.0),
         FramePoint(position_enu_m=(0.0, 1.5, HEIGHT_M), turn_deg=45.0, spacing_m=2.0),
     ]
-    return frame_paths(flight.config, begin, points)
+    return frame_paths(flight.config, start, points)
 
 
 def stopped_at(

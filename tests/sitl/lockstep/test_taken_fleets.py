@@ -94,7 +94,7 @@ def test_covey_fly_stays_says_who_has_the_fleet_and_ends_with_its_landing(
     assert all(verdict.landed.values())
     text = "\n".join(said)
     assert "ada (ground-2) has ordered hold mav0,mav1,mav2" in text
-    assert "s after the mission's begin, and has the fleet." in text
+    assert "s after the mission began, and has the fleet." in text
     assert "Ctrl-C lands all" in text
     assert f"{paper.fleet.battery_land_pct:g} %" in text
     assert f"after {paper.fleet.ground_lost_land_s:g} s" in text

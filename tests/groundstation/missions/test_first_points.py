@@ -55,7 +55,7 @@ async def test_who_went_aside_for_others_that_came_later_is_waited_for(
         follow_paths(ground, paths, lights={}, on_lag="land", timeout_s=5.0)
     )
     await asyncio.sleep(1.5)
-    assert lines[-1] == "  waits until mav1 is back at the begin of its path"
+    assert lines[-1] == "  waits until mav1 is back at the first point of its path"
     assert starts() == []
 
     bus.tell("mav1", position_enu_m=(x, y, 1.0))
@@ -63,7 +63,7 @@ async def test_who_went_aside_for_others_that_came_later_is_waited_for(
     assert sorted(starts()) == sorted(fleet.enabled_names)
 
 
-async def test_vehicles_far_from_the_begins_of_their_paths_get_the_time_of_their_way(
+async def test_vehicles_far_from_the_first_points_of_their_paths_get_the_time_to_fly_there(
     fleet: FleetConfig, bus: FakeBus, client: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     paths = begin_above_the_starts(fleet, bus)
