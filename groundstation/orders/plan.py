@@ -48,8 +48,7 @@ from onboard.config.fleet import (
     parking_distance_m,
     parking_height_share,
 )
-from onboard.config.flight_space import flight_space_of
-from onboard.config.ground import least_height_m, touchable_ground_at_m
+from onboard.config.flight_space import flight_space_of, goal_refusal
 from onboard.config.pair_separation import separation_m
 from onboard.config.toml_reading import convert
 from onboard.control.raised_ground import CLEARANCE_IN_ORDER
@@ -498,28 +497,10 @@ def _goal_refusals(
 
 def _space_refusal(name: str, goal: Xyz, fleet: FleetConfig) -> str | None:
     """Return why a goal is outside the permitted space; None if it is inside."""
-    fence = fleet.fleet.geofence_m
-    goal_text = _goal_text(goal)
-    if not fence.contains(goal):
-        return (
-            f"{name}: the goal {goal_text} lies outside the "
-            f"fence x {list(fence.x)}, y {list(fence.y)}, z {list(fence.z)} m. "
-            "Choose one inside, above the ground."
-        )
-
-    area_words = flight_space_of(fleet).refusal(goal)
-    if area_words:
-        return f"{name}: the goal {goal_text} lies {area_words}. Choose another one."
-
-    x, y, height_m = goal
-    ground_m = float(touchable_ground_at_m(fleet, x, y))
-    least_m = least_height_m(fleet.vehicles[name])
-    if height_m < ground_m + least_m:
-        return (
-            f"{name}: the goal {goal_text} is less than {least_m:g} m above the ground at "
-            f"{ground_m:g} m. Choose a higher goal, or order land."
-        )
-    return None
+    words = goal_refusal(fleet, fleet.vehicles[name], goal)
+    if not words:
+        return None
+    return f"{name}: the goal {_goal_text(goal)} {words}."
 
 
 def _route_refusal(

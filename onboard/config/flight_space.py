@@ -14,7 +14,8 @@ from typing import NamedTuple
 from onboard.config import areas, fences
 from onboard.config.areas import Area, Point
 from onboard.config.earth import Origin
-from onboard.config.fleet_config import FleetConfig, Geofence
+from onboard.config.fleet_config import FleetConfig, Geofence, Vehicle
+from onboard.config.ground import least_height_m, touchable_ground_at_m
 from onboard.tuples import Xyz
 
 _ROUNDS = 8  # largest number of rounds in which a point is moved into all areas
@@ -185,6 +186,42 @@ def _room_m(area: Area, position_enu_m: Xyz) -> float:
     above_m = z - area.high_m - area.buffer_m
     below_m = area.low_m - area.buffer_m - z
     return max(room_m, above_m, below_m)
+
+
+def goal_refusal(fleet: FleetConfig, vehicle: Vehicle, goal_enu_m: Xyz) -> str:
+    """Return why a vehicle may not have a goal, and what to do; empty if it may.
+
+    A goal must lie inside the box and in the areas, and high enough above the ground. The words
+    follow the goal in a sentence, and lack the last full stop.
+
+    Args:
+        fleet: the fleet file.
+        vehicle: the vehicle.
+        goal_enu_m: its goal [m], ENU.
+    """
+    box = fleet.fleet.geofence_m
+    if not box.contains(goal_enu_m):
+        return (
+            f"lies outside the geofence x {list(box.x)}, y {list(box.y)}, z {list(box.z)} m. "
+            "Choose one inside, above the ground"
+        )
+
+    area_words = flight_space_of(fleet).refusal(goal_enu_m)
+    if area_words:
+        return f"lies {area_words}. Choose another one"
+
+    x, y, height_m = goal_enu_m
+    ground_m = float(touchable_ground_at_m(fleet, x, y))
+    least_m = least_height_m(vehicle)
+    if height_m < ground_m + least_m:
+        why = ""
+        if not vehicle.mocap_required:
+            why = " (its height is PX4's own, which errs by that much)"
+        return (
+            f"is less than {least_m:g} m above the ground at {ground_m:g} m{why}. "
+            "Choose a higher goal, or order land"
+        )
+    return ""
 
 
 def _refusal(area: Area, position_enu_m: Xyz) -> str:

@@ -14,8 +14,8 @@ from typing import NamedTuple
 from onboard.bus.codec import is_finite
 from onboard.bus.schema import BESIDE, ON_PATHS, Order, Telemetry
 from onboard.config.fleet import FleetConfig, FleetSection
-from onboard.config.flight_space import flight_space_of
-from onboard.config.ground import least_height_m, touchable_ground_at_m
+from onboard.config.flight_space import flight_space_of, goal_refusal
+from onboard.config.ground import least_height_m
 from onboard.config.pair_separation import separation_m
 from onboard.config.stand_in import stand_in_refusal
 from onboard.control.control_mode import ControlMode
@@ -378,7 +378,6 @@ def _refusal_to_move(order: Order, flight: FlightContext, facts: OrderFacts) -> 
         return not_followed
 
     vehicle = flight.vehicle
-    limits = facts.fleet.fleet
     goal = order.position_enu_m
     if goal is None or not is_finite(goal):
         return "A move needs a finite position [x, y, z] in metres."
@@ -391,23 +390,9 @@ def _refusal_to_move(order: Order, flight: FlightContext, facts: OrderFacts) -> 
         return "A heading needs a finite number of degrees, counterclockwise from east."
 
     goal_text = _goal_text(goal)
-    if not limits.geofence_m.contains(goal):
-        return f"Goal {goal_text} lies outside the geofence."
-    wrong_place = flight_space_of(facts.fleet).refusal(goal)
-    if wrong_place:
-        return f"Goal {goal_text} lies {wrong_place}."
-
-    goal_x_m, goal_y_m, goal_z_m = goal
-    ground_m = float(touchable_ground_at_m(facts.fleet, goal_x_m, goal_y_m))
-    least_m = least_height_m(vehicle)
-    if goal_z_m < ground_m + least_m:
-        why = ""
-        if not vehicle.mocap_required:
-            why = " (its height is PX4's own, which errs by that much)"
-        return (
-            f"Goal {goal_text} is less than {least_m:g} m above the ground at {ground_m:g} m"
-            f"{why}: choose a higher goal, or order land."
-        )
+    words = goal_refusal(facts.fleet, vehicle, goal)
+    if words:
+        return f"Goal {goal_text} {words}."
 
     if facts.view.has_position:
         here_enu_m = facts.view.position_enu_m

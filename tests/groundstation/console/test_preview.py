@@ -117,7 +117,7 @@ async def test_orders_that_vehicles_would_refuse_are_refused_before(rig: Rig) ->
         rig.stand()
         for order, reason in [
             ("move all 0 1 1", "mav0 does not fly (it is ready): order take-off first."),
-            ("move mav1 99 0 1", "outside the fence"),
+            ("move mav1 99 0 1", "outside the geofence"),
             ("takeoff all 55", "outside 0.2 to"),
             ("formation triangle 0.5 0 1 1", "keeps"),
         ]:

@@ -64,7 +64,7 @@ def test_what_is_no_goal_on_earth_is_refused_in_words(
 
 
 def test_a_goal_outside_of_a_fence_is_refused_as_one_in_metres_is() -> None:
-    with pytest.raises(ConfigError, match="outside the fence"):
+    with pytest.raises(ConfigError, match="outside the geofence"):
         steps_of({"do": "move", "vehicles": "mav0", "position_deg": at(50.0, 0.0, 1.0)})
     x, y, z = goal_enu_m(fleet(), *at(3.0, -2.0, 5.0))
     assert (x, y, z) == pytest.approx((3.0, -2.0, 5.0), abs=1e-6)

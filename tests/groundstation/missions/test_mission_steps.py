@@ -366,7 +366,7 @@ async def test_a_mission_goes_on_when_nobody_is_left_to_follow_a_path(
 def test_a_formation_that_is_farther_away_than_numbers_reach_is_refused(
     fleet: FleetConfig,
 ) -> None:
-    with pytest.raises(ConfigError, match="outside the fence"):
+    with pytest.raises(ConfigError, match="outside the geofence"):
         make(fleet, UP, {**TO_RING, "position_enu_m": [1e200, 0, 1]})
 
 

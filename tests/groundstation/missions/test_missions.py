@@ -71,7 +71,7 @@ def test_every_mission_of_the_repository_is_valid_for_its_fleet_or_for_both_that
         ([{"do": "wait", "duration_s": 0.0}], {}, "duration_s above 0"),
         ([{"do": "wait", "duration_s": float("nan")}], {}, "step[0].duration_s"),
         ([{"do": "formation", "name": "star", "position_enu_m": [0, 0, 1]}], {}, "star"),
-        ([{"do": "move", "position_enu_m": [3.9, 0, 1]}], {}, "outside the fence"),
+        ([{"do": "move", "position_enu_m": [3.9, 0, 1]}], {}, "outside the geofence"),
         ([{"do": "move", "position_enu_m": [0, 0]}], {}, "step[0].position_enu_m"),
         (HOP[1:], {}, "on the ground at this step"),
         ([*HOP, {"do": "land", "vehicles": "mav1"}, HOP[1]], {}, "mav1 would be on the ground"),

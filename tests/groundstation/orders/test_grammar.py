@@ -286,7 +286,7 @@ def test_if_one_slot_lies_outside_the_fence_nobody_moves_and_everyone_is_told_wh
 ) -> None:
     done = planned(parse("move all 3.5 0 1", fleet), fleet)
     assert not done.orders
-    assert "outside the fence" in done.refusals["mav2"]
+    assert "outside the geofence" in done.refusals["mav2"]
     assert "mav2 was refused" in done.refusals["mav0"]
 
 

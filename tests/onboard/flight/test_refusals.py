@@ -395,7 +395,7 @@ def test_no_path_is_begun_with_a_weak_battery(battery_frac: float, words: str) -
         ({"position_enu_m": (4.01, 0.0, 1.0)}, "outside the geofence"),
         ({"position_enu_m": (0.0, 0.0, 0.2)}, ""),
         ({"position_enu_m": (9.0, 0.0, 0.19)}, "outside the geofence"),
-        ({"position_enu_m": (0.0, 0.0, 0.19)}, "less than 0.2 m above the ground at 0 m: choose"),
+        ({"position_enu_m": (0.0, 0.0, 0.19)}, "less than 0.2 m above the ground at 0 m. Choose"),
     ],
 )
 def test_a_move_leads_to_a_goal_that_can_be_flown_to(order: dict[str, Any], words: str) -> None:

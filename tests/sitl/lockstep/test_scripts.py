@@ -292,7 +292,7 @@ def test_a_script_of_crazyswarm_is_refused_in_words(
     said = (tmp_path / "said.txt").read_text().splitlines()
     words = (
         "setpoints that are streamed",
-        "outside the fence",
+        "outside the geofence",
         "no trajectory 3",
         "would fall",
         "covey px4 params",
