@@ -31,7 +31,7 @@ import numpy as np
 from onboard.bus.schema import PathOrder, Telemetry
 from onboard.config.fleet import FleetConfig, Vehicle
 from onboard.config.flight_space import flight_space_of
-from onboard.config.ground import least_height_m, lowest_ground_in_fence_m
+from onboard.config.ground import least_height_m, touchable_ground_at_m
 from onboard.control import path as paths
 from onboard.control.path import Path, PathPoint
 from onboard.safety.area_room import clearances_m
@@ -346,13 +346,14 @@ def _path_refusal(path: Path, vehicle: Vehicle, fleet: FleetConfig) -> str | Non
             words = flight_space_of(fleet).refusal((x, y, z))
             return f"At {times_s[wrong]:.1f} s the path lies {words}."
 
-    ground_m = lowest_ground_in_fence_m(fleet)
+    ground_m = touchable_ground_at_m(fleet, position_enu_m[:, 0], position_enu_m[:, 1])
     least_m = least_height_m(vehicle)
     height_m = position_enu_m[:, 2] - ground_m
-    if height_m.min() < least_m:
+    lowest = int(height_m.argmin())
+    if height_m[lowest] < least_m:
         return (
-            f"The path is {height_m.min():.2f} m above the ground at {ground_m:g} m, at "
-            f"{times_s[height_m.argmin()]:.1f} s: {least_m:g} m is the least. Raise the path."
+            f"The path is {height_m[lowest]:.2f} m above the ground at {ground_m[lowest]:g} m, at "
+            f"{times_s[lowest]:.1f} s: {least_m:g} m is the least. Raise the path."
         )
 
     speed_m_s = np.sqrt((rates[:, :3] ** 2).sum(-1))

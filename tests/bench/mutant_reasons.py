@@ -572,7 +572,7 @@ ACCEPTED = (
                 _LARGER,
             ),
             ("is_wrong = clearances_m((area,), position_enu_m) < 0.0", _SMALLER),
-            ("if height_m.min() < least_m:", _SMALLER),
+            ("if height_m[lowest] < least_m:", _SMALLER),
             ("if speed_m_s.max() > _SPEED_ROOM * vehicle.max_speed_m_s:", _LARGER),
             ("if max(speed_m_s[0], speed_m_s[-1]) > _REST_M_S:", _LARGER),
         ),

@@ -91,6 +91,20 @@ def test_a_path_through_a_house_is_refused_with_its_time_and_one_above_it_is_not
             assert reply.reason.startswith("At 2.9 s")
 
 
+def test_a_path_through_a_table_of_a_spot_is_refused_and_one_above_it_is_not() -> None:
+    pair = fleet(("mav0", "mav1"))
+    for top_m, is_accepted in ((1.5, False), (0.7, True)):
+        raised = msgspec.structs.replace(pair.vehicles["mav1"], start_enu_m=(2.0, 0.0, top_m))
+        vehicles = {**pair.vehicles, "mav1": raised}
+        rig = Rig(AgentCore(msgspec.structs.replace(pair, vehicles=vehicles), "mav0", boot_id=7))
+        rig.fly()
+        (part,) = parts_of(line())
+        reply = rig.order("load_path", path=part)
+        assert reply.is_accepted == is_accepted
+        if not is_accepted:
+            assert "-0.50 m above the ground at 1.5 m" in reply.reason
+
+
 def test_what_cannot_be_followed_is_refused_in_words() -> None:
     rig = alone(0.31)
     rig.fly()
