@@ -40,7 +40,7 @@ class CountdownEnded(RuntimeError):
 
 
 class Countdown:
-    """One countdown; call :meth:`look` several times a second.
+    """One countdown; call :meth:`problem` several times a second.
 
     Args:
         clock: the clocks.

@@ -25,7 +25,7 @@ _HOME_S = 90.0  # longest wait for vehicles that are brought home
 class FollowGround(PauseGround, Protocol):
     """What a pause of followers needs from the flight's :class:`MissionGround`."""
 
-    watch: FleetWatch  # its look() returns who has taken the fleet from this ground, or None
+    watch: FleetWatch  # its takeover() returns who has taken the fleet from this ground, or None
 
 
 class FollowPause:

@@ -258,8 +258,8 @@ class MissionGround:
 
         Args:
             intent: an order that is not sent yet.
-            left_out_before: vehicles that were left out when it was given; it names them all the
-                same.
+            left_out_before: vehicles that were left out already when the order was given; if the
+                order names them, it is for them, too.
         """
         if not intent.is_start and not intent.has_goals:
             return intent.names

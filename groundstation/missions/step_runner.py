@@ -66,8 +66,7 @@ class StepRunner:
     Args:
         mission: mission file, loaded and checked.
         fleet: fleet that flies it.
-        times: how the mission file writes a wall-clock time -> the time. In simulated
-            time it is empty.
+        times: wall-clock times, by their text in the file; empty in simulated time.
     """
 
     def __init__(self, mission: Mission, fleet: Fleet, times: Mapping[str, WallTime]) -> None:
