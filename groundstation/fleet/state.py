@@ -277,6 +277,15 @@ class FleetState(Struct, frozen=True):
     silence_counts_from_ns: int = _NEVER  # this ground was stalled; until then no silence counts
     loop_late_s: float = 0.0  # largest lateness of this ground's event loop in the last seconds
 
+    def telemetry_of(self, name: str) -> Telemetry | None:
+        """Return the last telemetry of a vehicle, however old; None: it was never heard.
+
+        Args:
+            name: any name.
+        """
+        view = self.vehicles.get(name)
+        return None if view is None else view.telemetry
+
     def is_after_stall(self, now_ns: int) -> bool:
         """Whether this ground has just been stalled, so that silence does not count."""
         return now_ns < self.silence_counts_from_ns

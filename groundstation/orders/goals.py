@@ -18,7 +18,7 @@ from typing import Any, NamedTuple
 from msgspec.structs import replace
 
 from groundstation.fleet.slot_owners import by_vehicle, slot_owner_of, spot_of
-from groundstation.fleet.state import FleetState, VehicleView
+from groundstation.fleet.state import FleetState
 from groundstation.formations.assignment import nearest_slots, spots_without_crossing
 from groundstation.orders.held_formation import (
     HeldFormation,
@@ -39,6 +39,7 @@ from groundstation.orders.intents import (
     Yaw,
 )
 from groundstation.orders.reachable_goals import height_of_goal_m, shortest_leg_s
+from onboard.bus.schema import Telemetry
 from onboard.config.fleet import FleetConfig, Vehicle
 from onboard.config.ground import least_height_m, touchable_ground_at_m
 from onboard.tuples import Xyz
@@ -147,8 +148,7 @@ def _bring_home(intent: BringHome, facts: GoalFacts) -> Goals:
     for name in facts.names:
         position_enu_m = facts.spot_enu_m(name)
         if facts.state is not None:
-            view = facts.state.vehicles.get(name)
-            telemetry = None if view is None else view.telemetry
+            telemetry = facts.state.telemetry_of(name)
             if telemetry is None or not telemetry.is_position_valid:
                 continue
             position_enu_m = telemetry.position_enu_m
@@ -208,13 +208,13 @@ def _height_at_home_m(facts: GoalFacts, name: str, goal_enu_m: Xyz) -> float:
     It is the goal's own height if there is no such height below the fence's top.
     """
     _, _, height_m = goal_enu_m
-    view = None if facts.state is None else facts.state.vehicles.get(name)
-    if view is None or view.telemetry is None:  # it is not known where the flight begins
+    telemetry = None if facts.state is None else facts.state.telemetry_of(name)
+    if telemetry is None:  # it is not known where the flight begins
         return height_m
 
     # the order may begin anywhere from here to where the vehicle can stop
-    here_enu_m = view.telemetry.position_enu_m
-    velocity_enu_m_s = view.telemetry.velocity_enu_m_s
+    here_enu_m = telemetry.position_enu_m
+    velocity_enu_m_s = telemetry.velocity_enu_m_s
     braking_m_s2 = facts.fleet.vehicles[name].max_acceleration_m_s2
     braking_s = math.hypot(*velocity_enu_m_s) / (2.0 * braking_m_s2)
     x, y, z = (
@@ -334,7 +334,7 @@ def known_destinations(names: list[str], state: FleetState) -> dict[str, Xyz]:
     """
     destinations = {}
     for name in names:
-        destination = _destination(state.vehicles.get(name))
+        destination = _destination(state.telemetry_of(name))
         if destination is not None:
             destinations[name] = destination
     return destinations
@@ -347,9 +347,8 @@ def _destinations_or_starts(facts: GoalFacts) -> dict[str, Xyz]:
     return {name: facts.spot_enu_m(name) for name in facts.names}
 
 
-def _destination(view: VehicleView | None) -> Xyz | None:
+def _destination(telemetry: Telemetry | None) -> Xyz | None:
     """Return a vehicle's goal, or its position if it has no goal; None if it reports neither."""
-    telemetry = None if view is None else view.telemetry
     if telemetry is None or not telemetry.is_position_valid:
         return None
 

@@ -93,13 +93,11 @@ def formation_position(
     """
     positions = []
     for name in names:
-        view = state.vehicles.get(name)
-        if view is None or view.telemetry is None or name not in slots:
-            continue
-        if not view.telemetry.is_position_valid:
+        telemetry = state.telemetry_of(name)
+        if telemetry is None or not telemetry.is_position_valid or name not in slots:
             continue
 
-        x, y, z = view.telemetry.position_enu_m
+        x, y, z = telemetry.position_enu_m
         offset_x, offset_y, offset_z = slots[name]
         positions.append((x - offset_x, y - offset_y, z - offset_z))
 

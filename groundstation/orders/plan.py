@@ -20,7 +20,7 @@ import msgspec
 import numpy as np
 
 from groundstation.fleet.slot_owners import out_of_service, slot_owner_of
-from groundstation.fleet.state import FleetState, VehicleView
+from groundstation.fleet.state import FleetState
 from groundstation.fleet.stoppable import stoppable
 from groundstation.orders.goals import GoalFacts, Goals, goals_of
 from groundstation.orders.held_formation import HeldFormation, held_after, held_slots
@@ -40,7 +40,7 @@ from groundstation.orders.intents import (
 )
 from groundstation.orders.reachable_goals import reach_refusal
 from groundstation.orders.swap import names_that_hear, swap_refusals, with_slot_owner
-from onboard.bus.schema import BY_MISSION, ON_PATHS, Order
+from onboard.bus.schema import BY_MISSION, ON_PATHS, Order, Telemetry
 from onboard.config.fleet import (
     ConfigError,
     FleetConfig,
@@ -274,14 +274,13 @@ def _without_lost_on_ground(intent: Intent, state: FleetState | None) -> Intent:
     if state is None or not isinstance(intent, (Home, BringHome)) or not intent.is_everybody:
         return intent
 
-    names = tuple(name for name in intent.names if not _stands_lost(state.vehicles.get(name)))
+    names = tuple(name for name in intent.names if not _stands_lost(state.telemetry_of(name)))
     if not names:
         return intent
     return for_fewer(intent, names)
 
 
-def _stands_lost(view: VehicleView | None) -> bool:
-    telemetry = None if view is None else view.telemetry
+def _stands_lost(telemetry: Telemetry | None) -> bool:
     if telemetry is None:
         return False
     return not telemetry.is_airborne and not telemetry.is_position_valid
@@ -507,8 +506,7 @@ def _route_refusal(
     name: str, goal: Xyz, fleet: FleetConfig, state: FleetState | None
 ) -> str | None:
     """Return why a vehicle finds no route to a goal from where it is; None if it finds one."""
-    view = None if state is None else state.vehicles.get(name)
-    telemetry = None if view is None else view.telemetry
+    telemetry = None if state is None else state.telemetry_of(name)
     if telemetry is None or not telemetry.is_position_valid:
         return None
 
