@@ -97,13 +97,13 @@ class Walk:
     time_s: Array  # (n,)
     position_enu_m: Array  # (n, 3), NaN in gaps and while the person is not tracked
 
-    def place_at(self, time_s: float) -> Array:
+    def position_at(self, time_s: float) -> Array:
         """Return where the person was last seen before this time, or else first seen (3,)."""
         is_seen = np.isfinite(self.position_enu_m).all(-1)
         times_s = self.time_s[is_seen]
         before = int(np.searchsorted(times_s, time_s, side="right")) - 1
-        place: Array = self.position_enu_m[is_seen][max(before, 0)]
-        return place
+        position: Array = self.position_enu_m[is_seen][max(before, 0)]
+        return position
 
 
 @dataclass(frozen=True, slots=True)

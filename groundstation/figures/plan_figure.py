@@ -195,7 +195,7 @@ def _draw_walks(ax: Any, flight: FlightData) -> None:
     for walk in flight.walks:
         path_m = walk.position_enu_m
         ax.plot(path_m[:, 0], path_m[:, 1], color=LIMIT, linewidth=0.9, alpha=0.6)
-        east_m, north_m, _ = walk.place_at(time_s)
+        east_m, north_m, _ = walk.position_at(time_s)
         ax.add_patch(Circle((east_m, north_m), walk.radius_m, fill=False, color=LIMIT, lw=1.2))
         ax.annotate(
             walk.name,

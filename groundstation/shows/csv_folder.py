@@ -12,7 +12,7 @@ import numpy as np
 
 from groundstation.paths.lights import TimedColour, whole_colours
 from groundstation.paths.path_files import COLOURS, PathFile, read_columns, read_path
-from groundstation.shows.geographic import Places, origin_of, path_of_places, read_places
+from groundstation.shows.geographic import GeographicTrack, origin_of, path_of_track, read_track
 from groundstation.shows.show import (
     MAX_DRONES,
     Drone,
@@ -75,9 +75,9 @@ def read_folder(folder: FilePath) -> Show:
             f"{folder}: it has {len(files)} CSVs; a show has 1 to {MAX_DRONES}, one for each drone."
         )
 
-    places = {file: read_places(file) for file in files}
-    if any(places.values()):
-        return _geographic_show(folder, places)
+    tracks = {file: read_track(file) for file in files}
+    if any(tracks.values()):
+        return _geographic_show(folder, tracks)
 
     if sum(file.stat().st_size for file in files) > _MAX_BYTES:
         raise ConfigError(
@@ -101,17 +101,15 @@ def read_folder(folder: FilePath) -> Show:
     )
 
 
-def _geographic_show(folder: FilePath, places: Mapping[FilePath, Places | None]) -> Show:
+def _geographic_show(folder: FilePath, tracks: Mapping[FilePath, GeographicTrack | None]) -> Show:
     """Return a show whose CSVs have latitudes and longitudes.
 
     Raises:
         ConfigError: some CSVs have none.
     """
-    geographic = {
-        file: drone_places for file, drone_places in places.items() if drone_places is not None
-    }
-    if len(geographic) < len(places):
-        others = ", ".join(file.name for file in places if file not in geographic)
+    geographic = {file: track for file, track in tracks.items() if track is not None}
+    if len(geographic) < len(tracks):
+        others = ", ".join(file.name for file in tracks if file not in geographic)
         raise ConfigError(
             f"{folder}: {others} have no latitude and longitude, and the others have. Export all "
             "drones alike."
@@ -121,9 +119,9 @@ def _geographic_show(folder: FilePath, places: Mapping[FilePath, Places | None])
     drones: list[Drone] = []
     first_times_s: list[float] = []
     read: dict[str, PathFile] = {}  # by name of the file
-    for file, found in geographic.items():
-        read[file.name] = path_of_places(found, origin)
-        span_s = (found.first_s, found.first_s + float(found.times_s[-1]))
+    for file, track in geographic.items():
+        read[file.name] = path_of_track(track, origin)
+        span_s = (track.first_s, track.first_s + float(track.times_s[-1]))
         first_s, drone = _drone(file, read[file.name].path, span_s)
         first_times_s.append(first_s)
         # altitudes also tell how high a home lies above the lowest one

@@ -34,7 +34,7 @@ _KINDS = {
 _UNIT_AT_END = re.compile(r"[\s_]*[\[(]?\s*(ms|msec|sec|s|m|deg)?\s*[\])]?\s*$", re.IGNORECASE)
 
 
-class Places(NamedTuple):
+class GeographicTrack(NamedTuple):
     """Positions of one drone over time."""
 
     first_s: float  # time of the first one in the file
@@ -44,7 +44,7 @@ class Places(NamedTuple):
     altitudes_m: Array  # (T,)
 
 
-def read_places(file: FilePath) -> Places | None:
+def read_track(file: FilePath) -> GeographicTrack | None:
     """Return the positions in a CSV; None if it has no columns of latitude and longitude.
 
     Args:
@@ -82,33 +82,33 @@ def read_places(file: FilePath) -> Places | None:
     return _checked(file, numbers)
 
 
-def origin_of(places: Sequence[Places]) -> Origin:
+def origin_of(tracks: Sequence[GeographicTrack]) -> Origin:
     """Return the origin of a show: its first position, at its lowest altitude.
 
     Args:
-        places: positions of all drones.
+        tracks: positions of all drones.
     """
     return Origin(
-        latitude_deg=float(places[0].latitudes_deg[0]),
-        longitude_deg=float(places[0].longitudes_deg[0]),
-        altitude_m=float(min(drone.altitudes_m.min() for drone in places)),
+        latitude_deg=float(tracks[0].latitudes_deg[0]),
+        longitude_deg=float(tracks[0].longitudes_deg[0]),
+        altitude_m=float(min(drone.altitudes_m.min() for drone in tracks)),
     )
 
 
-def path_of_places(places: Places, origin: Origin) -> PathFile:
+def path_of_track(track: GeographicTrack, origin: Origin) -> PathFile:
     """Return a drone's path in metres east, north and up.
 
     Args:
-        places: positions of the drone.
+        track: positions of the drone.
         origin: origin of the show.
     """
-    on_earth = zip(places.latitudes_deg, places.longitudes_deg, strict=True)
+    on_earth = zip(track.latitudes_deg, track.longitudes_deg, strict=True)
     east_north = [east_north_m(origin, latitude, longitude) for latitude, longitude in on_earth]
-    up_m = places.altitudes_m - origin.altitude_m
-    yaw_rad = np.zeros(len(places.times_s))
+    up_m = track.altitudes_m - origin.altitude_m
+    yaw_rad = np.zeros(len(track.times_s))
     values = np.column_stack([east_north, up_m, yaw_rad])
     return PathFile(
-        path=fitted(places.times_s, values), would_swing=would_swing(places.times_s, values)
+        path=fitted(track.times_s, values), would_swing=would_swing(track.times_s, values)
     )
 
 
@@ -173,7 +173,7 @@ def _numbers(
     return values
 
 
-def _checked(file: FilePath, numbers: Array) -> Places:
+def _checked(file: FilePath, numbers: Array) -> GeographicTrack:
     """Return the positions of rows (T, 4) after checks.
 
     Raises:
@@ -195,7 +195,7 @@ def _checked(file: FilePath, numbers: Array) -> Places:
             f"{file}: latitudes lie within -90 and 90, longitudes within -180 and 180 degrees. "
             "Give degrees with decimals."
         )
-    return Places(
+    return GeographicTrack(
         first_s=float(times_s[0]),
         times_s=times_s - times_s[0],
         latitudes_deg=latitudes_deg,

@@ -301,9 +301,9 @@ def _geometry_fences(
                 yield Fence(name=hole_label, keep="out", polygon_deg=tuple(corners))
 
 
-def _swapped(place: Any, where: str) -> Degrees:
+def _swapped(point: Any, where: str) -> Degrees:
     """Return latitude and longitude of a GeoJSON position, whose longitude comes first."""
-    values = _items(place, where)
+    values = _items(point, where)
     if len(values) not in (2, 3):
         raise ConfigError(f"{where} has a point of {len(values)} numbers; write two.")
     longitude, latitude, *_ = values
@@ -347,8 +347,8 @@ def _items(value: Any, where: str) -> list[Any]:
     return value
 
 
-def _degrees(place: Any, where: str) -> Degrees:
-    values = _items(place, where)
+def _degrees(point: Any, where: str) -> Degrees:
+    values = _items(point, where)
     if len(values) != 2:
         raise ConfigError(
             f"{where} has a point of {len(values)} numbers; it has a latitude and a longitude."

@@ -80,7 +80,7 @@ class LiveScene:
 
         scene = SceneUpdate()
         section = self._fleet.fleet
-        places = {**people, **known}
+        positions = {**people, **known}
         for name, position in {**known, **lost}.items():
             view = state.vehicles[name]
             why_lost = ""
@@ -96,7 +96,7 @@ class LiveScene:
                 quaternion=_attitude(view, now_ns),
                 trail_enu_m=list(self._trails[name]),
                 goal_enu_m=_goal(view),
-                avoided_enu_m=places.get(_avoided(view)),
+                avoided_enu_m=positions.get(_avoided(view)),
             )
             entity = vehicle_entity(
                 look, section.safety_distance_m / 2.0, section.body_diameter_m, stamp_ns
@@ -149,12 +149,12 @@ class LiveScene:
 
 def _known_people(state: FleetState) -> dict[str, PointEnu]:
     """Return where each person was seen last, by name; without those who were never seen."""
-    places: dict[str, PointEnu] = {}
+    positions: dict[str, PointEnu] = {}
     for person in state.people:
         position = person.position_enu_m
         if position is not None and all(map(math.isfinite, position)):
-            places[person.name] = position
-    return places
+            positions[person.name] = position
+    return positions
 
 
 def _attitude(view: VehicleView, now_ns: int) -> Quaternion:

@@ -233,8 +233,8 @@ class NeighbourTable:
 
     def _hear_telemetry(self, message: Telemetry, received_ns: int) -> bool:
         """Keep a telemetry message; return whether it was used."""
-        has_places = is_plausible(message.position_enu_m, message.goal_position_enu_m)
-        if not has_places or math.isnan(message.state_age_s):
+        are_positions_plausible = is_plausible(message.position_enu_m, message.goal_position_enu_m)
+        if not are_positions_plausible or math.isnan(message.state_age_s):
             self.counts.malformed += 1
             return False
 

@@ -33,7 +33,7 @@ def test_a_person_is_a_walk_with_a_circle_where_he_was_when_two_vehicles_were_cl
 
     assert flight is not None
     [anna] = flight.walks  # ben was never seen
-    assert anna.place_at(10.0) == pytest.approx(walk(8.0), abs=0.02)
+    assert anna.position_at(10.0) == pytest.approx(walk(8.0), abs=0.02)
     assert flight.closest() is not None
 
     [axes] = plan_figure.draw(flight).axes
@@ -60,7 +60,7 @@ def test_the_line_of_a_person_crosses_no_time_in_which_nobody_saw_the_person(
     steps_m = np.linalg.norm(np.diff(anna.position_enu_m, axis=0), axis=-1)
     assert np.nanmax(steps_m) < 0.1
     assert np.isfinite(steps_m).sum() > 50
-    assert anna.place_at(4.5) == pytest.approx(walk(3.0), abs=0.1), "last seen there"
+    assert anna.position_at(4.5) == pytest.approx(walk(3.0), abs=0.1), "last seen there"
 
 
 def test_the_command_takes_the_persons_from_the_fleet_file(tmp_path: Path) -> None:
