@@ -383,6 +383,8 @@ class FleetClient:
     def newest_order(self, vehicle: str) -> OrderResult | None:
         """Return the newest order that a mission or a person at this ground has given a vehicle.
 
+        Orders beside a flight, such as `pause` or `locate`, do not count.
+
         Args:
             vehicle: name of the vehicle.
         """

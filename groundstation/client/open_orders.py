@@ -34,7 +34,7 @@ from groundstation.fleet.state import DIRECT_DISARMED, VehicleView
 from groundstation.orders.plan import PlannedOrder, stamped_anew
 from groundstation.orders.result import OrderResult, Phase, VehicleResult
 from onboard.bus.codec import Malformed
-from onboard.bus.schema import Event, Order, OrderReply
+from onboard.bus.schema import BESIDE, Event, Order, OrderReply
 from onboard.bus.topics import Topic
 from onboard.config.fleet import FleetConfig, Vehicle
 from onboard.safety.failsafe_table import Condition
@@ -110,8 +110,9 @@ class OpenOrders:
         self._said_of_direct: dict[str, set[str]] = {}
         self._unable: dict[str, str] = {}  # id of a land or kill -> why its agent cannot do it
         self.ids_of_missions: set[str] = set()  # ids of all orders of this ground's missions
-        self.newest_of_missions: dict[str, str] = {}  # vehicle -> id of the newest of these orders
-        self.newest: dict[str, OrderResult] = {}  # vehicle -> newest order, of anybody here
+        # vehicle -> newest order here that ends others, and id of the newest one of missions
+        self.newest: dict[str, OrderResult] = {}
+        self.newest_of_missions: dict[str, str] = {}
 
     def send(self, planned: PlannedOrder, *, is_by_mission: bool = False) -> OrderResult:
         """Send the messages of a planned order; callable from any thread.
@@ -125,11 +126,12 @@ class OpenOrders:
         """
         result = OrderResult(planned, is_by_mission=is_by_mission)
         if is_by_mission:
-            newest = {name: order.order_id for name, order in planned.orders.items()}
-            self.newest_of_missions.update(newest)
-            self.ids_of_missions.update(newest.values())
+            self.ids_of_missions.update(order.order_id for order in planned.orders.values())
         for vehicle, order in planned.orders.items():
-            self.newest[vehicle] = result
+            if order.kind not in BESIDE:
+                self.newest[vehicle] = result
+                if is_by_mission:
+                    self.newest_of_missions[vehicle] = order.order_id
             self._open[order.order_id] = result
             self._feed.tell_sinks(Topic.ORDER, vehicle, order)
 

@@ -153,7 +153,8 @@ class Fleet(Group):
             taken = self.ground.watch.takeover()
             if taken is None:
                 await self._leave(at_end)
-            else:
+                taken = self.ground.watch.takeover()
+            if taken is not None:
                 await self._leave_to(taken, begin_ns)
             return taken
         finally:
@@ -189,9 +190,12 @@ class Fleet(Group):
         if at_end == "home" and flying:
             results = await fly_home(self.client, flying, say=self.say)
             watch = self.ground.watch
-            taken = await watch.after_failure(results) or watch.taken_by_person(results)
-            if taken is not None:
+            if await watch.after_failure(results) is not None:
                 return  # that order stays
+            by_person = watch.ordered_by_person(results)
+            names = tuple(name for name in self._names if name not in by_person)
+            await self._land_all(names=names)
+            return
         await self._land_all()
 
     async def _leave_to(self, taken: Taken, begin_ns: int) -> None:

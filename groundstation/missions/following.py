@@ -27,11 +27,12 @@ from groundstation.missions.follow_pause import ORDERED, FollowPause
 from groundstation.missions.ground import MissionGround, step_result
 from groundstation.missions.taken import FleetTaken
 from groundstation.orders.intents import Goto, Hold
-from groundstation.orders.result import OrderFailed, Results, VehicleResult
+from groundstation.orders.result import OrderFailed, Phase, Results, VehicleResult
 from groundstation.paths.checks import LOWEST_M
 from onboard.config.fleet import ConfigError, FleetConfig, Vehicle
 from onboard.config.flight_space import flight_space_of
 from onboard.config.ground import least_height_m, touchable_ground_at_m
+from onboard.plain_text import listed
 from onboard.tuples import Xyz
 
 _PERIOD_S = 0.5
@@ -42,8 +43,6 @@ _MOVED_M = 0.1  # a goal that has moved less is not ordered again
 _REFUSED_S = 5.0  # longest time for which all goals of a vehicle may be refused
 _REFUSED_AT_END_S = 1.5  # longest such time just before the end
 _HEARD_S = 1.0  # longest wait for the leader's telemetry after this ground's link is back
-# these kinds of orders do not take a follower from its leader: all others do
-_BESIDE = ("pause", "resume", "skip", "locate")
 _INSIDE_M = 0.1  # smallest distance of goals from the fence
 _HOLD_S = 15.0  # longest wait for the hold at the end
 
@@ -193,8 +192,12 @@ class _Following:
         is_taken = self._ground.watch.takeover() is not None
         if not holding or is_taken:
             return
-        await self._ground.order(Hold(vehicles=tuple(holding)), _HOLD_S)
-        self._note_own_orders(holding)
+        held = await self._ground.order(Hold(vehicles=tuple(holding)), _HOLD_S)
+        for name in holding:
+            # another task or a person may have given an order during the wait
+            newest = self._client.newest_order(name)
+            if newest is not None and newest.results[name].order_id == held[name].order_id:
+                self._own_orders[name] = newest
         self._pause.begin_anew(holding)
 
     def _can_follow_leader(self) -> bool:
@@ -244,15 +247,13 @@ class _Following:
     def _note_stopped(self) -> None:
         """Note and say who follows no longer, by an order of the mission or by a failsafe."""
         self._forget(self._ground.left_out - self._left_out_before)
+        is_taken = self._ground.watch.takeover() is not None
+        if is_taken or self._pause.has_brought_home:  # all have other orders
+            return
         ordered = self._ordered_elsewhere()
         if ordered:
-            self._ground.say(
-                f"  {', '.join(ordered)} has another order, and follows {self._leader} no longer"
-            )
+            self._ground.say(f"  {listed(ordered)}: another order ends following {self._leader}")
             self._forget(ordered)
-        is_taken = self._ground.watch.takeover() is not None
-        if is_taken:  # somebody has given them other orders
-            return
 
         skipped = []
         for name, telemetry in self._pause.stopped().items():
@@ -270,20 +271,15 @@ class _Following:
         """Return the followers to which the mission or a person here has given another order."""
         if self._ground.is_ending:
             return []  # these are orders of the end; the next goals are refused because of it
-        ordered = []
-        for name in self._offsets:
-            newest = self._client.newest_order(name)
-            if newest is None or newest is self._own_orders[name]:
-                continue
-            is_refused = newest.results[name].phase in ("refused", "no answer")
-            if not is_refused and newest.planned.orders[name].kind not in _BESIDE:
-                ordered.append(name)
-        return ordered
+        not_taken = ("sent", "refused", "no answer")
+        return [name for name in self._offsets if self._other_order_phase(name) not in not_taken]
 
-    def _note_own_orders(self, names: Iterable[str]) -> None:
-        """Note that the newest orders of these vehicles are of the following itself."""
-        for name in names:
-            self._own_orders[name] = self._client.newest_order(name)
+    def _other_order_phase(self, name: str) -> Phase:
+        """Return how far a vehicle is with another order than this one's; "refused" if none."""
+        newest = self._client.newest_order(name)
+        if newest is None or newest is self._own_orders[name]:
+            return "refused"
+        return newest.results[name].phase
 
     def _fail_refused(self, *, is_over: bool) -> None:
         """Fail the vehicles whose goals were all refused for too long.
@@ -331,7 +327,17 @@ class _Following:
             ConfigError: the script's connection has ended.
             FleetTaken: an operator has taken the fleet.
         """
-        goals = _goals(self._client, self._leader, self._offsets)
+        view = self._client.state.vehicles[self._leader]
+        position_enu_m = view.position_enu_m(self._client.now_ns())
+        if position_enu_m is None or view.telemetry is None:
+            return
+        # a vehicle that has not answered another order may be about to take it
+        offsets = {
+            name: offset
+            for name, offset in self._offsets.items()
+            if self._other_order_phase(name) != "sent"
+        }
+        goals = _goals(self._client, position_enu_m, view.telemetry.velocity_enu_m_s, offsets)
         if not _have_moved(goals, self._accepted_goals):
             self._accepted_ns = dict.fromkeys(goals, self._client.now_ns())
             return
@@ -343,7 +349,8 @@ class _Following:
         goto = Goto(vehicles=tuple(goals), goals=goals, follows=self._leader)
         await self._ground.check_open(goto)
         order = await self._client.submit(goto, is_by_mission=True)
-        self._note_own_orders(order.planned.orders)
+        for name in order.planned.orders:
+            self._own_orders[name] = order
         for result in order.results.values():  # some may be refused already
             self._note_answer(goals, result)
         order.add_listener(functools.partial(self._note_answer, goals))
@@ -407,13 +414,10 @@ def _have_moved(goals: Mapping[str, Xyz], last_goals: Mapping[str, Xyz]) -> bool
     )
 
 
-def _goals(client: FleetClient, leader: str, offsets: Mapping[str, Xyz]) -> dict[str, Xyz]:
+def _goals(
+    client: FleetClient, position_enu_m: Xyz, velocity_enu_m_s: Xyz, offsets: Mapping[str, Xyz]
+) -> dict[str, Xyz]:
     """Return the followers' goals, ahead of the leader's present position and inside the fence."""
-    view = client.state.vehicles[leader]
-    position_enu_m = view.position_enu_m(client.now_ns())
-    assert position_enu_m is not None  # checked just before
-    assert view.telemetry is not None
-    velocity_enu_m_s = view.telemetry.velocity_enu_m_s
     ahead_enu_m = [
         coordinate_m + _AHEAD_S * speed_m_s
         for coordinate_m, speed_m_s in zip(position_enu_m, velocity_enu_m_s, strict=True)

@@ -127,7 +127,10 @@ class MissionGround:
                 "on without them. Enable one before it."
             )
 
-        self.leave_out_disabled()
+        # an order to disabled vehicles alone fails by their refusal
+        is_for_others = not out_of_service(self.client.state).issuperset(intent.names)
+        if not intent.names or is_for_others:
+            self.leave_out_disabled()
         intent = self._without_other_ends(with_checked_values(intent))
         if isinstance(intent, Takeoff) and len(intent.waves) > 1:
             return await self._take_off_in_waves(intent, timeout_s)
@@ -703,7 +706,7 @@ class MissionGround:
             self.leave_out(*failed)
             return
 
-        taken = self.watch.taken_by_person(results)
+        taken = self.watch.taken_by_person({name: results[name] for name in failed})
         if taken is not None:
             raise FleetTaken(taken)
         raise OrderFailed(intent, results)

@@ -608,9 +608,12 @@ class MissionRun:
             if flying:
                 results = await fly_home(self.client, flying, say=self.fleet.say)
                 watch = self.fleet.ground.watch
-                taken = await watch.after_failure(results) or watch.taken_by_person(results)
-                if taken is not None:
+                if await watch.after_failure(results) is not None:
                     return  # that order stays
+                by_person = watch.ordered_by_person(results)
+                names = tuple(name for name in self.fleet.names if name not in by_person)
+                await self.fleet.land_all(LAND_TIMEOUT_S, names=names)
+                return
         await self.fleet.land_all(LAND_TIMEOUT_S)
 
     def _is_heard(self, state: FleetState) -> bool:

@@ -148,24 +148,39 @@ class FleetWatch:
         return self.taken
 
     def taken_by_person(self, results: Results) -> Taken | None:
-        """Return the person here whose orders have replaced orders of the mission, if one has.
+        """Return the person here whose orders alone explain how an order of the mission ended.
 
         Call it if the mission cannot go on without the vehicles that did not do its order.
 
         Args:
-            results: results of that order.
+            results: results of these vehicles.
         """
+        ordered = self.ordered_by_person(results)
+        if len(ordered) < len(results):
+            return None
         vehicles_by_order: _VehiclesByOrder = {}
+        for name, order in ordered.items():
+            vehicles_by_order.setdefault(order, []).append(name)
+        self.taken = self._taken(vehicles_by_order, is_by_other=False)
+        return self.taken
+
+    def ordered_by_person(self, results: Results) -> dict[str, tuple[str, str]]:
+        """Return the vehicles whose order a person here has replaced: name -> author and verb.
+
+        Args:
+            results: results of an order of the mission.
+        """
+        ordered: dict[str, tuple[str, str]] = {}
+        if not self._client.has_person:
+            return ordered
         for name, result in results.items():
             telemetry = self._client.state.vehicles[name].telemetry
             if result.phase != "superseded" or telemetry is None:
                 continue
             verb = self._client.persons_verb(telemetry.taken_order_id)
             if verb:
-                order = (telemetry.taken_order_from, verb)
-                vehicles_by_order.setdefault(order, []).append(name)
-        self.taken = self._taken(vehicles_by_order, is_by_other=False)
-        return self.taken
+                ordered[name] = (telemetry.taken_order_from, verb)
+        return ordered
 
     async def whole_takeover(self, first: Taken) -> Taken:
         """Return a takeover with all vehicles of its order, which report it one after the other.

@@ -122,23 +122,34 @@ async def test_who_gets_another_order_of_the_script_follows_no_longer(
     flight.bus.tell("mav0", position_enu_m=(x, y + 0.5, z))
     assert list(await follow) == ["mav2"]
     assert len(flight.kinds_of("mav1")) == before
-    words = "mav1 has another order, and follows mav0 no longer"
+    words = "mav1: another order ends following mav0"
     assert [line.strip() for line in flight.lines].count(words) == 1
 
 
-@pytest.mark.parametrize("is_refused", [False, True])
+@pytest.mark.parametrize("how", ["", "refuse", "silent"])
 async def test_who_gets_an_order_of_a_person_here_follows_no_longer_if_it_takes_it(
-    flight: Flight, client: Any, is_refused: bool
+    flight: Flight, client: Any, how: str
 ) -> None:
-    follow = asyncio.create_task(flight.fleet.follow("mav0", 0.6, offsets=BESIDE))
+    follow = asyncio.create_task(flight.fleet.follow("mav0", 2.5, offsets=BESIDE))
     await asyncio.sleep(0.15)
-    if is_refused:
-        flight.bus.misbehave["mav1"] = "refuse"
+    if how:
+        flight.bus.misbehave["mav1"] = how
     results = await client.order("goto mav1 3 3 1", 5.0)
     flight.bus.misbehave.clear()
-    assert results["mav1"].is_done is not is_refused
+    assert results["mav1"].is_done is not bool(how)
     followed = await follow
-    assert set(followed) == ({"mav1", "mav2"} if is_refused else {"mav2"})
+    assert set(followed) == ({"mav1", "mav2"} if how else {"mav2"})
+
+
+async def test_locate_after_another_order_does_not_hide_that_order(
+    flight: Flight, client: Any
+) -> None:
+    follow = asyncio.create_task(flight.fleet.follow("mav0", 0.8, offsets=BESIDE))
+    await asyncio.sleep(0.15)
+    client.submit_now("goto mav1 3 3 1")
+    client.submit_now("locate mav1")
+    flight.bus.tell("mav0", velocity_enu_m_s=(0.5, 0.0, 0.0))
+    assert set(await follow) == {"mav2"}
 
 
 async def test_all_come_home_that_are_ordered_home_while_they_follow(flight: Flight) -> None:

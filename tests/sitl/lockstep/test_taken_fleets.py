@@ -280,6 +280,27 @@ def test_a_script_leaves_a_fleet_that_was_taken_as_it_is(lockstep: Any, paper: F
     assert not flight.state.vehicles["mav0"].is_airborne
 
 
+def test_a_script_that_ends_at_home_leaves_a_fleet_that_is_taken_on_its_way(
+    lockstep: Any, paper: FleetConfig
+) -> None:
+    flight = lockstep(paper, seed=3)
+    ada = second_ground(flight)
+
+    async def script() -> None:
+        async with Fleet.connect("paper", at_end="home") as fleet:
+            await fleet.takeoff(1.0)
+            await fleet.move((0.0, 1.5, 1.0))
+            flight.at(flight.time_s + 2.0, lambda: ada.submit_now("hold all"))
+            flight.at(flight.time_s + 12.0, lambda: ada.submit_now("land all"))
+
+    said: list[str] = []
+    flight.say = said.append
+    flight.wait_for(script())
+    assert "ada (ground-2) has ordered hold mav0,mav1,mav2: that stays" in "\n".join(said)
+    for name in NAMES:
+        assert _orders(flight)[name][-2:] == ["hold", "land"]
+
+
 def test_a_mission_is_not_begun_over_a_flying_fleet_and_nobody_lands(
     lockstep: Any, paper: FleetConfig
 ) -> None:

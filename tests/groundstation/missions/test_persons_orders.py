@@ -1,0 +1,73 @@
+"""Orders that a person at this ground gives beside a mission: whether they explain its failure."""
+
+from __future__ import annotations
+
+import asyncio
+import time
+from typing import Any
+
+import pytest
+
+from groundstation.missions.api import Fleet
+from groundstation.missions.taken import FleetTaken
+from groundstation.orders.result import OrderFailed
+from onboard.bus.schema import Event, Order
+from onboard.bus.topics import Topic
+
+
+def end(bus: Any, name: str, outcome: Any) -> None:
+    """Let a vehicle report how its order of the mission ended."""
+    (order,) = (order for vehicle, order in bus.orders if vehicle == name and is_of_mission(order))
+    event = Event(
+        vehicle=name,
+        stamp_ns=time.monotonic_ns(),
+        severity="info",
+        code="order",
+        sentence="The motor is weak.",
+        order_id=order.order_id,
+        order_outcome=outcome,
+    )
+    bus.on_message[Topic.EVENT](Topic.EVENT, name, event)
+
+
+def is_of_mission(order: Order) -> bool:
+    return order.kind == "move" and order.reason == "mission"
+
+
+@pytest.mark.parametrize("other", ["done", "failed"])
+async def test_a_persons_order_ends_a_mission_only_if_it_explains_all_that_went_wrong(
+    client: Any, bus: Any, other: str
+) -> None:
+    client.has_person = True
+    script = Fleet(client)
+    await script.takeoff(1.0)
+    bus.accept_only = {"move"}
+    moving = asyncio.create_task(script.move((0.5, 0.0, 1.0)))
+    await asyncio.sleep(0.1)
+    person = client.submit_now("yaw mav2 30")
+    bus.tell(
+        "mav2",
+        taken_order_id=person.results["mav2"].order_id,
+        taken_order_kind="move",
+        taken_order_from="olga",
+    )
+    await asyncio.sleep(0.1)
+
+    end(bus, "mav0", "done")
+    end(bus, "mav1", other)
+    end(bus, "mav2", "superseded")
+    if other == "done":
+        with pytest.raises(FleetTaken, match="olga has ordered yaw mav2: that stays"):
+            await moving
+    else:
+        with pytest.raises(OrderFailed, match="mav1 failed: The motor is weak"):
+            await moving
+
+
+async def test_an_order_to_a_disabled_vehicle_alone_fails(client: Any, bus: Any) -> None:
+    script = Fleet(client)
+    bus.tell("mav1", disabled_by="olga")
+    bus.misbehave["mav1"] = "refuse"
+    await asyncio.sleep(0.1)
+    with pytest.raises(OrderFailed, match="mav1 refused"):
+        await script["mav1"].takeoff(1.0)
