@@ -16,8 +16,8 @@ from onboard.config.fleet import ConfigError, FleetConfig
 from onboard.tuples import Xyz
 
 Value = TypeVar("Value")
-# A spare that has been silent for longer than this, while the vehicle that it replaced reports that
-# it is its own slot owner, has been replaced by it.
+# A spare on the ground that has been silent for longer than this, while the vehicle that it replaced
+# reports that it is its own slot owner, has been replaced by it.
 _SILENT_NS = 2_000_000_000
 
 
@@ -48,8 +48,10 @@ def stand_ins(state: FleetState | None) -> dict[str, str]:
 
     for owner, name in tuple(vehicle_by_owner.items()):
         owner_view = state.vehicles[owner]
-        silent_ns = owner_view.received_ns - state.vehicles[name].received_ns
-        if _is_own_slot_owner(owner_view) and silent_ns > _SILENT_NS:
+        spare_view = state.vehicles[name]
+        silent_ns = owner_view.received_ns - spare_view.received_ns
+        is_gone = silent_ns > _SILENT_NS and not spare_view.is_airborne
+        if _is_own_slot_owner(owner_view) and is_gone:
             del vehicle_by_owner[owner]
     return vehicle_by_owner
 

@@ -84,7 +84,7 @@ _DISARMABLE = (
     S.PX4_LANDING,
 )
 _NO_OFFBOARD = f"PX4 did not enter OFFBOARD within {p.CONFIRM_TIMEOUT_S:.0f} s"
-_STILL_FLIES = f"{_NO_OFFBOARD}: it flies without this agent."
+_STILL_FLIES = f"{_NO_OFFBOARD}: {sentences.WITHOUT_AGENT}"
 _PATH_LATE = f"Not at the end of its path after {p.PATH_END_TIMEOUT_S:.0f} s; holding."
 _REST_LATE = f"Not at rest after {p.HOLD_TIMEOUT_S:.0f} s; still trying to hold."
 

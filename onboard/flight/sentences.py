@@ -14,6 +14,7 @@ from onboard.flight.types import FlightView
 LOCATED = (
     "The tune was sent to PX4, which does not confirm it: listen, or look at the row that blinks."
 )
+WITHOUT_AGENT = "it flies without this agent."  # the end of other sentences
 FLIES_WITHOUT_AGENT = (
     "PX4 flies without this agent: order land or kill; or order hold, to take over from PX4's hold."
 )
@@ -79,13 +80,13 @@ def lands_unless_killed(flight: FlightContext) -> str:
 def left_its_hold(flight: FlightContext, view: FlightView) -> str:
     """Return the reason why a takeover has ended."""
     mode = _mode_words(view)
-    return f"PX4 left its hold before it was taken over (now {mode}): it flies without this agent."
+    return f"PX4 left its hold before it was taken over (now {mode}): {WITHOUT_AGENT}"
 
 
 def reason_on_ground(flight: FlightContext, view: FlightView) -> str:
     """Return why a vehicle on the ground failed, without advice about its flight."""
-    if flight.reason == FLIES_WITHOUT_AGENT:
-        return "PX4 landed it without this agent."
+    if flight.reason == FLIES_WITHOUT_AGENT or flight.reason.endswith(WITHOUT_AGENT):
+        return "It came down without this agent."
     return flight.reason
 
 

@@ -18,6 +18,7 @@ from __future__ import annotations
 
 import itertools
 import math
+from collections.abc import Mapping
 import operator
 from dataclasses import dataclass, field
 
@@ -119,7 +120,7 @@ class NeighbourTable:
         self._telemetry: dict[str, Telemetry] = {}
         # vehicle in service -> whose slot it says it has, the newest claim last
         self._claims: dict[str, str] = {}
-        self._replaced: frozenset[str] = frozenset()  # vehicles whose slot another one has
+        self._has_spares = False  # whether a vehicle has the slot of another one
         self._started_ns = 0  # time of the first tick; 0 before it
 
         self._reach_m = subscription.reach_m(fleet, own_name)
@@ -252,21 +253,11 @@ class NeighbourTable:
         return True
 
     def _note_claim(self, name: str, slot_owner: str | None) -> None:
-        """Note whose slot a vehicle says it has; the newest claim to a slot counts.
-
-        A spare whose agent has died claims its slot for ever, also after another spare or the
-        repaired vehicle has got the slot.
-        """
+        """Note whose slot a vehicle says it has now; None: it is out of service."""
         self._claims.pop(name, None)
         if slot_owner is not None:
             self._claims[name] = slot_owner
-
-        holders = {claimed: holder for holder, claimed in self._claims.items()}
-        replaced = {owner for owner, holder in holders.items() if holder != owner}
-        for claimant, claimed in self._claims.items():
-            if holders[claimed] != claimant:
-                replaced.add(claimant)
-        self._replaced = frozenset(replaced)
+        self._has_spares = any(claimed != vehicle for vehicle, claimed in self._claims.items())
 
     def _hear_state(self, index: int, message: StateMessage, received_ns: int) -> bool:
         numbers = numbers_of(message)
@@ -362,16 +353,46 @@ class NeighbourTable:
         if pose.stamp_ns <= received_ns and not is_frozen:
             self.judged.mocap_positions[index] = MocapPosition(pose.stamp_ns, pose.position_enu_m)
 
-    def replaced(self, own_slot_owner: str) -> frozenset[str]:
+    def replaced(self, own_slot_owner: str, now_ns: int) -> frozenset[str]:
         """Return the other vehicles whose slot our own vehicle or a neighbour has.
+
+        A spare whose agent has died claims its slot for ever, also after another spare, or the
+        slot's repaired owner, has got it.
 
         Args:
             own_slot_owner: vehicle whose start and slots our own vehicle uses; usually itself.
+            now_ns: present time.
         """
-        if not self._replaced and own_slot_owner == self.own_name:
-            return self._replaced
-        claim_ours = {name for name, claimed in self._claims.items() if claimed == own_slot_owner}
-        return (self._replaced | claim_ours | {own_slot_owner}) - {self.own_name}
+        if not self._has_spares and own_slot_owner == self.own_name:
+            return frozenset()
+
+        claims = {**self._claims, self.own_name: own_slot_owner}
+        holders = {self._holder(owner, claims, now_ns) for owner in claims.values()}
+        replaced = {*claims, *claims.values()} - holders
+        return frozenset(replaced - {self.own_name})
+
+    def _holder(self, slot_owner: str, claims: Mapping[str, str], now_ns: int) -> str:
+        """Return the vehicle that has a slot: the newest spare, if there is one.
+
+        The slot's owner, once it is in service again, has it when the spare is gone.
+        """
+        spares = [name for name, claimed in claims.items() if claimed == slot_owner != name]
+        if not spares:
+            return slot_owner
+        newest = spares[-1]
+        if claims.get(slot_owner) == slot_owner and self._is_gone(newest, now_ns):
+            return slot_owner
+        return newest
+
+    def _is_gone(self, name: str, now_ns: int) -> bool:
+        """Whether a vehicle that was on the ground when last heard has been silent for long."""
+        if name == self.own_name:
+            return False
+        telemetry = self._telemetry.get(name)
+        if telemetry is None:
+            return True
+        silent_s = (now_ns - telemetry.stamp_ns) * 1e-9
+        return not telemetry.is_airborne and silent_s > _MISSING_AFTER_S
 
     def forget_replaced(self, own_slot_owner: str, now_ns: int) -> None:
         """Forget where replaced vehicles stood, unless they still publish a position.
@@ -385,7 +406,7 @@ class NeighbourTable:
             now_ns: present time.
         """
         arrays = self.arrays
-        for name in self.replaced(own_slot_owner):
+        for name in self.replaced(own_slot_owner, now_ns):
             index = self.indices.get(name)
             if index is None or arrays.flags[AIRBORNE, index]:
                 continue

@@ -295,7 +295,7 @@ class PreflightReporter:
 
     def _missing(self, now_ns: int) -> tuple[str, ...]:
         """Return required vehicles that send no valid states and are not replaced."""
-        replaced = self._neighbours.replaced(self._slot_owner)
+        replaced = self._neighbours.replaced(self._slot_owner, now_ns)
         missing = self._neighbours.missing(now_ns)
         return tuple(name for name in missing if name not in replaced)
 

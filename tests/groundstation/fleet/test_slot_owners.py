@@ -12,7 +12,7 @@ SECOND = 1_000_000_000
 DEAD_NS = 5 * SECOND  # when the first spare was heard last
 
 
-def heard(state: FleetState, name: str, at_ns: int, **values: str) -> FleetState:
+def heard(state: FleetState, name: str, at_ns: int, **values: object) -> FleetState:
     """Return the state after a vehicle's telemetry."""
     message = telemetry(name, sequence=at_ns // SECOND, **values)
     return fleet_state.fold(state, message, at_ns)
@@ -48,6 +48,14 @@ def test_a_vehicle_uses_its_own_slots_again_after_its_spare_has_died(fleet: Flee
     assert slot_owners.stand_ins(state) == {}
     assert slot_owners.out_of_service(state) == {"mav1"}
     assert slot_owners.unused_slot_owners(state) == {"mav1"}
+
+
+def test_a_spare_that_falls_silent_in_the_air_keeps_its_slot(fleet: FleetConfig) -> None:
+    state = with_dead_spare(fleet)
+    state = heard(state, "mav1", DEAD_NS + SECOND, stands_in_for="mav2", is_airborne=True)
+    state = heard(state, "mav2", DEAD_NS + 60 * SECOND)
+    assert slot_owners.stand_ins(state) == {"mav2": "mav1"}
+    assert slot_owners.out_of_service(state) == {"mav2"}
 
 
 def test_a_vehicle_whose_agent_restarts_does_not_take_the_slots_from_its_spare(

@@ -342,7 +342,7 @@ def test_an_agent_started_while_the_vehicle_flies_stays_silent_and_says_so() -> 
     rig.position = np.array([0.0, 0.0, 0.0])
     rig.is_armed = False
     rig.until("landed")
-    assert rig.core.flight.reason == "PX4 landed it without this agent."
+    assert rig.core.flight.reason == "It came down without this agent."
 
 
 def test_the_state_message_says_cooperative_only_while_the_law_flies() -> None:

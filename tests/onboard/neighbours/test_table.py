@@ -87,7 +87,7 @@ def test_a_vehicle_that_another_one_replaces_is_avoided_only_where_it_says_it_is
     assert _replaced_at(table, own_place, 7 + 60) == [], "it is silent"
 
 
-def _hear_claim(table: NeighbourTable, name: str, at_s: int, **values: str) -> None:
+def _hear_claim(table: NeighbourTable, name: str, at_s: int, **values: object) -> None:
     table.hear(telemetry(name, stamp_ns=at_s * S, **values), at_s * S)
 
 
@@ -95,10 +95,10 @@ def test_a_spare_that_our_own_vehicle_has_replaced_counts_as_replaced() -> None:
     """mav1 stands in for mav2 and dies; then our own mav0 has the slot."""
     table = _table()
     _hear_claim(table, "mav2", 4)
-    assert table.replaced("mav0") == frozenset()
+    assert table.replaced("mav0", 4 * S) == frozenset()
     _hear_claim(table, "mav1", 5, stands_in_for="mav2")
-    assert table.replaced("mav0") == {"mav2"}
-    assert table.replaced("mav2") == {"mav1", "mav2"}
+    assert table.replaced("mav0", 5 * S) == {"mav2"}
+    assert table.replaced("mav2", 9 * S) == {"mav1", "mav2"}
 
 
 def test_a_spare_that_another_spare_has_replaced_counts_as_replaced() -> None:
@@ -107,24 +107,25 @@ def test_a_spare_that_another_spare_has_replaced_counts_as_replaced() -> None:
     _hear_claim(table, "mav0", 4, disabled_by="ada")
     _hear_claim(table, "mav1", 5, stands_in_for="mav2")
     _hear_claim(table, "mav0", 9, stands_in_for="mav2")
-    assert table.replaced("mav2") == {"mav0", "mav1"}
+    assert table.replaced("mav2", 9 * S) == {"mav1"}
 
 
-def test_a_vehicle_that_has_its_slot_again_is_not_replaced_by_a_spare_that_has_died() -> None:
-    table = _table()
-    _hear_claim(table, "mav1", 5, stands_in_for="mav2")
-    _hear_claim(table, "mav2", 6, disabled_by="ada")
-    assert table.replaced("mav0") == {"mav2"}
-    _hear_claim(table, "mav2", 9)
-    assert table.replaced("mav0") == {"mav1"}
-
-
-def test_a_vehicle_whose_agent_restarts_does_not_take_its_slot_back() -> None:
+@pytest.mark.parametrize("is_disabled", [False, True])
+@pytest.mark.parametrize("is_airborne", [False, True])
+def test_a_vehicle_has_its_slot_again_only_when_its_spare_is_gone(
+    is_disabled: bool, is_airborne: bool
+) -> None:
+    """The agent of mav2 restarts while its spare lives, and forgets that it was disabled."""
     table = _table()
     _hear_claim(table, "mav2", 4)
-    _hear_claim(table, "mav1", 5, stands_in_for="mav2")
-    _hear_claim(table, "mav2", 9)
-    assert table.replaced("mav0") == {"mav2"}
+    if is_disabled:
+        _hear_claim(table, "mav2", 5, disabled_by="ada")
+    for second in (6, 9, 10):
+        _hear_claim(table, "mav1", second, stands_in_for="mav2", is_airborne=is_airborne)
+        _hear_claim(table, "mav2", second)
+    assert table.replaced("mav0", 10 * S) == {"mav2"}
+    gone = "mav2" if is_airborne else "mav1"
+    assert table.replaced("mav0", 15 * S) == {gone}
 
 
 def test_a_vehicle_that_fell_silent_in_the_air_stays_known_although_it_is_replaced() -> None:
