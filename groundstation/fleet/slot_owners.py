@@ -16,8 +16,8 @@ from onboard.config.fleet import ConfigError, FleetConfig
 from onboard.tuples import Xyz
 
 Value = TypeVar("Value")
-# A spare on the ground that has been silent for longer than this, while the vehicle that it replaced
-# reports that it is its own slot owner, has been replaced by it.
+# A spare on the ground that has been silent for longer than this, while the vehicle that it
+# replaced reports that it is its own slot owner, has been replaced by it.
 _SILENT_NS = 2_000_000_000
 
 

@@ -19,7 +19,7 @@ import asyncio
 import contextlib
 import functools
 import math
-from collections.abc import Collection, Iterable, Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 
 from groundstation.client.client import FleetClient
 from groundstation.fleet.state import FleetState

@@ -18,8 +18,8 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Mapping
 import operator
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
