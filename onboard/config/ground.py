@@ -33,6 +33,11 @@ def lowest_ground_m(fleet: FleetConfig) -> float:
     return lowest_m
 
 
+def highest_spot_m(fleet: FleetConfig) -> float:
+    """Return the height [m] of the highest take-off spot."""
+    return max(fleet.vehicles[name].start_enu_m[2] for name in fleet.enabled_names)
+
+
 def is_level(fleet: FleetConfig) -> bool:
     """Return whether the ground is equally high everywhere by the fleet file."""
     lowest_m = lowest_ground_m(fleet)
@@ -80,9 +85,6 @@ def touchable_ground_at_m(
         x_m: coordinates of the points to the east.
         y_m: coordinates to the north, of the same shape.
     """
-    if is_level(fleet):  # the usual case, quickly: an agent checks a path of an hour while it flies
-        return np.full(np.shape(x_m), lowest_ground_in_fence_m(fleet))
-
     low_m, _ = fleet.fleet.geofence_m.z
     heights_m = np.maximum(ground_at_m(fleet, x_m, y_m), low_m)
     for name in fleet.enabled_names:

@@ -16,7 +16,13 @@ import numpy as np
 
 from onboard.arrays import Array, BoolArray
 from onboard.config.fleet import FleetConfig, Vehicle
-from onboard.config.ground import ground_at_m, is_level, least_height_m, lowest_ground_m
+from onboard.config.ground import (
+    ground_at_m,
+    highest_spot_m,
+    is_level,
+    least_height_m,
+    lowest_ground_m,
+)
 from onboard.control.router import Surroundings, route_between
 from onboard.tuples import Xyz
 from onboard.vectors import Vec2
@@ -71,7 +77,7 @@ def ground_refusal(
     begin_x, begin_y, begin_z = begin_enu_m
     _, _, goal_z = goal_enu_m
     clearance_m = clearance_share * least_height_m(vehicle)
-    if is_level(fleet) or min(begin_z, goal_z) >= _highest_spot_m(fleet) + clearance_m:
+    if is_level(fleet) or min(begin_z, goal_z) >= highest_spot_m(fleet) + clearance_m:
         return ""
 
     profile = _profile(fleet, around, begin_enu_m, goal_enu_m, clearance_m)
@@ -125,10 +131,6 @@ def height_over_ground_m(
         climbs_m = (profile.passing_m[touches] - begin_z) / profile.shares[touches]
         height_m = max(height_m, begin_z + float(climbs_m.max(initial=-math.inf)))
     return height_m
-
-
-def _highest_spot_m(fleet: FleetConfig) -> float:
-    return max(fleet.vehicles[name].start_enu_m[2] for name in fleet.enabled_names)
 
 
 def _profile(

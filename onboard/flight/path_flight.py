@@ -31,7 +31,12 @@ import numpy as np
 from onboard.bus.schema import PathOrder, Telemetry
 from onboard.config.fleet import FleetConfig, Vehicle
 from onboard.config.flight_space import flight_space_of
-from onboard.config.ground import least_height_m, touchable_ground_at_m
+from onboard.config.ground import (
+    highest_spot_m,
+    least_height_m,
+    lowest_ground_in_fence_m,
+    touchable_ground_at_m,
+)
 from onboard.control import path as paths
 from onboard.control.path import Path, PathPoint
 from onboard.safety.area_room import clearances_m
@@ -321,6 +326,32 @@ def _joined(parts: dict[int, bytes]) -> bytes:
     return b"".join(parts[index] for index in sorted(parts))
 
 
+def _too_low_refusal(
+    times_s: np.ndarray, position_enu_m: np.ndarray, vehicle: Vehicle, fleet: FleetConfig
+) -> str | None:
+    """Return the reason why a path is too near to the ground, or None.
+
+    Only samples below the highest ground are compared, because an agent checks a path of an hour,
+    which has tens of thousands of them, while it flies.
+    """
+    least_m = least_height_m(vehicle)
+    highest_ground_m = max(highest_spot_m(fleet), lowest_ground_in_fence_m(fleet))
+    is_low = position_enu_m[:, 2] < highest_ground_m + least_m
+    if not is_low.any():
+        return None
+
+    low_enu_m = position_enu_m[is_low]
+    ground_m = touchable_ground_at_m(fleet, low_enu_m[:, 0], low_enu_m[:, 1])
+    height_m = low_enu_m[:, 2] - ground_m
+    lowest = int(height_m.argmin())
+    if height_m[lowest] >= least_m:
+        return None
+    return (
+        f"The path is {height_m[lowest]:.2f} m above the ground at {ground_m[lowest]:g} m, at "
+        f"{times_s[is_low][lowest]:.1f} s: {least_m:g} m is the least. Raise the path."
+    )
+
+
 def _path_refusal(path: Path, vehicle: Vehicle, fleet: FleetConfig) -> str | None:
     """Return the reason why a path cannot be flown, or None.
 
@@ -346,15 +377,9 @@ def _path_refusal(path: Path, vehicle: Vehicle, fleet: FleetConfig) -> str | Non
             words = flight_space_of(fleet).refusal((x, y, z))
             return f"At {times_s[wrong]:.1f} s the path lies {words}."
 
-    ground_m = touchable_ground_at_m(fleet, position_enu_m[:, 0], position_enu_m[:, 1])
-    least_m = least_height_m(vehicle)
-    height_m = position_enu_m[:, 2] - ground_m
-    lowest = int(height_m.argmin())
-    if height_m[lowest] < least_m:
-        return (
-            f"The path is {height_m[lowest]:.2f} m above the ground at {ground_m[lowest]:g} m, at "
-            f"{times_s[lowest]:.1f} s: {least_m:g} m is the least. Raise the path."
-        )
+    too_low = _too_low_refusal(times_s, position_enu_m, vehicle, fleet)
+    if too_low is not None:
+        return too_low
 
     speed_m_s = np.sqrt((rates[:, :3] ** 2).sum(-1))
     if speed_m_s.max() > _SPEED_ROOM * vehicle.max_speed_m_s:
