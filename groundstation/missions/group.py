@@ -286,6 +286,12 @@ class Group:
         except OrderFailed as error:  # others may have done it
             self._note_enabled(error.results)
             raise
+
+        # the next order leaves out vehicles that still report to be out of service
+        def is_reported(state: FleetState) -> bool:
+            return out_of_service(state).isdisjoint(_done_by(results))
+
+        await self.client.wait_for(is_reported, timeout_s)
         self._note_enabled(results)
         return results
 

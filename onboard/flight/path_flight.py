@@ -344,12 +344,12 @@ def _too_low_refusal(
     ground_m = touchable_ground_at_m(fleet, low_enu_m[:, 0], low_enu_m[:, 1])
     height_m = low_enu_m[:, 2] - ground_m
     lowest = int(height_m.argmin())
-    if height_m[lowest] >= least_m:
-        return None
-    return (
-        f"The path is {height_m[lowest]:.2f} m above the ground at {ground_m[lowest]:g} m, at "
-        f"{times_s[is_low][lowest]:.1f} s: {least_m:g} m is the least. Raise the path."
-    )
+    if height_m[lowest] < least_m:
+        return (
+            f"The path is {height_m[lowest]:.2f} m above the ground at {ground_m[lowest]:g} m, at "
+            f"{times_s[is_low][lowest]:.1f} s: {least_m:g} m is the least. Raise the path."
+        )
+    return None
 
 
 def _path_refusal(path: Path, vehicle: Vehicle, fleet: FleetConfig) -> str | None:

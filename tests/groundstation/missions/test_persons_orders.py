@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import functools
 import time
 from typing import Any
 
@@ -62,6 +63,20 @@ async def test_a_persons_order_ends_a_mission_only_if_it_explains_all_that_went_
     else:
         with pytest.raises(OrderFailed, match="mav1 failed: The motor is weak"):
             await moving
+
+
+async def test_a_vehicle_that_a_script_enables_takes_part_in_its_next_order(
+    client: Any, bus: Any
+) -> None:
+    script = Fleet(client)
+    await script.disable("mav1")
+    bus.tell("mav1", disabled_by="olga")
+    await asyncio.sleep(0.1)
+    report = functools.partial(bus.tell, "mav1", disabled_by="")
+    asyncio.get_running_loop().call_later(0.3, report)  # later than the result of its order
+    await script.enable("mav1")
+    assert set(await script.takeoff(1.0)) == {"mav0", "mav1", "mav2"}
+    assert script.names == ("mav0", "mav1", "mav2")
 
 
 async def test_an_order_to_a_disabled_vehicle_alone_fails(client: Any, bus: Any) -> None:
