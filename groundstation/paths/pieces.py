@@ -21,9 +21,9 @@ _DENSE_S = 0.2  # positions with smaller intervals than this are dense
 _NEAR_M = 0.1
 _NEAR_SHARE = 0.1
 _HALF_TURN_RAD = math.pi + 1e-6  # with room for rounding
-# A turn of more than half a circle that would be quicker is taken for numbers that wrap. Vehicles
-# turn with 1 rad/s at most.
-_QUICKEST_TURN_RAD_S = math.radians(90.0)
+# A turn of more than half a circle that would be quicker on average is taken for numbers that wrap.
+# Vehicles turn with 1 rad/s at most, and a turn from rest to rest peaks at 1.5 times its mean rate.
+_QUICKEST_TURN_RAD_S = 1.0 / 1.5
 _TOLERANCE_M = 0.01  # largest error of a piece in position
 # Largest error of a piece in acceleration, unless a tenth of the largest acceleration is more.
 _TOLERANCE_M_S2 = 0.5

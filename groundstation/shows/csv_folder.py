@@ -169,7 +169,7 @@ def _notes(read: Mapping[str, PathFile]) -> tuple[str, ...]:
     if turning:
         notes.append(
             f"the yaw of {listed(turning)} turns by more than half a circle between two lines: it "
-            "is flown as written, unless it would turn quicker than 90 degrees a second and so is "
+            "is flown as written, unless it would turn quicker than 38 degrees a second and so is "
             "taken for numbers that wrap"
         )
     unread = {column: None for path_file in read.values() for column in path_file.unread}

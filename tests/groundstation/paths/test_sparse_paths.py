@@ -107,6 +107,7 @@ def test_waypoints_of_long_and_short_legs_stay_in_their_box(tmp_path: FilePath) 
         (1.0, (170.0, -170.0, -150.0), (170.0, 190.0, 210.0)),  # numbers that wrap
         (1.0, (0.0, 360.0, 720.0), (0.0, 0.0, 0.0)),
         (2.0, (350.0, 10.0, 350.0), (350.0, 370.0, 350.0)),
+        (5.0, (170.0, -170.0, 170.0), (170.0, 190.0, 170.0)),  # vehicles turn slower
     ],
 )
 def test_yaw_of_sparse_positions_turns_as_written_unless_it_wraps(
