@@ -42,10 +42,11 @@ _NAMES = {
     "v": "speed",
     "velocity": "speed",
 }
-# columns of a heading by other names, and all that begin with yaw_
+# columns of a heading by other names, and all that begin with yaw_ and are no derivative of it
 _HEADINGS = ("heading", "hdg", "psi", "course", "azimuth", "bearing", "rot_z", "qw")
+_DERIVATIVES = ("rate", "speed", "dot", "vel", "acc")  # part of a name
 COLOURS = ("red", "green", "blue")  # read by an import
-_READ = {"t", "x", "y", "z", "speed", "yaw", *COLOURS}
+_READ = {"yaw", *COLOURS}  # after the first four columns
 # units in a column's name -> factor to s, m, m/s or deg
 _TIMES = {"": 1.0, "s": 1.0, "sec": 1.0, "ms": 1e-3, "msec": 1e-3}
 _LENGTHS = {"": 1.0, "m": 1.0, "cm": 0.01, "mm": 1e-3}
@@ -282,7 +283,7 @@ def _joined(columns: Sequence[str], times_s: Array, values: Array) -> PathFile:
         path=fitted(times_s, values),
         would_swing=would_swing(times_s, values),
         turns_far=turns_far(times_s, values[:, 3]),
-        unread=tuple(name for name in columns if name not in _READ),
+        unread=tuple(name for name in columns[4:] if name not in _READ),
     )
 
 
@@ -292,7 +293,7 @@ def _values(columns: Sequence[str], points: Array, numbers: Array) -> Array:
     Raises:
         ValueError: it has a heading instead, which may be counted in another way.
     """
-    headings = [name for name in columns if name in _HEADINGS or name.startswith("yaw_")]
+    headings = [name for name in columns if _is_heading(name)]
     if headings and "yaw" not in columns:
         raise ValueError(
             f"a column '{headings[0][:40]}' is not read, because headings often count clockwise "
@@ -304,3 +305,10 @@ def _values(columns: Sequence[str], points: Array, numbers: Array) -> Array:
     if "yaw" in columns:
         yaw_rad = np.radians(numbers[:, columns.index("yaw")])
     return np.column_stack([points, yaw_rad])
+
+
+def _is_heading(column: str) -> bool:
+    if column in _HEADINGS:
+        return True
+    is_derivative = any(word in column for word in _DERIVATIVES)
+    return column.startswith("yaw_") and not is_derivative

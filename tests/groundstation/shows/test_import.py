@@ -237,12 +237,12 @@ def test_an_import_says_whose_yaw_turns_by_more_than_half_a_circle(tmp_path: Pat
 
 
 def test_an_import_names_the_columns_that_are_not_read(tmp_path: Path) -> None:
-    heads = {"a": "t,x,y,z,yaw,yaw_rate,Red,Green,Blue", "b": "t,x,y,z,volt,yaw,yaw_rate"}
+    heads = {"a": "t,x,y,z,yaw_rate,Red,Green,Blue", "b": "t,x,y,z,speed,yaw,yaw_rate"}
     for name, head in heads.items():
         others = ",0" * (head.count(",") - 3)
         rows = [head, f"0,0,0,2{others}", f"10,5,0,2{others}"]
         (tmp_path / f"{name}.csv").write_text("\n".join(rows), encoding="utf-8")
-    assert read_folder(tmp_path).notes == ("columns that are not read: yaw_rate, volt",)
+    assert read_folder(tmp_path).notes == ("columns that are not read: yaw_rate, speed",)
 
 
 def test_a_smoothed_path_keeps_the_clock_of_the_others(tmp_path: Path) -> None:
