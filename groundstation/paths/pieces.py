@@ -10,7 +10,7 @@ import math
 
 import numpy as np
 
-from onboard.arrays import Array
+from onboard.arrays import Array, BoolArray
 from onboard.control.path import LONGEST_S, NUMBER_COUNT, Path, path_of
 
 GRID_S = 0.05  # time from one sample of the grid to the next
@@ -20,6 +20,7 @@ _DENSE_S = 0.2  # positions with smaller intervals than this are dense
 # length; where a vehicle stands, _TOLERANCE_M.
 _NEAR_M = 0.1
 _NEAR_SHARE = 0.1
+_CORNER_COSINE = math.cos(math.radians(70.0))  # a sharper bend is a corner
 _HALF_TURN_RAD = math.pi + 1e-6  # with room for rounding
 # A turn of more than half a circle that would be quicker on average is taken for numbers that wrap.
 # Vehicles turn with 1 rad/s at most, and a turn from rest to rest peaks at 1.5 times its mean rate.
@@ -67,8 +68,7 @@ def would_swing(times_s: Array, values: Array) -> bool:
     """Whether a cubic spline through sparse positions would swing far off the lines between them.
 
     Between long and short steps it swings over its positions, and so it does where a vehicle stands
-    between two moves. Then :func:`fitted` takes a curve of which each coordinate stays between the
-    two positions around it.
+    between two moves. Then :func:`fitted` takes another curve, which stays near the lines.
 
     Args:
         times_s: times (T,), rising.
@@ -77,10 +77,8 @@ def would_swing(times_s: Array, values: Array) -> bool:
     if _is_dense(times_s):
         return False
 
-    grid_s = _grid_of(times_s)
     points = values[:, :3]
-    spline = _hermite(times_s, points, _spline_velocities(times_s, points), grid_s)
-    return not _is_near_lines(times_s, points, grid_s, spline)
+    return bool(_swings(times_s, points, _spline_velocities(times_s, points)).any())
 
 
 def turns_far(times_s: Array, yaw_rad: Array) -> bool:
@@ -400,8 +398,8 @@ def _unwrapped(times_s: Array, yaw_rad: Array) -> Array:
 def _joined(times_s: Array, values: Array, grid_s: Array) -> Array:
     """Return the smooth curve (G, 4) through sparse values, from rest to rest, on a grid of times.
 
-    Positions are joined by a cubic spline, the smoothest curve, unless it would swing. Otherwise,
-    and for yaw, each coordinate stays between the two values around it.
+    Positions are joined by a cubic spline, the smoothest curve, where it does not swing. Yaw stays
+    between the two values around it.
 
     Args:
         times_s: times (T,), rising.
@@ -409,20 +407,51 @@ def _joined(times_s: Array, values: Array, grid_s: Array) -> Array:
         grid_s: times (G,).
     """
     velocities = _bounded_velocities(times_s, values)
-    if not would_swing(times_s, values):
-        velocities[:, :3] = _spline_velocities(times_s, values[:, :3])
+    velocities[:, :3] = _calm_velocities(times_s, values[:, :3])
     return _hermite(times_s, values, velocities, grid_s)
 
 
-def _is_near_lines(times_s: Array, points: Array, grid_s: Array, curve: Array) -> bool:
-    """Whether a curve stays near the straight lines between points.
+def _calm_velocities(times_s: Array, points: Array) -> Array:
+    """Return velocities (T, 3) with which cubics stay near the lines between points (T, 3).
+
+    They are those of the spline, or, if it swings, those with which each coordinate stays between
+    two points, and 0 at corners. These bound each coordinate for itself, so between oblique lines
+    the curve may still swing. The vehicle stops at both ends of such a step, which so becomes a
+    straight line.
+    """
+    velocities = _spline_velocities(times_s, points)
+    if not _swings(times_s, points, velocities).any():
+        return velocities
+
+    steps = np.diff(points, axis=0)
+    lengths_m = np.sqrt((steps**2).sum(-1))
+    products = (steps[:-1] * steps[1:]).sum(-1)
+    is_corner = products < _CORNER_COSINE * lengths_m[:-1] * lengths_m[1:]
+
+    velocities = _bounded_velocities(times_s, points)
+    velocities[1:-1][is_corner] = 0.0
+    while True:
+        is_moving = np.asarray((velocities != 0.0).any(axis=-1))
+        is_curve = is_moving[:-1] | is_moving[1:]
+        swinging = np.flatnonzero(is_curve & _swings(times_s, points, velocities))
+        if not len(swinging):
+            return velocities
+
+        # this changes the steps on both sides as well, so all are judged again
+        velocities[swinging] = 0.0
+        velocities[swinging + 1] = 0.0
+
+
+def _swings(times_s: Array, points: Array, velocities: Array) -> BoolArray:
+    """Return whether cubics leave the straight line between two points too far, by step (T - 1,).
 
     Args:
         times_s: times of the points (T,).
         points: the points (T, 3) [m].
-        grid_s: times of the curve (G,).
-        curve: the curve (G, 3) [m].
+        velocities: velocities at the points (T, 3) [m/s].
     """
+    grid_s = _grid_of(times_s)
+    curve = _hermite(times_s, points, velocities, grid_s)
     index = _steps_of(times_s, grid_s)
     steps = np.diff(points, axis=0)
     lengths_m = np.sqrt((steps**2).sum(-1))
@@ -434,7 +463,8 @@ def _is_near_lines(times_s: Array, points: Array, grid_s: Array, curve: Array) -
     from_begin = curve - points[index]
     share = np.clip((from_begin * directions[index]).sum(-1), 0.0, 1.0)
     from_line = from_begin - share[:, None] * steps[index]
-    return bool((np.sqrt((from_line**2).sum(-1)) <= allowed_m[index]).all())
+    is_far = np.sqrt((from_line**2).sum(-1)) > allowed_m[index]
+    return np.asarray(np.bincount(index[is_far], minlength=len(steps)) > 0)
 
 
 def _spline_velocities(times_s: Array, values: Array) -> Array:

@@ -9,7 +9,7 @@ import pytest
 from scipy.interpolate import CubicSpline
 
 from groundstation.paths.path_files import load_path, read_path
-from groundstation.paths.pieces import fitted, turns_far, would_swing
+from groundstation.paths.pieces import fitted, turns_far, waypoint_times_s, would_swing
 from onboard.arrays import Array
 from onboard.control.path import sampled
 
@@ -22,6 +22,16 @@ def flown(times_s: Array, values: Array, at_s: Array) -> Array:
     """Return x, y, z and yaw of the path through values (T, 4) at times of the file."""
     values_there, _, _ = sampled(fitted(times_s, values), at_s + REST_S)
     return values_there
+
+
+def off_line_m(times_s: Array, values: Array, step: int) -> float:
+    """Return the largest distance of the path from the line between two successive positions."""
+    begin = values[step, :3]
+    way = values[step + 1, :3] - begin
+    at_s = np.arange(times_s[step] + WINDOW_S, times_s[step + 1] - WINDOW_S, 0.02)
+    from_begin = flown(times_s, values, at_s)[:, :3] - begin
+    share = np.clip(from_begin @ way / np.maximum(way @ way, 1e-9), 0.0, 1.0)
+    return float(np.linalg.norm(from_begin - share[:, None] * way, axis=1).max())
 
 
 def ring(count: int) -> tuple[Array, Array]:
@@ -44,7 +54,7 @@ def test_a_vehicle_that_stands_between_two_moves_in_its_file_stands() -> None:
         assert np.abs(flown(times_s, values, standing_s)[:, 0] - x).max() < NEAR_M
 
 
-def test_no_coordinate_leaves_its_two_values_where_a_spline_would_swing() -> None:
+def test_a_path_whose_spline_would_swing_stays_near_its_lines() -> None:
     rng = np.random.default_rng(5)
     swinging = 0
     for _ in range(60):
@@ -61,6 +71,10 @@ def test_no_coordinate_leaves_its_two_values_where_a_spline_would_swing() -> Non
             there = flown(times_s - times_s[0], values, at_s)
             assert (there > np.minimum(values[k], values[k + 1]) - NEAR_M).all()
             assert (there < np.maximum(values[k], values[k + 1]) + NEAR_M).all()
+
+            length_m = float(np.linalg.norm(values[k + 1, :3] - values[k, :3]))
+            allowed_m = max(0.1, 0.1 * length_m) + NEAR_M
+            assert off_line_m(times_s - times_s[0], values, k) < allowed_m
     assert swinging > 50
 
 
@@ -96,6 +110,26 @@ def test_waypoints_of_long_and_short_legs_stay_in_their_box(tmp_path: FilePath) 
     assert values[:, 1].max() < 1.0 + NEAR_M
     # the acceleration is continuous
     assert np.abs(np.diff(accelerations, axis=0)).max() < 1.0
+
+
+MOWER = ((0.0, 0.0), (40.0, 0.0), (40.0, 3.0), (0.0, 3.0), (0.0, 6.0), (40.0, 6.0))
+BOX = ((0.0, 0.0), (6.0, 0.0), (6.0, 1.0), (0.0, 1.0), (0.0, 0.0))
+
+
+@pytest.mark.parametrize("corners", [MOWER, BOX], ids=["mower", "box"])
+@pytest.mark.parametrize("turned_deg", [0.0, 20.0, 45.0, 80.0])
+def test_a_turned_field_is_flown_along_its_lines(
+    corners: tuple[tuple[float, float], ...], turned_deg: float
+) -> None:
+    east_north = np.array(corners) @ [1.0, 1.0j] * np.exp(1j * np.radians(turned_deg))
+    points = np.zeros((len(corners), 4))
+    points[:, 0] = east_north.real
+    points[:, 1] = east_north.imag
+    times_s = waypoint_times_s(points, np.full(len(points), 0.8))
+    assert would_swing(times_s, points)
+
+    for k in range(len(points) - 1):
+        assert off_line_m(times_s, points, k) < NEAR_M
 
 
 @pytest.mark.parametrize(
