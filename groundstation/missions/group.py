@@ -740,14 +740,15 @@ class Group:
     async def fly_through(
         self, waypoints: ByVehicle[Sequence[Xyz]], *, speed_m_s: float, on_lag: OnLag = "land"
     ) -> Results:
-        """Fly through waypoints without stopping, from where the vehicles are to the last ones.
+        """Fly through waypoints on a smooth curve, from where the vehicles are to the last ones.
 
-        A vehicle slows down, and may stop, at corners that a smooth curve would leave by more than
-        0.1 m and a tenth of the way to the next waypoint.
+        Where the curve would leave the lines between waypoints by more than 0.1 m and a tenth of
+        the line, a vehicle flies straighter, and stops at corners.
 
         Args:
             waypoints: waypoints of each vehicle, by name or index [m], ENU.
-            speed_m_s: speed at the waypoints between the first and the last [m/s].
+            speed_m_s: speed at the waypoints between the first and the last [m/s], except corners
+                at which a vehicle stops; between two of these it flies slower.
             on_lag: reaction of a vehicle that falls behind for too long; the others go on.
 
         Raises:

@@ -4,7 +4,8 @@ The first line names the columns, which show the kind of the file:
 
 * ``t,x,y,z[,yaw]``: positions at times; also with a unit as in ``Time [msec],x [m]``
 * ``duration,x^0,...,yaw^7``: Crazyswarm's 33 columns, a piece of seventh order in each line
-* ``x,y,z,speed[,yaw]``: points that are flown through at these speeds, from rest to rest
+* ``x,y,z,speed[,yaw]``: points that are flown through at these speeds, from rest to rest, with a
+  stop at corners that a smooth curve would leave far
 
 Lines that begin with ``#`` are comments. Lengths are metres in the fleet's frame, times seconds,
 yaw degrees.

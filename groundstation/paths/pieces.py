@@ -103,6 +103,9 @@ def through(points: Array, speeds_m_s: Array) -> Path:
 def waypoint_times_s(points: Array, speeds_m_s: Array) -> Array:
     """Return the times (T,) at which waypoints are passed, from rest to rest.
 
+    Where :func:`fitted` stops at a corner, the speed is 0 instead of the given one, so that the way
+    between two corners takes longer and is not flown quicker.
+
     Args:
         points: x, y, z [m] and yaw [rad] of the waypoints (T, 4).
         speeds_m_s: speeds at the waypoints (T,); the vehicle rests at the first and the last.
@@ -116,25 +119,39 @@ def waypoint_times_s(points: Array, speeds_m_s: Array) -> Array:
         raise ValueError("waypoints must be at least two, and each away from the one before.")
     if (speeds_m_s[1:-1] <= 0.0).any():
         raise ValueError("each waypoint between the first and the last needs a speed above 0.")
+    if speeds_m_s.max() <= 0.0:
+        raise ValueError("two waypoints need a speed above 0.")
 
     speeds = speeds_m_s.copy()
-    speeds[[0, -1]] = 0.0
-    mean_m_s = 0.5 * (speeds[:-1] + speeds[1:])
+    stops = np.zeros(len(points), dtype=bool)
+    stops[[0, -1]] = True
 
-    # With two waypoints both speeds are 0, and so is their mean. Half of the larger given speed is
-    # used instead.
-    if len(points) == 2:
-        mean_m_s[:] = 0.5 * max(speeds_m_s)
-        if mean_m_s[0] <= 0.0:
-            raise ValueError("two waypoints need a speed above 0.")
+    while True:
+        speeds[stops] = 0.0
+        mean_m_s = 0.5 * (speeds[:-1] + speeds[1:])
 
-    times_s = np.concatenate([[0.0], np.cumsum(lengths_m / mean_m_s)])
-    if not times_s[-1] <= LONGEST_S:
-        raise ValueError(
-            f"the waypoints take {times_s[-1]:g} s at these speeds; {LONGEST_S:.0f} s are the "
-            "longest that a path lasts. Give higher speeds, or fewer waypoints."
-        )
-    return times_s
+        # From stop to stop both speeds are 0, and so is their mean. Half of the larger given speed
+        # is used instead.
+        from_stop_to_stop = stops[:-1] & stops[1:]
+        larger_m_s = np.maximum(speeds_m_s[:-1], speeds_m_s[1:])
+        mean_m_s[from_stop_to_stop] = 0.5 * larger_m_s[from_stop_to_stop]
+
+        times_s = np.concatenate([[0.0], np.cumsum(lengths_m / mean_m_s)])
+        if not times_s[-1] <= LONGEST_S:
+            raise ValueError(
+                f"the waypoints take {times_s[-1]:g} s at these speeds; {LONGEST_S:.0f} s are the "
+                "longest that a path lasts. Give higher speeds, or fewer waypoints."
+            )
+
+        if _is_dense(times_s):
+            return times_s
+
+        # With the new times the curve may stop at further corners.
+        velocities = _calm_velocities(times_s, points[:, :3])
+        further_stops = (velocities == 0.0).all(axis=-1) & ~stops
+        if not further_stops.any():
+            return times_s
+        stops |= further_stops
 
 
 def quintic(duration_s: float, begin: Array, end: Array) -> Array:

@@ -9,7 +9,7 @@ import pytest
 from scipy.interpolate import CubicSpline
 
 from groundstation.paths.path_files import load_path, read_path
-from groundstation.paths.pieces import fitted, turns_far, waypoint_times_s, would_swing
+from groundstation.paths.pieces import fitted, through, turns_far, waypoint_times_s, would_swing
 from onboard.arrays import Array
 from onboard.control.path import sampled
 
@@ -130,6 +130,18 @@ def test_a_turned_field_is_flown_along_its_lines(
 
     for k in range(len(points) - 1):
         assert off_line_m(times_s, points, k) < NEAR_M
+
+
+@pytest.mark.parametrize("turned_rad", [0.0, 0.4])
+def test_a_stop_at_corners_makes_no_way_between_them_quicker(turned_rad: float) -> None:
+    east_north = np.array([0.0, 2.0, 2.0 + 2.0j, 2.0j, 0.0]) * np.exp(1j * turned_rad)
+    points = np.zeros((5, 4))
+    points[:, 0] = east_north.real
+    points[:, 1] = east_north.imag
+    path = through(points, np.full(5, 0.8))
+    _, rates, accelerations = sampled(path, np.arange(0.0, path.duration_s, 0.02))
+    assert np.linalg.norm(rates[:, :3], axis=1).max() < 0.8
+    assert np.linalg.norm(accelerations[:, :3], axis=1).max() < 1.5
 
 
 @pytest.mark.parametrize(
