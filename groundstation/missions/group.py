@@ -742,8 +742,8 @@ class Group:
     ) -> Results:
         """Fly through waypoints on a smooth curve, from where the vehicles are to the last ones.
 
-        Where the curve would leave the lines between waypoints by more than 0.1 m and a tenth of
-        the line, a vehicle flies straighter, and stops at corners.
+        Where the curve would leave a line between waypoints by more than 0.1 m and a quarter of its
+        length, or by more than 0.5 m, a vehicle flies straighter, and stops at corners.
 
         Args:
             waypoints: waypoints of each vehicle, by name or index [m], ENU.

@@ -16,10 +16,13 @@ from onboard.control.path import LONGEST_S, NUMBER_COUNT, Path, path_of
 GRID_S = 0.05  # time from one sample of the grid to the next
 _WINDOW = 5  # samples of the grid on each side over which positions are smoothed
 _DENSE_S = 0.2  # positions with smaller intervals than this are dense
-# Largest distance of a spline from the line between two of its positions, or this share of its
-# length; where a vehicle stands, _TOLERANCE_M.
+# Largest distance of a curve from the line between two of its positions, or this share of the line's
+# length. A spline may round a few positions on a circle, but leave no line by more than _SPLINE_M.
+# The curve in its place stays nearer.
 _NEAR_M = 0.1
 _NEAR_SHARE = 0.1
+_SPLINE_SHARE = 0.25
+_SPLINE_M = 0.5
 _CORNER_COSINE = math.cos(math.radians(70.0))  # a sharper bend is a corner
 _HALF_TURN_RAD = math.pi + 1e-6  # with room for rounding
 # A turn of more than half a circle that would be quicker on average is taken for numbers that wrap.
@@ -78,7 +81,14 @@ def would_swing(times_s: Array, values: Array) -> bool:
         return False
 
     points = values[:, :3]
-    return bool(_swings(times_s, points, _spline_velocities(times_s, points)).any())
+    return _does_swing(times_s, points, _spline_velocities(times_s, points))
+
+
+def _does_swing(times_s: Array, points: Array, velocities: Array) -> bool:
+    """Whether the spline with these velocities leaves a line between two points too far."""
+    lengths_m = np.linalg.norm(np.diff(points, axis=0), axis=-1)
+    allowed_m = np.clip(_SPLINE_SHARE * lengths_m, _NEAR_M, _SPLINE_M)
+    return bool(_swings(times_s, points, velocities, allowed_m).any())
 
 
 def turns_far(times_s: Array, yaw_rad: Array) -> bool:
@@ -437,7 +447,7 @@ def _calm_velocities(times_s: Array, points: Array) -> Array:
     straight line.
     """
     velocities = _spline_velocities(times_s, points)
-    if not _swings(times_s, points, velocities).any():
+    if not _does_swing(times_s, points, velocities):
         return velocities
 
     steps = np.diff(points, axis=0)
@@ -445,12 +455,13 @@ def _calm_velocities(times_s: Array, points: Array) -> Array:
     products = (steps[:-1] * steps[1:]).sum(-1)
     is_corner = products < _CORNER_COSINE * lengths_m[:-1] * lengths_m[1:]
 
+    allowed_m = np.maximum(_NEAR_M, _NEAR_SHARE * lengths_m)
     velocities = _bounded_velocities(times_s, points)
     velocities[1:-1][is_corner] = 0.0
     while True:
         is_moving = np.asarray((velocities != 0.0).any(axis=-1))
         is_curve = is_moving[:-1] | is_moving[1:]
-        swinging = np.flatnonzero(is_curve & _swings(times_s, points, velocities))
+        swinging = np.flatnonzero(is_curve & _swings(times_s, points, velocities, allowed_m))
         if not len(swinging):
             return velocities
 
@@ -459,21 +470,20 @@ def _calm_velocities(times_s: Array, points: Array) -> Array:
         velocities[swinging + 1] = 0.0
 
 
-def _swings(times_s: Array, points: Array, velocities: Array) -> BoolArray:
+def _swings(times_s: Array, points: Array, velocities: Array, allowed_m: Array) -> BoolArray:
     """Return whether cubics leave the straight line between two points too far, by step (T - 1,).
 
     Args:
         times_s: times of the points (T,).
         points: the points (T, 3) [m].
         velocities: velocities at the points (T, 3) [m/s].
+        allowed_m: largest distance from each line (T - 1,).
     """
     grid_s = _grid_of(times_s)
     curve = _hermite(times_s, points, velocities, grid_s)
     index = _steps_of(times_s, grid_s)
     steps = np.diff(points, axis=0)
     lengths_m = np.sqrt((steps**2).sum(-1))
-    is_hold = lengths_m < _SAME_SPOT_M
-    allowed_m = np.where(is_hold, _TOLERANCE_M, np.maximum(_NEAR_M, _NEAR_SHARE * lengths_m))
 
     # the nearest point of the line is at this share of its length
     directions = steps / np.maximum(lengths_m, _SAME_SPOT_M)[:, None] ** 2

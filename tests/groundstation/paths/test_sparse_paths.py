@@ -78,7 +78,7 @@ def test_a_path_whose_spline_would_swing_stays_near_its_lines() -> None:
     assert swinging > 50
 
 
-@pytest.mark.parametrize(("count", "swings"), [(4, True), (8, True), (12, False), (16, False)])
+@pytest.mark.parametrize(("count", "swings"), [(4, True), (8, False), (12, False), (16, False)])
 def test_positions_along_a_curve_keep_their_spline(count: int, swings: bool) -> None:
     times_s, values = ring(count)
     assert would_swing(times_s, values) == swings
@@ -134,7 +134,7 @@ def test_a_turned_field_is_flown_along_its_lines(
 
 @pytest.mark.parametrize("turned_rad", [0.0, 0.4])
 def test_a_stop_at_corners_makes_no_way_between_them_quicker(turned_rad: float) -> None:
-    east_north = np.array([0.0, 2.0, 2.0 + 2.0j, 2.0j, 0.0]) * np.exp(1j * turned_rad)
+    east_north = np.array([0.0, 6.0, 6.0 + 6.0j, 6.0j, 0.0]) * np.exp(1j * turned_rad)
     points = np.zeros((5, 4))
     points[:, 0] = east_north.real
     points[:, 1] = east_north.imag
