@@ -16,9 +16,9 @@ from onboard.control.path import LONGEST_S, NUMBER_COUNT, Path, path_of
 GRID_S = 0.05  # time from one sample of the grid to the next
 _WINDOW = 5  # samples of the grid on each side over which positions are smoothed
 _DENSE_S = 0.2  # positions with smaller intervals than this are dense
-# Largest distance of a curve from the line between two of its positions, or this share of the line's
-# length. A spline may round a few positions on a circle, but leave no line by more than _SPLINE_M.
-# The curve in its place stays nearer.
+# Largest distance of a curve from the line between two of its positions, or this share of the
+# line's length. A spline may round a few positions on a circle, but leave no line by more than
+# _SPLINE_M. The curve in its place stays nearer.
 _NEAR_M = 0.1
 _NEAR_SHARE = 0.1
 _SPLINE_SHARE = 0.25
