@@ -28,13 +28,13 @@ from groundstation.missions.connection import (
     note_connection,
     script_name,
 )
-from groundstation.missions.going_home import fly_home
+from groundstation.missions.going_home import fly_home_unless_taken, flying_by_agent
 from groundstation.missions.ground import MissionGround
 from groundstation.missions.group import Group
 from groundstation.missions.landing import land_all
 from groundstation.missions.readiness import NotReady as NotReady  # missions import it from here
 from groundstation.missions.readiness import is_ready, not_ready
-from groundstation.missions.taken import Taken, flown_by_hand, stay
+from groundstation.missions.taken import Taken, stay
 from groundstation.missions.vehicle import MissionVehicle
 from groundstation.missions.vehicle_names import Vehicles, as_names
 from groundstation.orders.intents import Hold
@@ -175,28 +175,21 @@ class Fleet(Group):
 
     async def _leave(self, at_end: AtEnd) -> None:
         """Do what :meth:`leave` does, also in the end of a script."""
-        by_hand = flown_by_hand(self.client)
-        flying = tuple(
-            name
-            for name in self._names
-            if self.state.vehicles[name].is_airborne and name not in by_hand
-        )
-
         if at_end == "hold":
+            flying = flying_by_agent(self.client, self._names)
             if flying:
                 await self.client.order(Hold(vehicles=flying), _HOLD_S, is_by_mission=True)
             return
 
-        if at_end == "home" and flying:
-            results = await fly_home(self.client, flying, say=self.say)
+        names = None  # all
+        if at_end == "home":
             watch = self.ground.watch
-            if await watch.after_failure(results) is not None:
-                return  # that order stays
-            by_person = watch.ordered_by_person(results)
-            names = tuple(name for name in self._names if name not in by_person)
-            await self._land_all(names=names)
-            return
-        await self._land_all()
+            ordered = await fly_home_unless_taken(self.client, self._names, watch, say=self.say)
+            if ordered is None:
+                return
+            if ordered:
+                names = [name for name in self._names if name not in ordered]
+        await self._land_all(names=names)
 
     async def _leave_to(self, taken: Taken, begin_ns: int) -> None:
         """Stay connected to a fleet that somebody has taken, until it is down; Ctrl-C lands all.

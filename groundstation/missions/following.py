@@ -271,14 +271,14 @@ class _Following:
         """Return the followers to which the mission or a person here has given another order."""
         if self._ground.is_ending:
             return []  # these are orders of the end; the next goals are refused because of it
-        not_taken = ("sent", "refused", "no answer")
+        not_taken = (None, "sent", "refused", "no answer")
         return [name for name in self._offsets if self._other_order_phase(name) not in not_taken]
 
-    def _other_order_phase(self, name: str) -> Phase:
-        """Return how far a vehicle is with another order than this one's; "refused" if none."""
+    def _other_order_phase(self, name: str) -> Phase | None:
+        """Return how far a vehicle is with a newer order than this one's; None: it has none."""
         newest = self._client.newest_order(name)
         if newest is None or newest is self._own_orders[name]:
-            return "refused"
+            return None
         return newest.results[name].phase
 
     def _fail_refused(self, *, is_over: bool) -> None:

@@ -5,9 +5,10 @@ How long that is waited for depends on the way: a slow vehicle far away needs mi
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Collection, Sequence
 
 from groundstation.client.client import FleetClient
+from groundstation.missions.taken import FleetWatch, flown_by_hand
 from groundstation.orders.intents import Home
 from groundstation.orders.obstruction import explained
 from groundstation.orders.plan import PlannedOrder
@@ -15,6 +16,37 @@ from groundstation.orders.reachable_goals import longest_move_s
 from groundstation.orders.result import Results
 
 _LATE_S = 90.0  # longest wait after the expected end of the ways: for the landing, and for detours
+
+
+def flying_by_agent(client: FleetClient, names: Sequence[str]) -> tuple[str, ...]:
+    """Return those of these vehicles that are in the air and that no pilot flies by hand."""
+    vehicles = client.state.vehicles
+    by_hand = flown_by_hand(client)
+    return tuple(name for name in names if vehicles[name].is_airborne and name not in by_hand)
+
+
+async def fly_home_unless_taken(
+    client: FleetClient, names: Sequence[str], watch: FleetWatch, *, say: Callable[[str], None]
+) -> Collection[str] | None:
+    """Let those of these vehicles fly home that their agents fly, and land there.
+
+    Args:
+        client: fleet client that has been started.
+        names: names of the vehicles.
+        watch: watch of the mission's fleet.
+        say: function that receives each line of progress.
+
+    Returns:
+        The vehicles that a person here has ordered elsewhere meanwhile; None if somebody has taken
+        the fleet, whose order stays.
+    """
+    flying = flying_by_agent(client, names)
+    if not flying:
+        return ()
+    results = await fly_home(client, flying, say=say)
+    if await watch.after_failure(results) is not None:
+        return None
+    return watch.ordered_by_person(results)
 
 
 async def fly_home(

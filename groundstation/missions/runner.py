@@ -24,7 +24,7 @@ from groundstation.missions.api import Fleet, NotReady, OrderFailed
 from groundstation.missions.beginning import begin_refusal, step_times, time_refusal
 from groundstation.missions.conditions import ConditionTimeout
 from groundstation.missions.countdown import CountdownEnded
-from groundstation.missions.going_home import fly_home
+from groundstation.missions.going_home import fly_home_unless_taken
 from groundstation.missions.hover_check import WindTooStrong
 from groundstation.missions.landing import wait_for_landings
 from groundstation.missions.left_out_awaits import left_out_awaits
@@ -597,24 +597,16 @@ class MissionRun:
             await self.client.order("hold all", _HOLD_TIMEOUT_S, is_by_mission=True)
             return
 
+        names = None  # all
         if self.mission.on_failure.do == "home":
-            vehicles = self.client.state.vehicles
-            by_hand = flown_by_hand(self.client)
-            flying = tuple(
-                name
-                for name in self.fleet.names
-                if vehicles[name].is_airborne and name not in by_hand
-            )
-            if flying:
-                results = await fly_home(self.client, flying, say=self.fleet.say)
-                watch = self.fleet.ground.watch
-                if await watch.after_failure(results) is not None:
-                    return  # that order stays
-                by_person = watch.ordered_by_person(results)
-                names = tuple(name for name in self.fleet.names if name not in by_person)
-                await self.fleet.land_all(LAND_TIMEOUT_S, names=names)
+            watch = self.fleet.ground.watch
+            flown = self.fleet.names
+            ordered = await fly_home_unless_taken(self.client, flown, watch, say=self.fleet.say)
+            if ordered is None:
                 return
-        await self.fleet.land_all(LAND_TIMEOUT_S)
+            if ordered:
+                names = [name for name in flown if name not in ordered]
+        await self.fleet.land_all(LAND_TIMEOUT_S, names=names)
 
     def _is_heard(self, state: FleetState) -> bool:
         return all(state.vehicles[name].telemetry is not None for name in self.fleet.names)

@@ -16,7 +16,7 @@ import pytest
 
 from onboard.bus.control_token import ControlTokens
 from onboard.bus.protocol import Bus
-from onboard.bus.schema import Event, Order, OrderReply, Telemetry, Truth
+from onboard.bus.schema import Event, Order, OrderOutcome, OrderReply, Telemetry, Truth
 from onboard.bus.topics import Topic
 from onboard.config.fleet import FleetConfig, load_fleet
 
@@ -214,14 +214,21 @@ class FakeBus:
                     position_enu_m=(x, y, 0.0),
                 )
 
+        if how == "fail":
+            self.report_end(name, order, "failed", "The motor is weak.")
+        else:
+            self.report_end(name, order, "done", "Done.")
+
+    def report_end(self, name: str, order: Order, outcome: OrderOutcome, sentence: str) -> None:
+        """Let a vehicle report how an order has ended."""
         event = Event(
             vehicle=name,
             stamp_ns=time.monotonic_ns(),
             severity="info",
             code="order",
-            sentence="The motor is weak." if how == "fail" else "Done.",
+            sentence=sentence,
             order_id=order.order_id,
-            order_outcome="failed" if how == "fail" else "done",
+            order_outcome=outcome,
         )
         self.on_message[Topic.EVENT](Topic.EVENT, name, event)
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-import time
 from collections.abc import Collection, Sequence
 from typing import Any
 
@@ -14,8 +13,6 @@ from groundstation.missions.ground import MissionGround
 from groundstation.missions.path_following import follow_paths
 from groundstation.orders.intents import Land
 from groundstation.orders.result import OrderFailed, Results
-from onboard.bus.schema import Event
-from onboard.bus.topics import Topic
 from onboard.config.fleet import FleetConfig
 from tests.groundstation.conftest import FakeBus
 from tests.groundstation.missions.test_first_points import begin_above_the_starts
@@ -54,16 +51,7 @@ class Flight:
         await self._has_begun.wait()
         for name, order in self._bus.orders:
             if order.kind == "follow_path" and name in names:
-                event = Event(
-                    vehicle=name,
-                    stamp_ns=time.monotonic_ns(),
-                    severity="info",
-                    code="order",
-                    sentence="Ended by order land.",
-                    order_id=order.order_id,
-                    order_outcome="superseded",
-                )
-                self._bus.on_message[Topic.EVENT](Topic.EVENT, name, event)
+                self._bus.report_end(name, order, "superseded", "Ended by order land.")
 
     async def land(self, names: Sequence[str]) -> None:
         """Once all follow their paths, let the mission land some, as another task of it does."""

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import asyncio
 import functools
-import time
 from typing import Any
 
 import pytest
@@ -12,23 +11,13 @@ import pytest
 from groundstation.missions.api import Fleet
 from groundstation.missions.taken import FleetTaken
 from groundstation.orders.result import OrderFailed
-from onboard.bus.schema import Event, Order
-from onboard.bus.topics import Topic
+from onboard.bus.schema import Order
 
 
-def end(bus: Any, name: str, outcome: Any) -> None:
+def end(bus: Any, name: str, outcome: str) -> None:
     """Let a vehicle report how its order of the mission ended."""
     (order,) = (order for vehicle, order in bus.orders if vehicle == name and is_of_mission(order))
-    event = Event(
-        vehicle=name,
-        stamp_ns=time.monotonic_ns(),
-        severity="info",
-        code="order",
-        sentence="The motor is weak.",
-        order_id=order.order_id,
-        order_outcome=outcome,
-    )
-    bus.on_message[Topic.EVENT](Topic.EVENT, name, event)
+    bus.report_end(name, order, outcome, "The motor is weak.")
 
 
 def is_of_mission(order: Order) -> bool:
