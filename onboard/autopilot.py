@@ -97,8 +97,8 @@ class Snapshot(Struct, frozen=True):
     position_local_ned_m: Xyz = (0.0, 0.0, 0.0)  # in PX4's own local frame
     velocity_local_ned_m_s: Xyz = (0.0, 0.0, 0.0)
     local_position_ns: int = 0
-    # Whether PX4's estimator has a horizontal position. On the ground PX4 also sends a local
-    # position, with a good accuracy, while it has no source of it.
+    # Whether PX4's estimator has a horizontal position, and a source that corrects it. PX4 also
+    # sends a local position without any: on the ground, and for seconds after its source was lost.
     is_position_known: bool = True
     # std of PX4's horizontal position; 0 before the first report, inf if PX4 reports nonsense
     position_accuracy_m: float = 0.0

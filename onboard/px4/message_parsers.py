@@ -23,8 +23,11 @@ _MAX_SYSTEM_IDS = 255
 _FIX_3D = 3  # GPS_FIX_TYPE of a three-dimensional fix; larger values are better fixes
 _SATELLITES_UNKNOWN = 255
 _NO_CELL_MV = 65535  # marks an absent cell
-# ESTIMATOR_STATUS_FLAGS: the position relative to the start of the local frame is known
-_HORIZONTAL_POSITION = 0x08
+# Bits of ESTIMATOR_STATUS_FLAGS. PX4 leaves the first set for EKF2_NOAID_TOUT (5 s) after its last
+# source is lost; it clears the second as soon as it stops to use that source.
+_HORIZONTAL_POSITION = 0x08  # the position relative to the start of the local frame is known
+_HORIZONTAL_SOURCE = 0x100  # at least one source corrects the horizontal position or velocity
+_POSITION_KNOWN = _HORIZONTAL_POSITION | _HORIZONTAL_SOURCE
 
 
 def _attitude(fields: dict[str, Any], arrival_ns: int) -> dict[str, Any]:
@@ -54,7 +57,7 @@ def _local_position(fields: dict[str, Any], arrival_ns: int) -> dict[str, Any]:
 
 def _estimator_status(fields: dict[str, Any], arrival_ns: int) -> dict[str, Any]:
     return {
-        "is_position_known": bool(fields["flags"] & _HORIZONTAL_POSITION),
+        "is_position_known": fields["flags"] & _POSITION_KNOWN == _POSITION_KNOWN,
         "position_accuracy_m": _accuracy_m(fields["pos_horiz_accuracy"]),
         "height_accuracy_m": _accuracy_m(fields["pos_vert_accuracy"]),
         "position_accuracy_ns": arrival_ns,

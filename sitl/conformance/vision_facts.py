@@ -26,6 +26,7 @@ _JUMP_M = 0.8
 _SETTLE_S = 4.0
 _NO_GPS_S = 7.0  # PX4's position stays valid for up to 5 s after the loss of satellites
 _ORIGIN_M = 100.0  # altitude of the origin in the fact vision.origin-height
+_FLAG_HORIZONTAL_SOURCE = 0x100  # in ESTIMATOR_STATUS.flags
 _LATITUDE_1E7 = 473977420
 _LONGITUDE_1E7 = 85455940
 FUSED = facts("vision", "fused")
@@ -113,6 +114,7 @@ def _lost(client: VehicleClient, report: FactReport) -> None:
 
     flags = _flags_in_turn(client, since_s)
     report.add("vision.lost-flags", " ".join(flags))
+    report.add("vision.lost-after", _noticed_after_s(client, since_s))
     final_flags = "none"
     if flags:
         final_flags = flags[-1]
@@ -133,6 +135,14 @@ def _flags_in_turn(client: VehicleClient, since_s: float) -> list[str]:
         if has_changed:
             flags.append(text)
     return flags
+
+
+def _noticed_after_s(client: VehicleClient, since_s: float) -> float:
+    """Return the time from the loss of vision until PX4's flags show no horizontal source."""
+    for packet in client.received.of("ESTIMATOR_STATUS", since_s):
+        if not packet.message.flags & _FLAG_HORIZONTAL_SOURCE:
+            return packet.at_s - since_s
+    return math.inf
 
 
 def _arm_in_offboard(client: VehicleClient, report: FactReport) -> None:

@@ -44,7 +44,7 @@ _SELECT_EVERY = 4  # number of periods between two selections of the sources: 31
 _HISTORY = 64  # number of periods whose positions are stored for delayed vision
 
 GPS_FIX_S = 2.3  # time from the start until satellites give a position
-_VISION_TIMEOUT_S = 1.0  # time without vision after which PX4 reports its loss
+_VISION_TIMEOUT_S = 0.45  # time without vision after which PX4 no longer counts on it
 _VISION_GAP_S = 0.1  # time without vision after which the estimate drifts
 
 # Fusion of vision.
@@ -96,7 +96,7 @@ _FLAGS = {Source.VISION: 0x1EF, Source.GPS: 0x3FF}
 _FLAGS_RECKONING = 0xEF
 _FLAGS_LOST = 0xE5
 _RECKONING_S = 5.0  # time after the loss of the last source for which _FLAGS_RECKONING are shown
-_FLAG_HORIZONTAL = 0x08  # the position in the local frame is known
+_FLAGS_POSITION = 0x108  # the position in the local frame is known, and a source corrects it
 _FLAG_ABSOLUTE = 0x10  # the position of the local frame on Earth is known
 
 
@@ -535,8 +535,8 @@ class Estimator:
         return _FLAGS_LOST
 
     def is_position_known(self, index: int, time_s: float) -> bool:
-        """Return whether ESTIMATOR_STATUS.flags say that there is a horizontal position."""
-        return bool(self.flags(index, time_s) & _FLAG_HORIZONTAL)
+        """Return whether ESTIMATOR_STATUS.flags say that a source gives the horizontal position."""
+        return self.flags(index, time_s) & _FLAGS_POSITION == _FLAGS_POSITION
 
     def accuracy_m(self, index: int, time_s: float) -> float:
         """Return ESTIMATOR_STATUS.pos_horiz_accuracy, which grows without a source."""

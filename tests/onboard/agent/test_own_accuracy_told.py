@@ -79,9 +79,15 @@ def test_height_that_comes_back_up_after_touch_down_ends_a_landing_only_where_a_
     rig.until("landed")
 
 
-@pytest.mark.parametrize(("flags", "is_known"), [(0x1EF, True), (0xEF, True), (0xE5, False)])
-def test_px4_knows_no_position_without_its_flag(flags: int, is_known: bool) -> None:
-    # 0xE5: a PX4 v1.18 on the ground that fuses vision which never came
+@pytest.mark.parametrize(
+    ("flags", "is_known"),
+    [
+        (0x1EF, True),
+        (0xFF, False),  # a PX4 whose vision was lost less than 5 s ago
+        (0xE5, False),  # a PX4 v1.18 on the ground that fuses vision which never came
+    ],
+)
+def test_px4_knows_no_position_without_its_flags(flags: int, is_known: bool) -> None:
     fields = {"pos_horiz_accuracy": 0.02, "pos_vert_accuracy": 0.1, "flags": flags}
     assert PARSERS["ESTIMATOR_STATUS"](fields, 5)["is_position_known"] is is_known
 
@@ -144,6 +150,19 @@ def test_without_satellites_it_comes_down_by_dead_reckoning_not_after_a_position
     assert rig.core.flight.step is FlightStep.SINKING
     assert "satellites-lost" in {event.code for event in rig.events}
     assert rig.core.own.is_dead_reckoned
+    rig.until("landed")
+
+
+@pytest.mark.failsafe("own position lost", step="flying")
+def test_a_position_that_px4_only_dead_reckons_is_not_used() -> None:
+    """PX4 sends positions for 5 s after its last source, up to a metre wrong."""
+    rig = _rig(0.4)
+    rig.fly()
+    rig.snapshot = msgspec.structs.replace(rig.snapshot, is_position_known=False)
+    rig.run(0.3)
+    assert rig.core.own.is_dead_reckoned
+    rig.run(0.6)
+    assert rig.core.flight.step is FlightStep.SINKING
     rig.until("landed")
 
 

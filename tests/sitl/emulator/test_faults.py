@@ -354,7 +354,7 @@ def test_external_positions_can_freeze_jump_be_swapped_late_or_lost() -> None:
     assert lost.estimator.source[0] is Source.NONE
 
 
-@pytest.mark.parametrize("line", ["v0 vision_lost at=3", "v0 vision_late at=3 delay_s=0.5"])
+@pytest.mark.parametrize("line", ["v0 vision_lost at=3", "v0 vision_late at=3 delay_s=0.4"])
 def test_a_reset_of_vision_takes_effect_when_its_message_arrives(line: str) -> None:
     emu = emulator()
     emu.inject(parse("v0 gps_loss"))
