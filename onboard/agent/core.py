@@ -440,6 +440,8 @@ class AgentCore:
             is_airborne=self._is_airborne(),
             battery_floor_frac=self._battery_floor_frac,
             nearest_m=min(self._distances_m.values(), default=math.inf),
+            nearest_person=min(self._people_m, key=self._people_m.__getitem__, default=""),
+            nearest_person_m=min(self._people_m.values(), default=math.inf),
             unseen_people=unseen_people,
             # the last pass of the pipeline
             law_status=law_status,

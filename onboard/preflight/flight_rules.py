@@ -76,7 +76,7 @@ def _people(facts: PreflightFacts, fleet: FleetConfig, vehicle: Vehicle) -> Judg
         return OK, {"nearest": "No person is seen."}
 
     name = min(facts.people_m, key=facts.people_m.__getitem__)
-    distance_m = facts.people_m[name]
+    distance_m = max(0.0, facts.people_m[name])  # 0 for a person who stands over it
     required_m = fleet.fleet.safety_distance_m
     if distance_m < required_m:
         return "too near", {"name": name, "distance": distance_m, "required": required_m}

@@ -267,9 +267,9 @@ _ROWS: dict[Condition, tuple[Action, ...]] = {
     # The landing is under the law, because PX4's landing would not keep away from the other
     # vehicle.
     C.COLLISION_SUSPECTED:     (REFUSE,  DISARM, LAND,     LAND,     GO_ON,    GO_ON, GO_ON),
-    # The law already separates the vehicles as hard as it can, and a stop would only interrupt
-    # this.
-    C.SEPARATION_BREACHED:     (REFUSE,  DISARM, GO_ON,    SLOW,     GO_ON,    GO_ON, GO_ON),
+    # In flight the law already separates the vehicles as hard as it can, and a stop would only
+    # interrupt this. While it takes off, a person may have walked up to it.
+    C.SEPARATION_BREACHED:     (REFUSE,  DISARM, LAND,     SLOW,     GO_ON,    GO_ON, GO_ON),
     C.SEPARATION_PREDICTED:    (GO_ON,   GO_ON,  GO_ON,    SLOW,     GO_ON,    GO_ON, GO_ON),
     # No goal is pursued without avoidance.
     C.LAW_INFEASIBLE:          (GO_ON,   GO_ON,  LAND,     HOLD,     GO_ON,    GO_ON, GO_ON),

@@ -200,7 +200,17 @@ def _corrections_age(facts: TickFacts) -> str:
 
 
 def _is_too_near(facts: TickFacts) -> bool:
-    return facts.nearest_m < facts.limits.safety_distance_m and facts.is_airborne
+    limit_m = facts.limits.safety_distance_m
+    if facts.is_airborne:
+        return facts.nearest_m < limit_m
+    # Vehicles may stand and land beside it, but nobody may be near its propellers.
+    return facts.is_taking_off and facts.nearest_person_m < limit_m
+
+
+def _person_too_near(facts: TickFacts) -> str:
+    if facts.nearest_person_m < facts.limits.safety_distance_m:
+        return facts.nearest_person
+    return ""
 
 
 def _has_touched(facts: TickFacts) -> bool:
@@ -380,7 +390,7 @@ ROWS: tuple[ConditionRow, ...] = (
         _C.COLLISION_SUSPECTED,
         Cause(_has_touched, detail=_fact("touched")),
     ),
-    _row(_C.SEPARATION_BREACHED, Cause(_is_too_near)),
+    _row(_C.SEPARATION_BREACHED, Cause(_is_too_near, detail=_person_too_near)),
     _row(
         _C.SEPARATION_PREDICTED,
         Cause(

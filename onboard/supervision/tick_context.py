@@ -37,6 +37,8 @@ class TickContext(Struct, frozen=True, kw_only=True):
     # charge at which a simulated battery stops emptying; 0 for a real one
     battery_floor_frac: float = 0.0
     nearest_m: float = math.inf  # separation from the nearest vehicle or person
+    nearest_person: str = ""
+    nearest_person_m: float = math.inf  # separation from the nearest person
     unseen_people: tuple[str, ...] = ()  # persons whose poses have stopped
 
     # the last pass of the pipeline

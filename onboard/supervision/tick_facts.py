@@ -77,6 +77,7 @@ class TickFacts(Struct, frozen=True, kw_only=True):
     is_flying: bool = False  # whether the situation is FLYING
     is_under_law: bool = False  # whether the vehicle flies the output of the avoidance law
     is_airborne: bool = False  # whether other vehicles must expect this vehicle in the air
+    is_taking_off: bool = False  # whether it is armed on the ground, or lifts off
     is_in_contact: bool = False  # it stands after a landing that PX4 has not confirmed yet
     is_overdue: bool = False  # the move or the landing takes too long
     overdue_reason: str = ""  # why it does
@@ -134,7 +135,9 @@ class TickFacts(Struct, frozen=True, kw_only=True):
     is_above_ceiling: bool = False
 
     # other vehicles
-    nearest_m: float = math.inf  # separation from the nearest other vehicle
+    nearest_m: float = math.inf  # separation from the nearest other vehicle or person
+    nearest_person: str = ""
+    nearest_person_m: float = math.inf  # separation from the nearest person
     touched: str = ""  # vehicle that is nearer than one body diameter; empty: none
     is_law_infeasible: bool = False
     silent: tuple[str, ...] = ()  # were in the air when last heard, and are silent now

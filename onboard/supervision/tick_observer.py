@@ -59,6 +59,7 @@ _LOAD_KNOWN_S = 1.0  # the battery's reports show the load of flight after this 
 
 _HEARTBEAT_DUE_NS = 1_300_000_000  # a heartbeat at 1 Hz is lost if none has arrived for longer
 
+_TAKING_OFF = (Situation.ARMED, Situation.LIFTOFF)
 _WITHOUT_POSITION = FenceStatus(is_near=False, is_outside=False, is_above=False)
 
 
@@ -176,6 +177,7 @@ class TickObserver:
             is_flying=step.situation is Situation.FLYING,
             is_under_law=step.is_under_law,
             is_airborne=context.is_airborne,
+            is_taking_off=step.situation in _TAKING_OFF,
             is_in_contact=step is FlightStep.CONTACT,
             is_overdue=overdue is not None,
             overdue_reason=overdue_reason,
@@ -227,6 +229,8 @@ class TickObserver:
             is_above_ceiling=fence.is_above,
             # other vehicles
             nearest_m=context.nearest_m,
+            nearest_person=context.nearest_person,
+            nearest_person_m=context.nearest_person_m,
             touched=self._touched(view, context),
             is_law_infeasible=context.law_status == LawStatus.INFEASIBLE,
             silent=silence.silent,

@@ -150,3 +150,39 @@ def test_nobody_takes_off_beside_a_person(lockstep, paper):
     assert result.phase == "refused"
     assert "anna is 0.6" in result.sentence
     assert visitor.nearest_m == math.inf
+
+
+@pytest.mark.failsafe("separation breached", step="armed on the ground")
+def test_the_propellers_stop_when_a_person_walks_up_to_an_armed_vehicle(lockstep, paper):
+    flight = lockstep(with_anna(paper), seed=6)
+    visitor = Visitor(flight, lambda time_s: (-3.0, -1.2), 0.4)
+    flight.run(8.0)
+    flight.order("arm mav1", 5.0)
+    x, y, _ = position_of(flight, "mav1")
+    visitor.place = along((-3.0, -1.2), (x, y), flight.time_s, 1.0)
+    flight.run(5.0)
+
+    assert not flight.simulation.emulator.autopilots[1].is_armed
+    [said] = [event.sentence for event in flight.events if event.code == "separation-breached"]
+    assert said == "Separation breached (anna): disarming."
+    assert visitor.nearest_m == math.inf
+
+
+@pytest.mark.failsafe("separation breached", step="lifting off")
+@pytest.mark.parametrize("after_s", [0.0, 0.5, 1.0, 1.5, 2.0])
+def test_a_vehicle_does_not_rise_from_a_spot_to_which_a_person_walks(lockstep, paper, after_s):
+    """She is at the safety distance that long after the order was accepted."""
+    flight = lockstep(with_anna(paper), seed=7)
+    visitor = Visitor(flight, lambda time_s: (-3.0, -1.2), 0.4)
+    flight.run(8.0)
+    x, y, _ = position_of(flight, "mav1")
+    flight.start_soon(flight.client.order("takeoff mav1 1.0", 10.0))
+    begin = (x - 1.25 - 1.0 * after_s, y)
+    visitor.place = along(begin, (x, y), flight.time_s, 1.0)
+
+    highest_m = 0.0
+    for _ in range(80):
+        flight.run(0.1)
+        highest_m = max(highest_m, float(flight.simulation.emulator.world.truth_enu()[0][1, 2]))
+    assert highest_m < 0.2
+    assert not flight.simulation.emulator.autopilots[1].is_armed
