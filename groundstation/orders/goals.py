@@ -158,8 +158,10 @@ def _bring_home(intent: BringHome, facts: GoalFacts) -> Goals:
 
     takes = intent.takes
     if takes is None:
-        homes = {name: facts.spot_enu_m(name) for name in facts.names}
-        takes = spots_without_crossing(homes, positions)
+        owners = _free_spot_owners(facts)
+        spots = {name: facts.spot_enu_m(owner) for name, owner in owners.items()}
+        assigned = spots_without_crossing(spots, positions)
+        takes = {name: owners[other] for name, other in assigned.items()}
         intent = replace(intent, takes=takes)
 
     goals = {}
@@ -175,6 +177,47 @@ def _bring_home(intent: BringHome, facts: GoalFacts) -> Goals:
         )
         intent = replace(intent, duration_s=math.ceil(10.0 * max(_MIN_FLIGHT_S, longest_s)) / 10.0)
     return Goals(intent, goals)
+
+
+def _free_spot_owners(facts: GoalFacts) -> dict[str, str]:
+    """Return for each vehicle of the order the owner of a take-off spot that is free for it.
+
+    It is the vehicle itself, unless another one stands on its spot. Then it is that other one,
+    whose own spot is free unless somebody stands there too.
+    """
+    owners: dict[str, str] = {}
+    for name in facts.names:
+        owner = name
+        met = [name]
+        while (standing := _who_stands_on(facts, owner)) and standing not in met:
+            met.append(standing)
+            owner = standing
+
+        is_free = not _who_stands_on(facts, owner) and owner not in owners.values()
+        owners[name] = owner if is_free else name
+    return owners
+
+
+def _who_stands_on(facts: GoalFacts, owner: str) -> str:
+    """Return a vehicle outside the order that has landed on a take-off spot; empty: nobody.
+
+    Args:
+        facts: the fleet.
+        owner: the vehicle whose spot it is.
+    """
+    if facts.state is None:
+        return ""
+
+    spot_enu_m = facts.spot_enu_m(owner)
+    for name in facts.fleet.enabled_names:
+        telemetry = facts.state.telemetry_of(name)
+        is_standing = name not in facts.names and facts.state.is_landed(name)
+        if telemetry is None or not telemetry.is_position_valid or not is_standing:
+            continue
+        apart_m = math.dist(telemetry.position_enu_m[:2], spot_enu_m[:2])
+        if apart_m < facts.fleet.fleet.safety_distance_m:
+            return name
+    return ""
 
 
 def _goal_above_spot(

@@ -186,3 +186,20 @@ def test_a_px4_that_is_rebooted_between_flights_flies_again(lockstep: Any) -> No
     assert px4.boot_time_s > begin_s
     flight.takeoff(0.8)
     assert flight.land()
+
+
+def test_bring_home_leaves_out_a_spot_on_which_another_vehicle_stands(
+    lockstep: Any, paper: Any
+) -> None:
+    flight = lockstep(paper, seed=3)
+    flight.takeoff(1.0)
+    x, y, _ = paper.vehicles["mav1"].start_enu_m
+    flight.order("move mav1 0 1.5 1.0", 20.0)
+    flight.order(f"move mav0 {x} {y} 1.0", 20.0)
+    flight.order("land mav0", 20.0)
+
+    results = flight.order("bring home 1,2", 30.0)
+    assert all(result.is_done for result in results.values()), results
+    spots = {name: flight.state.telemetry_of(name).position_enu_m for name in ("mav1", "mav2")}
+    assert spots["mav1"][:2] == pytest.approx((-1.5, -1.5), abs=0.3)
+    assert spots["mav2"][:2] == pytest.approx((1.5, -1.5), abs=0.3)
