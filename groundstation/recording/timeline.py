@@ -637,6 +637,38 @@ def _bounds_ns(
     return min(begins_ns, default=0), max(ends_ns, default=-1)
 
 
+def _agrees(span: _Span, shift_ns: int, common_span: _Span) -> bool:
+    """Return whether the stamps of a clock are within the time of a chunk on the common clock.
+
+    Args:
+        span: stamps of the clock in the chunk.
+        shift_ns: shift of the clock.
+        common_span: stamps of the common clock in the chunk.
+    """
+    stamp_ns = span.middle_ns - shift_ns
+    outside_ns = max(common_span.first_ns - stamp_ns, stamp_ns - common_span.last_ns)
+    return outside_ns <= CLOCK_APART_NS
+
+
+def _shift_ns(span: _Span, time_ns: int) -> int:
+    """Return the shift of a clock from its stamps in a chunk, and the time of the chunk."""
+    apart_ns = span.middle_ns - time_ns
+    if abs(apart_ns) <= CLOCK_APART_NS:
+        return 0
+    return apart_ns
+
+
+def _time_of_most_messages_ns(spans: Mapping[str, _Span], shifts_ns: Mapping[str, int]) -> int:
+    """Return the time of a chunk without the common clock, by the clock with most messages in it.
+
+    Returns 0 for an empty chunk.
+    """
+    if not spans:
+        return 0
+    clock = max(spans, key=lambda clock: spans[clock].message_count)
+    return spans[clock].middle_ns - shifts_ns[clock]
+
+
 class _Stamps:
     """Stamps of every clock in every chunk, from which the shifts of the clocks follow.
 
@@ -701,28 +733,22 @@ class _Stamps:
         it, for instance in a computer without a battery. The shift [ns] of a clock is subtracted
         from its stamps, so that they are times on the common clock. A clock gets a new shift in a
         chunk in which its stamps are outside the time of the chunk on the common clock. Earlier
-        chunks keep their shifts.
+        chunks keep their shifts. A chunk without the common clock changes no shift: a ground
+        station that waited for its vehicles is not on another clock.
         """
         common = self._common_clock()
-        time_ns = next((spans[common].middle_ns for spans in self._chunks if common in spans), 0)
-
-        shifts_ns: dict[str, int] = {}  # clock -> its shift so far
+        shifts_ns = self._first_shifts_ns(common)  # clock -> its shift so far
+        common_ns = 0  # newest time of the common clock
         for number, spans in enumerate(self._chunks):
-            earliest_ns = time_ns
-            latest_ns = time_ns
             if common in spans:
-                time_ns = self._chunk_time_ns(spans[common], time_ns)
-                earliest_ns = spans[common].first_ns
-                latest_ns = spans[common].last_ns
-
-            # Changes make a new mapping, because earlier chunks keep the shifts of their time.
-            changes = self._changed_shifts_ns(
-                spans, common, time_ns, earliest_ns, latest_ns, shifts_ns
-            )
-            known = shifts_ns.keys() | changes.keys()
-            first_shifts = {clock: 0 for clock in spans if clock not in known}
-            if changes or first_shifts:
-                shifts_ns = {**shifts_ns, **changes, **first_shifts}
+                common_ns = self._chunk_time_ns(spans[common], common_ns)
+                time_ns = common_ns
+                changes = self._changed_shifts_ns(spans, common, time_ns, shifts_ns)
+                # Changes make a new mapping, because earlier chunks keep the shifts of their time.
+                if changes:
+                    shifts_ns = {**shifts_ns, **changes}
+            else:
+                time_ns = _time_of_most_messages_ns(spans, shifts_ns)
 
             begin_ns, end_ns = _bounds_ns(spans, shifts_ns, time_ns)
             yield _Settled(
@@ -733,39 +759,45 @@ class _Stamps:
                 has_events=not spans or number in self._with_events,
             )
 
+    def _first_shifts_ns(self, common: str) -> dict[str, int]:
+        """Return the shift [ns] of each clock in the first chunk that also holds the common one.
+
+        A clock that shares no chunk with the common one is not shifted.
+        """
+        shifts_ns: dict[str, int] = {}
+        time_ns = 0
+        for spans in self._chunks:
+            if common in spans:
+                time_ns = self._chunk_time_ns(spans[common], time_ns)
+                for clock in spans.keys() - shifts_ns.keys():
+                    shifts_ns[clock] = 0
+                    if not _agrees(spans[clock], 0, spans[common]):
+                        shifts_ns[clock] = _shift_ns(spans[clock], time_ns)
+
+        clocks = {clock for spans in self._chunks for clock in spans}
+        return dict.fromkeys(clocks, 0) | shifts_ns
+
     def _changed_shifts_ns(
         self,
         spans: Mapping[str, _Span],
         common: str,
         time_ns: int,
-        earliest_ns: int,
-        latest_ns: int,
         shifts_ns: Mapping[str, int],
     ) -> dict[str, int]:
-        """Return the new shifts [ns] of the clocks that do not agree with the common clock.
+        """Return the new shifts [ns] of the clocks that no longer agree with the common clock.
 
         Args:
             spans: stamps of a chunk by clock.
-            common: name of the common clock.
+            common: name of the common clock, which the chunk contains.
             time_ns: time of the chunk on the common clock.
-            earliest_ns: first time of the chunk on the common clock.
-            latest_ns: last time of the chunk on the common clock.
             shifts_ns: shifts of the clocks so far.
         """
         changes = {}
         for clock, span in spans.items():
-            stamp_ns = span.middle_ns - shifts_ns.get(clock, 0)
-            outside_ns = max(earliest_ns - stamp_ns, stamp_ns - latest_ns)
-            agrees = outside_ns <= CLOCK_APART_NS
-            if clock == common or agrees:
+            if clock == common or _agrees(span, shifts_ns[clock], spans[common]):
                 continue
-
-            apart_ns = span.middle_ns - time_ns
-            if clock in shifts_ns and not self._is_confirmed(clock, span, apart_ns):
-                continue
-            changes[clock] = 0
-            if abs(apart_ns) > CLOCK_APART_NS:
-                changes[clock] = apart_ns
+            if self._is_confirmed(clock, span, span.middle_ns - time_ns):
+                changes[clock] = _shift_ns(span, time_ns)
         return changes
 
     def _chunk_time_ns(self, span: _Span, before_ns: int) -> int:

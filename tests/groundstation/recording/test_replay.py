@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import math
 import shutil
@@ -267,27 +268,32 @@ def late_event(name: str, stamp_ns: int) -> tuple[int, Topic, str, Message]:
     return 25 * SECOND, Topic.EVENT, name, event
 
 
-@pytest.mark.parametrize("name", ["mav0", "mav1", "ground"])
-@pytest.mark.parametrize("age_s", [6, 19, 3_000, -30])
-def test_a_late_message_with_an_old_stamp_shifts_nothing_else(
-    tmp_path: Path, name: str, age_s: int
-) -> None:
-    folder = tmp_path / "late"
-    told = messages(40.0, {})
-    told.append(late_event(name, 25 * SECOND - age_s * SECOND))
-    told.sort(key=lambda one: one[0])
-
+def recorded_in_order(folder: Path, told: list[tuple[int, Topic, str, Message]]) -> Path:
+    """A record of these messages, with a chunk for every sixty of them or for each wait."""
     folder.mkdir()
     shutil.copy(FLEET, folder / "fleet.toml")
     files = RecordFiles(
         folder, (folder / "flight.mcap").open("wb"), begin_ns=5 * SECOND, begin="a test"
     )
-    for count, (at_ns, topic, one, message) in enumerate(told):
-        files.write(topic, one, message, at_ns)
-        if count % 60 == 59:
+    before_ns = 5 * SECOND
+    for count, (at_ns, topic, name, message) in enumerate(sorted(told, key=lambda one: one[0])):
+        if count % 60 == 0 or at_ns - before_ns > SECOND:
             files.flush()
+        files.write(topic, name, message, at_ns)
+        before_ns = at_ns
     files.finish()
     files.close()
+    return folder
+
+
+@pytest.mark.parametrize("name", ["mav0", "mav1", "ground"])
+@pytest.mark.parametrize("age_s", [6, 19, 3_000, -30])
+def test_a_late_message_with_an_old_stamp_shifts_nothing_else(
+    tmp_path: Path, name: str, age_s: int
+) -> None:
+    told = messages(40.0, {})
+    told.append(late_event(name, 25 * SECOND - age_s * SECOND))
+    folder = recorded_in_order(tmp_path / "late", told)
 
     timeline = Timeline(folder)
     reading = timeline.read(0, frozenset(("telemetry", "truth")))
@@ -295,6 +301,28 @@ def test_a_late_message_with_an_old_stamp_shifts_nothing_else(
     assert stamps_ns == sorted(at_ns for at_ns, topic, _, _ in told if topic != Topic.EVENT)
     assert timeline.length_s == pytest.approx(39.9, abs=35.1)  # no flight of an hour
     timeline.close()
+
+
+@pytest.mark.parametrize("silence_s", [(0, 8), (20, 35), (30, 41)])
+def test_a_ground_that_waits_for_silent_vehicles_is_on_no_other_clock(
+    tmp_path: Path, silence_s: tuple[int, int]
+) -> None:
+    first_ns, last_ns = ((5 + time_s) * SECOND for time_s in silence_s)
+    told = [one for one in messages(40.0, {}) if not first_ns <= one[0] < last_ns]
+    expected = []
+    for time_s in range(0, 40, 2):
+        at_ns = (5 + time_s) * SECOND
+        _, topic, name, event = late_event("ground", at_ns)
+        told.append((at_ns, topic, name, event))
+        expected.append(at_ns)
+
+    folder = recorded_in_order(tmp_path / "waited", told)
+
+    with contextlib.closing(Timeline(folder)) as timeline:
+        stamps_ns = [stamp_ns for stamp_ns, event in timeline.events if event.code == "late"]
+        assert stamps_ns == expected
+        assert timeline.begin_ns == 5 * SECOND
+        assert timeline.length_s == pytest.approx(39.9, abs=1.9)
 
 
 async def test_a_person_is_where_the_motion_capture_saw_him_at_that_time(tmp_path: Path) -> None:
