@@ -25,7 +25,7 @@ from typing import Annotated
 from cyclopts import Parameter
 
 from groundstation.commands.parameters import FleetFile, Folder
-from groundstation.evidence.evidence_page import PAGE_NAME, result_words
+from groundstation.evidence.evidence_page import PAGE_NAME, pair_words, result_words
 from groundstation.evidence.evidence_summary import Evidence, read_evidence, summarized
 from groundstation.evidence.folder import OtherMachine, write_folder
 from groundstation.evidence.kept_flights import KEPT_NAME, KeptFlights, read_flights
@@ -222,7 +222,7 @@ def _print_summary(summary: Evidence, out: Path) -> None:
 
 
 def _row_line(row: MatrixRow) -> str:
-    figures = "no flights"
+    figures = f"no flights{pair_words(row)}"
     if row.flights:
         figures = f"{row.wrong_flights} of {row.flights} wrong, below {row.upper_bound:.1%}"
     return f"  {result_words(row)}: {row.question}  ({figures})"

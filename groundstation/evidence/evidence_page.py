@@ -174,7 +174,7 @@ def _matrix_row(row: MatrixRow) -> str:
     nearest = ""
     if row.smallest_m is not None:
         nearest = f"<br>nearest two {row.smallest_m:.2f} m"
-    flights = "none"
+    flights = "none" + pair_words(row)
     if row.flights:
         first_seed, last_seed = row.seeds
         flights = (
@@ -199,10 +199,21 @@ def result_words(row: MatrixRow) -> str:
     """Return what the flights of a row have shown, in words."""
     words = _WORDS[row.status]
     if row.status == SHOWN and row.not_flown:
-        words += f", in part: {numbered(len(row.not_flown), 'fault')} not flown"
+        words += f", in part: {_not_flown_words(row)}"
     if _is_wide(row):
         words += f"; {numbered(row.flights, 'flight')} only"
     return words
+
+
+def pair_words(row: MatrixRow) -> str:
+    """Return what the flights of a row must have had, in words; empty for most rows."""
+    if row.needs_pair:
+        return " with two vehicles in the air"
+    return ""
+
+
+def _not_flown_words(row: MatrixRow) -> str:
+    return f"{numbered(len(row.not_flown), 'fault')} not flown{pair_words(row)}"
 
 
 def _reasons(reasons: Sequence[str]) -> str:
@@ -221,8 +232,7 @@ def _shown_by(row: MatrixRow) -> str:
         names = ", ".join(f"{name} ({count})" for name, count in row.faults.items())
         parts.append(_folded(numbered(len(row.faults), "fault"), _text(names)))
     if row.not_flown:
-        title = f"{numbered(len(row.not_flown), 'fault')} not flown"
-        parts.append(_folded(title, _text(", ".join(row.not_flown))))
+        parts.append(_folded(_not_flown_words(row), _text(", ".join(row.not_flown))))
     if row.rows:
         items = "".join(_failsafe_row(failsafe_row) for failsafe_row in row.rows)
         title = f"{numbered(len(row.rows), 'row')} of the failsafe table"

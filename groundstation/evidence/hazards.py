@@ -49,16 +49,26 @@ class Hazard(NamedTuple):
     claims: dict[C, Action]  # condition -> action that a flying vehicle takes
     faults: tuple[str, ...]  # names of the campaign's faults that are flown for it
     remains: str  # what such flights do not show
+    needs_pair: bool = False  # whether only flights with two vehicles in the air answer it
 
 
 HAZARDS: tuple[Hazard, ...] = (
     Hazard(
         key="normal",
-        question="Does the mission keep its distances and its place when nothing fails?",
+        question="Does the mission keep its place when nothing fails?",
         asked_by=("SORA 2.5 OSO #08", SWARM, WAIVER),
         claims={},
         faults=("nothing",),
         remains="real vehicles, real air",
+    ),
+    Hazard(
+        key="distances",
+        question="Do the drones keep their distances when nothing fails?",
+        asked_by=("SORA 2.5 OSO #08", SWARM, WAIVER),
+        claims={},
+        faults=("nothing",),
+        remains="real vehicles, real air",
+        needs_pair=True,
     ),
     Hazard(
         key="c2-lost",
@@ -288,6 +298,7 @@ HAZARDS: tuple[Hazard, ...] = (
             "satellites lost",
         ),
         remains="parts that fall from a drone; a drone below one that falls",
+        needs_pair=True,
     ),
     Hazard(
         key="not-cooperating",
@@ -306,6 +317,7 @@ HAZARDS: tuple[Hazard, ...] = (
             "nonsense on the bus",
         ),
         remains="an attack with stolen keys (docs/threats.md)",
+        needs_pair=True,
     ),
     Hazard(
         key="envelope",
@@ -335,7 +347,7 @@ HAZARDS: tuple[Hazard, ...] = (
     ),
     Hazard(
         key="pilot",
-        question="Can a pilot take a drone, and do the others keep away from it?",
+        question="Can a pilot take a drone?",
         asked_by=("SORA 2.5 OSO #19", SWARM, WAIVER),
         claims={
             C.FLOWN_BY_HAND: _STOP,
@@ -344,6 +356,15 @@ HAZARDS: tuple[Hazard, ...] = (
         },
         faults=("a pilot takes over", "a pilot lands"),
         remains="how well he flies it",
+    ),
+    Hazard(
+        key="pilot-among-others",
+        question="Do the others keep away from a drone that a pilot has taken?",
+        asked_by=("SORA 2.5 OSO #19", SWARM, WAIVER),
+        claims={},
+        faults=("a pilot takes over", "a pilot lands"),
+        remains="how well he flies it",
+        needs_pair=True,
     ),
     Hazard(
         key="wind",

@@ -54,6 +54,11 @@ class FlownCase(msgspec.Struct, frozen=True, kw_only=True):
         """Whether nothing happened that must not happen."""
         return not self.wrong
 
+    @property
+    def had_pair(self) -> bool:
+        """Whether two vehicles were in the air at the same time."""
+        return self.smallest_m is not None or self.smallest_silenced_m is not None
+
 
 class KeptFlights:
     """The file of a campaign.

@@ -3,8 +3,9 @@
 A row is **shown** if flights were flown for it, none of them is judged wrong, and the failsafe
 table does what is claimed. It is **wrong** if a flight is judged wrong or the failsafe table does
 something else. It is **not shown** if nothing was flown for it, for instance because the fleet does
-not use satellites. This is evidence for the faults, the fleet and the mission that were flown; the
-authority decides whether it suffices.
+not use satellites, or because the question is about others and no two vehicles were in the air.
+This is evidence for the faults, the fleet and the mission that were flown; the authority decides
+whether it suffices.
 """
 
 from __future__ import annotations
@@ -42,7 +43,7 @@ class MatrixRow(msgspec.Struct, frozen=True, kw_only=True):
     status: str
     rows: tuple[FailsafeRow, ...]
     faults: dict[str, int]  # fault -> number of flights
-    not_flown: tuple[str, ...]  # faults that this fleet or mission cannot have
+    not_flown: tuple[str, ...]  # faults without a flight that counts
     flights: int
     wrong_flights: int
     upper_bound: float  # one-sided bound of the share of wrong flights, 95 %, exact
@@ -53,6 +54,7 @@ class MatrixRow(msgspec.Struct, frozen=True, kw_only=True):
     digest: str
     reasons: tuple[str, ...]  # why the row is wrong
     remains: str  # what these flights do not show
+    needs_pair: bool = False  # whether only flights with two vehicles in the air count
 
 
 def matrix(flights: Sequence[FlownCase], tests: Mapping[str, Sequence[str]]) -> list[MatrixRow]:
@@ -69,6 +71,8 @@ def _row(
     hazard: Hazard, flights: Sequence[FlownCase], tests: Mapping[str, Sequence[str]]
 ) -> MatrixRow:
     own_flights = [flight for flight in flights if flight.case.fault in hazard.faults]
+    if hazard.needs_pair:
+        own_flights = [flight for flight in own_flights if flight.had_pair or not flight.is_right]
     rows = tuple(_failsafe_rows(hazard, own_flights, tests))
     wrong_flights = [flight for flight in own_flights if not flight.is_right]
     reasons = [f"{row.condition}: {row.wrong}" for row in rows if row.wrong]
@@ -107,6 +111,7 @@ def _row(
         digest=digest(own_flights),
         reasons=tuple(reasons),
         remains=hazard.remains,
+        needs_pair=hazard.needs_pair,
     )
 
 

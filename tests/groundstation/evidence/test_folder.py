@@ -57,7 +57,7 @@ def test_a_row_of_few_flights_says_so_and_is_not_green(tmp_path, paper) -> None:
     _, _, look = written(tmp_path, paper, [flown()])
     assert "<tr class='shown wide'>" in look
     assert "evidence for; 1 flight only" in look
-    assert "1 rest on so few flights that 20 % of such flights or more may still be wrong" in look
+    assert "2 rest on so few flights that 20 % of such flights or more may still be wrong" in look
 
     _, _, long = written(tmp_path, paper, [flown(number=number) for number in range(20)])
     assert "<tr class='shown'>" in long

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from groundstation.evidence.evidence_page import pair_words, result_words
 from groundstation.evidence.kept_flights import digest
 from groundstation.evidence.matrix import NOT_SHOWN, SHOWN, WRONG, conditions_never_seen, matrix
 from onboard.safety.failsafe_table import TABLE, Action, Condition, Situation
@@ -36,6 +37,28 @@ def test_a_wrong_flight_makes_its_rows_red_and_says_how_to_find_it() -> None:
         "ground lost for good, mav0 at 9.00 s, seed 2000: mav0 leaves the fence",
     )
     assert row("battery", flown(GROUND_LOST), bad).status == NOT_SHOWN
+
+
+def test_a_question_about_others_is_not_shown_by_vehicles_that_were_alone_in_the_air() -> None:
+    alone = [
+        flown(fault, smallest_m=None) for fault in ("nothing", "motor dead", "a pilot takes over")
+    ]
+    for key in ("distances", "one-among-others", "pilot-among-others"):
+        found = row(key, *alone)
+        assert (found.status, found.flights, found.faults) == (NOT_SHOWN, 0, {}), key
+        assert pair_words(found) == " with two vehicles in the air"
+    for key in ("normal", "propulsion", "pilot"):
+        assert row(key, *alone).status == SHOWN, key
+
+    beside_dead = flown("motor dead", 1, smallest_m=None, smallest_silenced_m=0.9)
+    found = row("one-among-others", *alone, beside_dead)
+    assert (found.status, found.flights) == (SHOWN, 1)
+    assert result_words(found).startswith("evidence for, in part: 6 faults not flown with two")
+
+
+def test_a_wrong_flight_of_a_vehicle_alone_counts_against_the_question_about_others() -> None:
+    bad = flown("one lies: stands", smallest_m=None, wrong=("mav0 leaves the fence",))
+    assert row("not-cooperating", bad).status == WRONG
 
 
 def test_a_row_taken_out_of_the_failsafe_table_shows_red(monkeypatch) -> None:
