@@ -50,7 +50,7 @@ def draw(flight: FlightData) -> Any:
             if column == 0:
                 ax.set_ylabel("angle [deg]")
             if is_lowest:
-                ax.set_xlabel("time since take-off [s]")
+                ax.set_xlabel(flight.time_label)
 
     limit_deg = _limit_deg(flight)
     first.set_xlim(flight.axis_s)

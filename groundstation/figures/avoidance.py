@@ -61,7 +61,7 @@ def draw(flight: FlightData) -> Any:
                 # beside the title, so that it hides no curve
                 ax.legend(loc="lower right", bbox_to_anchor=(1.0, 0.98), fontsize=8.5, ncols=2)
             else:
-                ax.set_xlabel("time since take-off [s]")
+                ax.set_xlabel(flight.time_label)
             if column == 0:
                 ax.set_ylabel(f"thrust {axis} [m/s²]")
 
@@ -110,7 +110,7 @@ def _draw_distances(ax: Any, flight: FlightData) -> None:
     title = f"{quantity}, while one of the two flies (by {flight.source})"
     ax.set_title(title_lines(title, ax.figure.get_figwidth()), loc="left")
     ax.set_ylabel("distance [m]")
-    ax.set_xlabel("time since take-off [s]")
+    ax.set_xlabel(flight.time_label)
 
 
 def _draw_pairs(ax: Any, flight: FlightData) -> None:

@@ -1,7 +1,8 @@
 """A flight record as arrays for the figures, on one time axis.
 
-Time 0 is when the first vehicle leaves the ground. A record of an hour has hundreds of thousands of
-messages, so only the fields that the figures need are kept, as plain numbers.
+Time 0 is when the first vehicle leaves the ground, or the start of a record in which none does. A
+record of an hour has hundreds of thousands of messages, so only the fields that the figures need
+are kept, as plain numbers.
 
 A record may have gaps, for instance where a radio failed. In each gap stands a sample of NaN, so
 that no line crosses it, and no position in it is made up.
@@ -127,6 +128,7 @@ class FlightData:
     pairs: tuple[PairSeparation, ...]
     # time 0 of the figures, in seconds of the record, which replay and verdict count
     take_off_s: float
+    took_off: bool = True  # whether any vehicle left the ground
     height_share: float = 0.0  # factor of height differences in separations
     outlines: tuple[Outline, ...] = ()  # of the fleet's fences and obstacles
     walks: tuple[Walk, ...] = ()  # of the persons who were seen
@@ -136,6 +138,13 @@ class FlightData:
         """Begin and end of a time axis; a short record has an axis, too."""
         begin_s = float(self.grid_s[0])
         return begin_s, max(float(self.grid_s[-1]), begin_s + 0.1)
+
+    @property
+    def time_label(self) -> str:
+        """Name of the time axis."""
+        if self.took_off:
+            return "time since take-off [s]"
+        return "time in the record [s]"
 
     @property
     def source(self) -> str:
@@ -200,7 +209,19 @@ def from_samples(
         name: _is_up(truths.get(name, own_ticks), telemetry.get(name))
         for name, own_ticks in ticks.items()
     }
-    start_ns = _start_ns(truths, ticks, is_up)
+    begin_ns = min(
+        int(series.stamps_ns[0]) for by_name in by_topic.values() for series in by_name.values()
+    )
+    if record_begin_ns is not None and 0 <= begin_ns - record_begin_ns <= _LONGEST_START_NS:
+        begin_ns = record_begin_ns
+
+    lift_off_ns = _lift_off_ns(truths, ticks, is_up)
+    start_ns = begin_ns
+    start_words = "nobody took off"
+    if lift_off_ns is not None:
+        start_ns = lift_off_ns
+        start_words = f"take-off at {(start_ns - begin_ns) * 1e-9:.1f} s of the record"
+
     tracks = tuple(
         _track(
             name,
@@ -213,20 +234,14 @@ def from_samples(
         for name in ticks
     )
     grid_s = _grid(tracks)
-
-    begin_ns = min(
-        int(series.stamps_ns[0]) for by_name in by_topic.values() for series in by_name.values()
-    )
-    if record_begin_ns is not None and 0 <= begin_ns - record_begin_ns <= _LONGEST_START_NS:
-        begin_ns = record_begin_ns
-    take_off_s = (start_ns - begin_ns) * 1e-9
     return FlightData(
-        title=f"{title} (take-off at {take_off_s:.1f} s of the record)",
+        title=f"{title} ({start_words})",
         tracks=tracks,
         safety_distance_m=safety_distance_m,
         grid_s=grid_s,
         pairs=_pairs(tracks, grid_s, height_share),
-        take_off_s=take_off_s,
+        take_off_s=(start_ns - begin_ns) * 1e-9,
+        took_off=lift_off_ns is not None,
         height_share=height_share,
         outlines=outlines,
         walks=_walks(by_topic[POSES], people, start_ns),
@@ -348,13 +363,12 @@ def _grid(tracks: tuple[Track, ...]) -> Array:
     return np.arange(begin_s, end_s, GRID_S)
 
 
-def _start_ns(
+def _lift_off_ns(
     truths: Mapping[str, _Series], ticks: Mapping[str, _Series], is_up: Mapping[str, Array]
-) -> int:
-    """Return the stamp at which the first vehicle leaves the ground.
+) -> int | None:
+    """Return the stamp at which the first vehicle leaves the ground; None if none does.
 
-    The state "taking off" does not serve for this: it begins earlier, when the motors start. If no
-    vehicle leaves the ground, the first tick counts.
+    The state "taking off" does not serve for this: it begins earlier, when the motors start.
     """
     lifted_ns = []
     for name, own_ticks in ticks.items():
@@ -364,9 +378,7 @@ def _start_ns(
         if index is not None:
             lifted_ns.append(int(path.stamps_ns[index]))
 
-    if lifted_ns:
-        return min(lifted_ns)
-    return min(int(own_ticks.stamps_ns[0]) for own_ticks in ticks.values() if own_ticks.size)
+    return min(lifted_ns, default=None)
 
 
 def _track(

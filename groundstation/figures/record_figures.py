@@ -73,6 +73,8 @@ def draw_record(folder: Path, out: Path | None = None) -> tuple[list[Path], list
 
     if damage:
         notes.append(damage)
+    if not flight.took_off:
+        notes.append("nobody took off in this record; the figures' time is that of the record.")
     target = flight_folder / "figures"
     if out is not None:
         target = out

@@ -35,7 +35,7 @@ def draw(flight: FlightData) -> Any:
             if column == 0:
                 ax.set_ylabel(f"{axis} [m]")
             if row == 2:
-                ax.set_xlabel("time since take-off [s]")
+                ax.set_xlabel(flight.time_label)
 
     first = first_of_row[0]
     first.set_xlim(flight.axis_s)

@@ -339,6 +339,22 @@ def test_time_counts_from_when_the_first_leaves_the_ground_and_not_from_its_moto
     assert f"at {flight.take_off_s:.1f} s of the record" in flight.title
 
 
+def test_figures_of_a_record_in_which_nobody_takes_off_name_no_take_off() -> None:
+    samples = []
+    for step in range(20, 120):
+        for name, x_m in (("mav0", 0.0), ("mav1", 1.0)):
+            stamp_ns = step * SECOND // 50
+            samples.append(Sample(f"tick/{name}", stamp_ns, {"position_enu_m": [x_m, 0.0, 0.0]}))
+            samples.append(Sample(f"telemetry/{name}", stamp_ns, {"is_airborne": False}))
+
+    flight = from_samples(samples, title="test", safety_distance_m=0.8, record_begin_ns=0)
+
+    assert flight is not None
+    assert flight.title == "test (nobody took off)"
+    assert flight.time_label == "time in the record [s]"
+    assert (flight.take_off_s, flight.grid_s[0]) == (0.0, pytest.approx(0.4))
+
+
 @pytest.mark.long
 def test_without_truth_the_estimates_are_drawn_and_figures_go_where_out_says(
     tmp_path: Path,
