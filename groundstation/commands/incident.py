@@ -68,6 +68,8 @@ def incident(
     verdict = written_verdict(record_path(flight).parent)
     if isinstance(verdict.get("summary"), str):
         print(plain_line(verdict["summary"]))
+    else:
+        print("There is no verdict: no mission was flown, or it did not come to its end.")
     print(f"At {_seconds(moment.stamp_ns, begin_ns)} s: {plain_line(moment.sentence)}")
     for fact in account.facts:
         print(f"  {plain_line(fact)}")

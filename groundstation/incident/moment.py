@@ -8,6 +8,7 @@ is then not an incident.
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from pathlib import Path
 from typing import Literal, NamedTuple
 
@@ -16,6 +17,7 @@ from groundstation.recording.flight_report import report
 from groundstation.recording.timeline import Timeline
 from onboard.bus.schema import Event
 from onboard.config.fleet import FleetConfig
+from onboard.plain_text import numbered
 
 MomentKind = Literal["distance", "event", "none"]
 
@@ -41,15 +43,16 @@ def find_moment(folder: Path, fleet: FleetConfig, timeline: Timeline) -> Moment:
         ConfigError: there is no record.
     """
     promise_m = fleet.fleet.safety_distance_m
-    smallest = report(folder, fleet.fleet.height_share).smallest
+    flight = report(folder, fleet.fleet.height_share)
+    smallest = flight.smallest
 
     if smallest is not None and smallest.distance_m < promise_m:
-        return _distance_moment(smallest, promise_m)
+        return _broken_promise(smallest, promise_m)
     event = _first_alarming(timeline, fleet)
     if event is not None:
         return event
     if smallest is not None:
-        return _distance_moment(smallest, promise_m)
+        return _kept_promise(smallest, promise_m, flight.in_air_at_end)
     return Moment(
         kind="none",
         stamp_ns=timeline.end_ns,
@@ -59,25 +62,31 @@ def find_moment(folder: Path, fleet: FleetConfig, timeline: Timeline) -> Moment:
     )
 
 
-def _distance_moment(smallest: Separation, promise_m: float) -> Moment:
-    """Return the moment of the smallest distance, which broke or kept the promise."""
-    names = f"{smallest.first} and {smallest.second}"
-    if smallest.distance_m < promise_m:
-        return Moment(
-            kind="distance",
-            stamp_ns=smallest.stamp_ns,
-            vehicles=(smallest.first, smallest.second),
-            sentence=(
-                f"{names} came to {smallest.distance_m:.2f} m; {promise_m:.2f} m were promised."
-            ),
-        )
+def _broken_promise(smallest: Separation, promise_m: float) -> Moment:
+    return Moment(
+        kind="distance",
+        stamp_ns=smallest.stamp_ns,
+        vehicles=(smallest.first, smallest.second),
+        sentence=(
+            f"{smallest.first} and {smallest.second} came to {smallest.distance_m:.2f} m;"
+            f" {promise_m:.2f} m were promised."
+        ),
+    )
+
+
+def _kept_promise(smallest: Separation, promise_m: float, in_air_at_end: Collection[str]) -> Moment:
+    kept = "was kept"
+    end = ""
+    if in_air_at_end:
+        kept = "was kept as far as the record goes"
+        end = f" The record ends with {numbered(len(in_air_at_end), 'vehicle')} in the air."
     return Moment(
         kind="none",
         stamp_ns=smallest.stamp_ns,
         vehicles=(smallest.first, smallest.second),
         sentence=(
-            f"The promise of {promise_m:.2f} m was kept: nearest were {names}"
-            f" with {smallest.distance_m:.2f} m."
+            f"The promise of {promise_m:.2f} m {kept}: nearest were {smallest.first} and"
+            f" {smallest.second} with {smallest.distance_m:.2f} m.{end}"
         ),
     )
 

@@ -68,6 +68,7 @@ class FlightReport:
     loops: dict[str, LoopTiming]
     begin_ns: int  # first stamp of truth
     duration_s: float
+    in_air_at_end: tuple[str, ...] = ()  # vehicles that were still in the air, by truth
     # of the vehicles that flew, by truth, else by their telemetry; None if no person was seen
     nearest_person: PersonDistance | None = None
 
@@ -118,6 +119,7 @@ def report(
 
     pairs = separations(tracks, height_share)
     collided = sorted(name for name, motion in tracks.items() if motion.is_collided)
+    in_air_at_end = sorted(name for name, motion in tracks.items() if not motion.is_on_ground[-1])
     return FlightReport(
         smallest=min(pairs.values(), key=lambda pair: pair.distance_m, default=None),
         pairs=pairs,
@@ -125,6 +127,7 @@ def report(
         loops={name: loop_timing(values) for name, values in sorted(periods_ms.items())},
         begin_ns=begin_ns,
         duration_s=(end_ns - begin_ns) * 1e-9,
+        in_air_at_end=tuple(in_air_at_end),
         nearest_person=_nearest_person({**_tracks(telemetry), **tracks}, poses, people),
     )
 

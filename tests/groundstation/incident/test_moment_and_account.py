@@ -52,6 +52,18 @@ def test_the_fleet_file_of_a_record_without_one_is_given_as_the_refusal_says(
     assert "The 5 s before it" in capsys.readouterr().out
 
 
+def test_a_promise_is_kept_only_as_far_as_a_record_goes_that_ends_in_the_air(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    folder = record(tmp_path / "flight", 4.0)
+
+    assert main(["incident", str(folder), "--quick"]) == 0
+    told = capsys.readouterr().out
+    assert told.startswith("There is no verdict")
+    assert "The promise of 0.80 m was kept as far as the record goes: nearest were" in told
+    assert "The record ends with 3 vehicles in the air." in told
+
+
 @pytest.fixture(scope="module")
 def too_near(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The folder of a flight in which mav0 passes mav1 too near, since nobody avoids."""
