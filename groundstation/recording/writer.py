@@ -1,14 +1,15 @@
 """Writes the flight record: every message of the bus, in one folder, without delaying the flight.
 
 A caller only appends a message to a bounded queue. A thread encodes the queued messages ten times a
-second and writes a chunk once a second, so a crash loses at most one second. A full disk ends the
-record with an event, but not the flight.
+second and writes a chunk once a second, so a crash loses at most one second. A full disk, or a file
+that somebody removes, ends the record with an event, but not the flight.
 """
 
 from __future__ import annotations
 
 import contextlib
 import datetime
+import errno
 import io
 import os
 import platform
@@ -256,6 +257,7 @@ class RecordFiles:
         self._begin_ns = begin_ns
         self._on_warning = on_warning
 
+        self._path = folder / RECORD_NAME
         self._stream = stream
         self._mcap = Writer(stream, chunk_size=_CHUNK_BYTES)
         self._mcap.start(library="covey")
@@ -327,6 +329,18 @@ class RecordFiles:
             file.flush()
             with contextlib.suppress(io.UnsupportedOperation):  # a file in memory has no descriptor
                 os.fdatasync(file.fileno())
+        self._refuse_removed_file()
+
+    def _refuse_removed_file(self) -> None:
+        """Raise FileNotFoundError if the record's file was removed.
+
+        The disk goes on to take what is written into it, and loses it when the file is closed.
+        """
+        with contextlib.suppress(io.UnsupportedOperation):
+            has_no_name = os.fstat(self._stream.fileno()).st_nlink == 0
+            # some network disks count no names at all
+            if has_no_name and not self._path.exists():
+                raise FileNotFoundError(errno.ENOENT, f"somebody has removed {RECORD_NAME}")
 
     def _files(self) -> tuple[IO[Any], ...]:
         return (self._stream, *self._texts.values())
@@ -336,6 +350,7 @@ class RecordFiles:
         self._mcap.finish()  # type: ignore[no-untyped-call]
         for file in self._files():
             file.flush()
+        self._refuse_removed_file()
 
     def close(self) -> None:
         """Close all files, finished or not."""
@@ -360,9 +375,12 @@ class RecordFiles:
 def failure_sentence(folder: Path, error: OSError) -> str:
     """Return a sentence about a record that cannot be written."""
     reason = error.strerror or error
+    advice = "Free some space before the next one."
+    if isinstance(error, FileNotFoundError):
+        advice = "Leave the folder of the next one where it is."
     return (
         f"The record ended: {folder} cannot be written ({reason}). "
-        "The flight goes on without it. Free some space before the next one."
+        f"The flight goes on without it. {advice}"
     )
 
 

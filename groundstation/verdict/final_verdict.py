@@ -58,7 +58,8 @@ def final_verdict(
             failures.append(_missing_sentence(folder, record_end.written))
             failures.append(_dropped_sentence(record_end.dropped))
     except ConfigError as error:
-        failures.append(f"The record cannot be read. {error}")
+        if record_end.failure is None:
+            failures.append(f"The record cannot be read. {error}")
     except OSError as error:
         failures.append(
             f"The record cannot be read ({error.strerror or error}). Look at the disk of {folder}, "

@@ -5,6 +5,7 @@ from __future__ import annotations
 import errno
 import io
 import json
+import shutil
 import threading
 import time
 from pathlib import Path
@@ -174,6 +175,25 @@ def test_a_full_disk_ends_the_record_with_one_sentence_and_hurts_nobody(tmp_path
     writer.stop()
     assert len(told) == 1
     assert "No space left" in told[0]
+
+
+def test_a_record_whose_folder_is_removed_ends_at_once_with_its_reason(tmp_path: Path) -> None:
+    folder = tmp_path / "flight"
+    told: list[str] = []
+    writer = RecordWriter(folder, on_failure=told.append)
+    writer.start()
+    writer.put(Topic.TRUTH, "mav0", truth("mav0", 1, 0.0), 0)
+    assert writer.end_so_far().failure is None
+
+    shutil.rmtree(folder)
+    deadline_s = time.monotonic() + 30.0
+    while writer.failure is None and time.monotonic() < deadline_s:
+        time.sleep(0.05)
+    writer.stop()
+
+    assert told == [writer.failure]
+    assert "somebody has removed flight.mcap" in told[0]
+    assert "Free some space" not in told[0]
 
 
 class SlowDisk(io.BytesIO):
