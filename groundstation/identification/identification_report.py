@@ -163,9 +163,9 @@ def page(flown: Sequence[IdentifiedVehicle]) -> str:
         vehicle = member.vehicle
         identified = member.identified
         lines.append(
-            f"{vehicle.name} (type {vehicle.type or 'none'}), {identified.duration_s:.0f} s in the "
-            f"air; attitude explained to {identified.attitude_rms_deg:.2f} deg, position to "
-            f"{1e3 * identified.position_rms_m:.1f} mm rms"
+            f"{vehicle.name} (type {vehicle.type or 'none'}), {identified.duration_s:.0f} s of "
+            f"flight used; attitude explained to {identified.attitude_rms_deg:.2f} deg, position "
+            f"to {1e3 * identified.position_rms_m:.1f} mm rms"
         )
         lines.append(f"  {'':<24} {'fleet file':>10} {'flown':>9} {'1 sigma':>8}   95 % interval")
         for row in rows(member):

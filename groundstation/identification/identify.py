@@ -72,7 +72,7 @@ class Identified:
     static_gain: Estimate
     tilt_error_x_deg: Estimate  # tilt of the thrust towards east when level is commanded
     tilt_error_y_deg: Estimate  # the same towards north
-    duration_s: float
+    duration_s: float  # of the stretch that the fits explain
     attitude_rms_deg: float
     position_rms_m: float
 
@@ -191,8 +191,8 @@ def _span(log: Log) -> tuple[float, float]:
     end_s = min(time[-1] for time in times)
     if end_s - begin_s < MIN_DURATION_S:
         raise TooLittleFlown(
-            f"Only {max(0.0, end_s - begin_s):.1f} s in the air are of use, {MIN_DURATION_S:g} s "
-            "are needed. Fly on."
+            f"Only {max(0.0, end_s - begin_s):.1f} s in the air are of use, without landing and the"
+            f" first {MEMORY_S:g} s; {MIN_DURATION_S:g} s are needed. Fly on."
         )
 
     tilt_deg = np.degrees(tilt_vector_rad(log.command_quaternion_wxyz))

@@ -227,7 +227,7 @@ def test_less_flight_means_wider_intervals() -> None:
 
 
 def test_too_short_or_too_still_is_said_in_words() -> None:
-    with pytest.raises(TooLittleFlown, match="needed"):
+    with pytest.raises(TooLittleFlown, match="without landing and the first 2 s; 8 s are"):
         identify(logs(Truth(), range(1), duration_s=6.0)[0])
     with pytest.raises(TooLittleFlown, match="quick moves"):
         identify(logs(Truth(), range(1), tilt_deg=0.1)[0])
