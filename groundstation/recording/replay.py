@@ -346,7 +346,7 @@ def open_flight(folder: Path, fleet_path: str | None = None) -> tuple[FleetConfi
         Fleet file and record.
 
     Raises:
-        ConfigError: there is no record or no fleet file.
+        ConfigError: there is no record, or no fleet file that can be read.
     """
     timeline = Timeline(folder)
     beside = timeline.path.parent / "fleet.toml"
@@ -357,7 +357,13 @@ def open_flight(folder: Path, fleet_path: str | None = None) -> tuple[FleetConfi
         )
 
     # A record may come from anybody, so code that its fleet file names (a law) is not run.
-    fleet = load_fleet(fleet_path or str(beside), needs_folders=False)
+    try:
+        fleet = load_fleet(fleet_path or beside, needs_folders=False)
+    except ConfigError as error:
+        timeline.close()
+        if fleet_path is not None:
+            raise
+        raise ConfigError(f"{error} Or give another fleet file with --fleet.") from None
     return fleet, timeline
 
 

@@ -431,10 +431,15 @@ def test_options_of_the_console_are_refused_without_it(
     assert "--at and --speed are for the console" in capsys.readouterr().err
 
 
-def test_a_record_without_its_fleet_file_asks_for_it(
+def test_a_record_without_a_whole_fleet_file_asks_for_it(
     flight: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     shutil.copy(flight / "flight.mcap", tmp_path)
     assert main(["replay", str(tmp_path), "--headless"]) == 2
     assert "--fleet" in capsys.readouterr().err
+
+    whole = FLEET.read_bytes()
+    (tmp_path / "fleet.toml").write_bytes(whole[: len(whole) // 2 - 3])
+    assert main(["replay", str(tmp_path), "--headless"]) == 2
+    assert "Or give another fleet file with --fleet." in capsys.readouterr().err
     assert main(["replay", str(tmp_path), "--headless", "--fleet", str(FLEET)]) == 0
