@@ -63,7 +63,7 @@ def draw_record(folder: Path, out: Path | None = None) -> tuple[list[Path], list
             record_begin_ns=timeline.begin_ns,
             **limits,
         )
-        damage = timeline.broken
+        notes += timeline.damage
     if flight is None:
         raise ConfigError(
             f"{path}: no vehicle's ticks are in this record, so there is nothing to draw. It was"
@@ -71,8 +71,6 @@ def draw_record(folder: Path, out: Path | None = None) -> tuple[list[Path], list
             " DIR`."
         )
 
-    if damage:
-        notes.append(damage)
     if not flight.took_off:
         notes.append("nobody took off in this record; the figures' time is that of the record.")
     target = flight_folder / "figures"

@@ -483,8 +483,7 @@ def read_flight(folder: Path, fleet_path: str | None = None) -> Flight:
                     collected.add(raw)
         collected.finish()
 
-    if timeline.broken:
-        notes.insert(0, timeline.broken)
+    notes = [*timeline.damage, *notes]
 
     span = _span(collected, timeline)
     vehicles = _vehicles(collected, fleet, span)

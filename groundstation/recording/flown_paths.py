@@ -113,7 +113,7 @@ def write_csvs(folder: Path, out: Path, rate_hz: float = 10.0) -> tuple[list[Pat
     """
     with contextlib.closing(Timeline(folder)) as timeline:
         paths_by_name = flown_paths(timeline, rate_hz)
-        notes = [timeline.broken] if timeline.broken else []
+        notes = timeline.damage
     flown = {name: path for name, path in paths_by_name.items() if _NAME.fullmatch(name)}
     if not flown:
         raise ConfigError(f"{folder}: the record has no positions.")

@@ -153,6 +153,7 @@ class Timeline:
         self._channels: dict[int, _RecordChannel] = {}
         self._schemas: dict[int, str] = {}
         self._chunks: list[_Chunk] = []
+        self._set_back: _SetBack | None = None
 
         self._stream = opened(self.path, RECORD)
         try:
@@ -182,11 +183,25 @@ class Timeline:
         return (self.end_ns - self.begin_ns) * 1e-9
 
     @property
+    def damage(self) -> list[str]:
+        """Sentences about what is damaged in the record; empty if it is whole."""
+        damage = []
+        if self.broken:
+            damage.append(self.broken)
+        if self._set_back is not None:
+            at_s = (self._set_back.at_ns - self._chunks[0].begin_ns) * 1e-9
+            by_s = self._set_back.by_ns * 1e-9
+            damage.append(
+                f"The clock was set back by about {by_s:.0f} s after {at_s:.0f} s of the record:"
+                " what came then is mixed with what was before. Do not trust its times, distances"
+                " and figures."
+            )
+        return damage
+
+    @property
     def notes(self) -> list[str]:
         """Sentences about what is missing in the record or in its events; empty if all is there."""
-        notes = []
-        if self.broken:
-            notes.append(self.broken)
+        notes = self.damage
         if self.left_out_events:
             notes.append(
                 f"{self.left_out_events} events are left out: of debug and info events the first"
@@ -283,6 +298,7 @@ class Timeline:
             self._read_channels(self._chunks[-1])  # a part of its index may be cut off
 
         settled_chunks = list(stamps.settled())
+        self._set_back = stamps.set_back
         for number, (chunk, settled) in enumerate(zip(self._chunks, settled_chunks, strict=True)):
             if settled.end_ns >= settled.begin_ns:
                 chunk.begin_ns = settled.begin_ns
@@ -591,6 +607,13 @@ class Reading:
         self._next_chunk += 1
 
 
+class _SetBack(NamedTuple):
+    """A change of the common clock to an earlier time."""
+
+    at_ns: int  # its time before
+    by_ns: int
+
+
 class _Settled(NamedTuple):
     """The time span of a chunk on the common clock."""
 
@@ -678,6 +701,7 @@ class _Stamps:
     """
 
     def __init__(self) -> None:
+        self.set_back: _SetBack | None = None  # the first one, after settled()
         self._chunks: list[dict[str, _Span]] = []  # of each chunk: clock -> its stamps
         self._with_events: set[int] = set()  # indexes of chunks with events
         # clock -> difference of its last single message from the common clock
@@ -741,8 +765,10 @@ class _Stamps:
         common_ns = 0  # newest time of the common clock
         for number, spans in enumerate(self._chunks):
             if common in spans:
-                common_ns = self._chunk_time_ns(spans[common], common_ns)
-                time_ns = common_ns
+                time_ns = self._chunk_time_ns(spans[common], common_ns)
+                if self.set_back is None and common_ns - time_ns > CLOCK_APART_NS:
+                    self.set_back = _SetBack(at_ns=common_ns, by_ns=common_ns - time_ns)
+                common_ns = time_ns
                 changes = self._changed_shifts_ns(spans, common, time_ns, shifts_ns)
                 # Changes make a new mapping, because earlier chunks keep the shifts of their time.
                 if changes:

@@ -19,6 +19,7 @@ from groundstation.fleet import state as fleet_state
 from groundstation.orders.grammar import OrderError
 from groundstation.recording import replay as replay_module
 from groundstation.recording.channels import KINDS, from_json, rows
+from groundstation.recording.flight_reading import read_flight
 from groundstation.recording.replay import REFUSAL, Replay, open_flight
 from groundstation.recording.timeline import Timeline
 from groundstation.recording.writer import RecordFiles
@@ -323,6 +324,24 @@ def test_a_ground_that_waits_for_silent_vehicles_is_on_no_other_clock(
         assert stamps_ns == expected
         assert timeline.begin_ns == 5 * SECOND
         assert timeline.length_s == pytest.approx(39.9, abs=1.9)
+
+
+def test_a_clock_that_was_set_back_in_flight_is_said(flight: Path, tmp_path: Path) -> None:
+    told = []
+    for at_ns, topic, name, message in messages(40.0, {}):
+        if at_ns >= 25 * SECOND:
+            stamp_ns = message.stamp_ns - 10 * SECOND  # type: ignore[attr-defined]
+            message = msgspec.structs.replace(message, stamp_ns=stamp_ns)
+        told.append((at_ns, topic, name, message))
+    folder = recorded_in_order(tmp_path / "set_back", told)
+
+    # by the middles of the pieces before and after
+    sentence = "The clock was set back by about 9 s after 19 s of the record: "
+    with contextlib.closing(Timeline(folder)) as timeline:
+        assert [note[: len(sentence)] for note in timeline.notes] == [sentence]
+    assert read_flight(folder).notes[0].startswith(sentence)
+    with contextlib.closing(Timeline(flight)) as timeline:
+        assert not timeline.notes
 
 
 async def test_a_person_is_where_the_motion_capture_saw_him_at_that_time(tmp_path: Path) -> None:
