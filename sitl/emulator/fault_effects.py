@@ -217,9 +217,8 @@ def _motor(emulator: FaultyEmulator, index: int, fault: Fault, is_on: bool) -> N
 
 
 def _battery_cell(emulator: FaultyEmulator, index: int, fault: Fault, is_on: bool) -> None:
-    """Take away charge at once; the fault has no end."""
-    battery = emulator.autopilots[index].battery
-    battery.remaining_frac = max(0.0, battery.remaining_frac - 0.01 * fault.number("drop_pct"))
+    """Take away charge at once, and do not let it come back; the fault has no end."""
+    emulator.autopilots[index].battery.lose(0.01 * fault.number("drop_pct"))
 
 
 def _gps_loss(emulator: FaultyEmulator, index: int, fault: Fault, is_on: bool) -> None:

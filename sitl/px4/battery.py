@@ -48,6 +48,12 @@ class Battery:
     """State of charge of one vehicle."""
 
     remaining_frac: float = 1.0
+    full_frac: float = 1.0  # charge to which it fills; less after a cell has failed
+
+    def lose(self, lost_frac: float) -> None:
+        """Lose a part of a whole battery for good: this charge, and the room for it."""
+        self.remaining_frac = max(0.0, self.remaining_frac - lost_frac)
+        self.full_frac = max(0.0, self.full_frac - lost_frac)
 
     def step(self, dt_s: float, *, is_armed: bool, drain_s: float, floor_pct: float) -> None:
         """Advance by `dt_s`.
@@ -59,7 +65,7 @@ class Battery:
             floor_pct: charge at which the battery stops emptying.
         """
         if not is_armed:
-            self.remaining_frac = min(1.0, self.remaining_frac + dt_s / _REFILL_S)
+            self.remaining_frac = min(self.full_frac, self.remaining_frac + dt_s / _REFILL_S)
             return
 
         # A charge that is already below the floor does not change.

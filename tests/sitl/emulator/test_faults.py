@@ -177,6 +177,13 @@ def test_a_failing_cell_costs_charge_at_once() -> None:
     assert before - emu.autopilots[0].battery.remaining_frac == pytest.approx(0.3, abs=0.01)
 
 
+def test_the_charge_of_a_failed_cell_does_not_come_back_while_the_vehicle_is_disarmed() -> None:
+    emu = emulator((0.0, 0.0, 0.0))
+    emu.inject(parse("v0 battery_cell drop_pct=90"))
+    run_for(emu, 5.0)
+    assert emu.autopilots[0].battery.remaining_frac == pytest.approx(0.1)
+
+
 def test_a_hung_autopilot_is_deaf_its_clock_stands_still_and_then_it_goes_on_as_before() -> None:
     emu = flying()
     emu.inject(parse("v0 autopilot_hang duration=3"))
