@@ -72,6 +72,7 @@ def emulator_of(
             px4=VERSIONS[px4 or vehicle.px4_version],
             hover_time_s=hover_time_s,
             least_charge_pct=least_charge_pct,
+            has_camera=vehicle.flies_by_vision,
         )
         specs.append(spec)
 

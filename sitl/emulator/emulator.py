@@ -15,6 +15,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from msgspec.structs import replace
 
+from sitl.emulator import odometry
 from sitl.emulator.fault_effects import Disturbances
 from sitl.faults.catalogue import FAULT_KINDS, Fault, FaultError, check
 from sitl.physics import frames
@@ -45,6 +46,7 @@ from sitl.px4.versions import DEFAULT, Version
 
 _TICK_STEPS = round(TICK_S / STEP_S)
 _DEFAULT_DATE_S = 1.7e9  # date at the start of an emulator without a clock [Unix time]
+_ODOMETRY_STEPS = round(odometry.PERIOD_S / STEP_S)
 _TIME_TOLERANCE_S = 1e-9  # times that differ by less count as equal
 _NEW_SETPOINT_S = 0.2  # age up to which a setpoint is new; they come every 20 ms
 
@@ -71,6 +73,7 @@ class VehicleSpec:
     hover_time_s: float | None = None
     # Lowest charge of its battery; None: that of PX4's simulator.
     least_charge_pct: float | None = None
+    has_camera: bool = False  # whether a camera on board sends visual odometry to its PX4
 
 
 @dataclass(frozen=True, slots=True)
@@ -190,6 +193,10 @@ class Emulator:
         self.local_origins = [self.start_on_earth(index) for index in range(len(specs))]
         self.unix_start_s = _DEFAULT_DATE_S
 
+        self._with_cameras = [index for index, spec in enumerate(specs) if spec.has_camera]
+        self._odometry = odometry.VisualOdometry(
+            self.world.vehicles.states.position_ned_m[self._with_cameras], seed=seed
+        )
         # Newest external position and heading of each vehicle.
         self._vision_poses = np.zeros((len(specs), 4))
         # Reset counter of the newest external position that has arrived, per vehicle.
@@ -292,6 +299,8 @@ class Emulator:
                 self._apply(index, autopilot.actuation)
 
         collisions = self.world.step()
+        if self._with_cameras and self.world.vehicles.steps % _ODOMETRY_STEPS == 0:
+            self._send_odometry()
         if self.world.vehicles.steps % ESTIMATE_EVERY_STEPS == 0:
             self._estimate()
         return collisions
@@ -494,6 +503,16 @@ class Emulator:
             self._late_vision.append(LateVision(arrival_s, index, pose, reset_count))
         else:
             self._fuse(index, pose, reset_count)
+
+    def _send_odometry(self) -> None:
+        """Send each PX4 with a camera the next pose of its visual odometry."""
+        states = self.world.vehicles.states
+        rows = self._with_cameras
+        poses = self._odometry.poses(
+            states.position_ned_m[rows], states.yaw_rad[rows], states.on_ground[rows]
+        )
+        for index, pose in zip(rows, poses, strict=True):
+            self.vision(index, pose[:3], yaw_rad=float(pose[3]))
 
     def _fuse(self, index: int, pose: Array, reset_count: int) -> None:
         """Fuse an external position and heading (4,) that arrives with this reset counter."""

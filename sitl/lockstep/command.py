@@ -15,7 +15,6 @@ from sitl.lockstep.reflight import record_digests
 from sitl.lockstep.simulated_flight import (
     longest_stay_s,
     never_happened,
-    not_simulated,
     open_flight,
 )
 
@@ -37,8 +36,6 @@ def fly_mission(mission: Mission, folder: Path, simulation: SimulationSettings) 
         f"Lockstep: {names} in simulated time, without a console; everything goes to {folder}.",
         flush=True,
     )
-    for line in not_simulated(mission.fleet):
-        print(line, flush=True)
 
     with termination_signals_as_ctrl_c(), open_flight(mission.fleet, simulation, folder) as flight:
         begin_s = time.perf_counter()

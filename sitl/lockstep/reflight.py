@@ -35,7 +35,6 @@ from sitl.lockstep.flight import Lockstep
 from sitl.lockstep.simulated_flight import (
     longest_stay_s,
     never_happened,
-    not_simulated,
     open_flight,
 )
 from sitl.lockstep.state_digest import DIGEST_EVERY_S, digest
@@ -138,8 +137,6 @@ def fly_again(
 
     with open_flight(fleet, origin.settings, folder) as flight:
         say(_beginning(flown, folder, resume_at_s))
-        for line in not_simulated(fleet):
-            say(line)
         flight.say = lambda line: say(f"{flight.time_s:6.1f} s  {line}")
         comparison = _Comparison(flight, flown.digests)
         if resume_at_s is not None:

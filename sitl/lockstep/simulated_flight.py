@@ -19,7 +19,6 @@ from groundstation.flights.simulation_settings import (
 from groundstation.orders import grammar
 from onboard.config.fleet import ConfigError, FleetConfig
 from onboard.control.pipeline import pipeline_params
-from onboard.plain_text import listed
 from onboard.rollout.first_compilation import compile_law
 from sitl.emulator.emulator import Environment
 from sitl.faults.catalogue import FaultError, parse
@@ -109,24 +108,6 @@ def _plan(flight: Lockstep, settings: SimulationSettings) -> None:
         at_s, change = timed_change(line)
         apply = _prepared_change(flight, change)
         flight.at(at_s, apply)
-
-
-def not_simulated(fleet: FleetConfig) -> list[str]:
-    """Return a sentence for each thing of the fleet file that a lockstep flight does not have.
-
-    Args:
-        fleet: the fleet file whose vehicles fly.
-    """
-    names = [name for name in fleet.enabled_names if fleet.vehicles[name].flies_by_vision]
-    if not names:
-        return []
-    verb = "fly"
-    if len(names) == 1:
-        verb = "flies"
-    return [
-        f"Vision is not simulated: {listed(names)} {verb} on PX4's satellites, whose errors are"
-        " larger."
-    ]
 
 
 def longest_stay_s(settings: SimulationSettings) -> float:

@@ -29,3 +29,4 @@ class Stream(IntEnum):
     DIRECT_LINK = 12  # the ground's own link to PX4, in lockstep
     RADIO = 13  # packets on the radio channel
     SWITCHED_ON = 14  # moments at which PX4s were switched on
+    ODOMETRY = 15  # noise and drift of the cameras on vehicles

@@ -85,6 +85,9 @@ GPS_ACCURACY_M = 0.3
 GPS_ACCURACIES_M = {RTK_FLOAT: 0.2, RTK_FIXED: 0.1}
 # Error level of the estimate by the type of the fix.
 GPS_LEVELS = {RTK_FLOAT: estimator_errors.RTK_FLOAT, RTK_FIXED: estimator_errors.RTK_FIXED}
+# With vision: a share of EKF2_EVP_NOISE, and at least this, as measured.
+_VISION_ACCURACY_SHARE = 0.4
+_LEAST_VISION_ACCURACY_M = 0.006
 _ACCURACY_M_S = 0.185
 _ACCURACY_M_S2 = 0.012
 _ACCURACY_KNOWN_S = 5.7  # time after the loss for which the parabola holds
@@ -542,7 +545,10 @@ class Estimator:
         """Return ESTIMATOR_STATUS.pos_horiz_accuracy, which grows without a source."""
         if self.source[index] is Source.GPS:
             return self.gps_accuracy_m[index]
-        if self.source[index] is not Source.NONE or not math.isfinite(self._lost_time_s[index]):
+        if self.source[index] is Source.VISION:
+            of_noise_m = _VISION_ACCURACY_SHARE * self.vision_noise_m[index]
+            return max(of_noise_m, _LEAST_VISION_ACCURACY_M)
+        if not math.isfinite(self._lost_time_s[index]):
             return GPS_ACCURACY_M
 
         lost_s = time_s - self._lost_time_s[index]

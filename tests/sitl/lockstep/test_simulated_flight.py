@@ -8,14 +8,12 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from msgspec.structs import replace
 
 from groundstation.cli import main
 from groundstation.flights.recorded_flight import open_recorded
 from groundstation.flights.simulation_settings import SimulationSettings
 from groundstation.mission_files.mission import Mission
 from groundstation.recording.record_list import written_verdict
-from onboard.config.fleet import ConfigError
 from sitl.lockstep import command
 from sitl.lockstep.flight import Lockstep
 from sitl.lockstep.reflight import fly_again, record_digests
@@ -122,25 +120,6 @@ def test_a_flight_whose_folder_vanishes_goes_on_and_its_record_has_failed(tmp_pa
         assert flight.record.end.failure is not None
         assert f"{folder} cannot be written" in flight.record.end.failure
         assert [event.code for event in flight.events].count("record_failed") == 1
-
-
-def test_a_flight_says_at_its_start_that_vision_is_not_simulated(
-    hop: Mission,
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
-) -> None:
-    def refuse(*_: object) -> None:
-        raise ConfigError("Nothing flies.")
-
-    monkeypatch.setattr(command, "open_flight", refuse)
-    by_vision = replace(hop.fleet.vehicles["mav1"], mocap_required=False, px4_position="vision")
-    fleet = replace(hop.fleet, vehicles={**hop.fleet.vehicles, "mav1": by_vision})
-    for mission, words in ((hop, 0), (replace(hop, fleet=fleet), 1)):
-        with pytest.raises(ConfigError, match="Nothing flies"):
-            command.fly_mission(mission, tmp_path, SimulationSettings())
-        said = capsys.readouterr().out
-        assert said.count("Vision is not simulated: mav1 fl") == words
 
 
 def test_what_was_planned_for_after_the_end_is_said() -> None:

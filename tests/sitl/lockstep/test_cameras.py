@@ -1,0 +1,86 @@
+"""A fleet by visual odometry: no motion capture, no satellites, a camera on each vehicle."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+from msgspec.structs import replace
+
+from groundstation.mission_files.loading import mission_from_mapping
+from groundstation.mission_files.mission import Mission
+from onboard.config.fleet import FleetConfig, load_fleet
+from sitl.faults.catalogue import Fault
+
+_FLEET = Path(__file__).resolve().parents[3] / "configs/fleets/sih.toml"
+_BY_VISION = {
+    "EKF2_EV_CTRL": 11,
+    "EKF2_HGT_REF": 3,
+    "EKF2_GPS_CTRL": 0,
+    "EKF2_MAG_TYPE": 5,
+    "EKF2_EVP_NOISE": 0.01,
+    "EKF2_TAU_VEL": 0.02,
+    "EKF2_TAU_POS": 0.1,
+}
+_CROSSING_S = 10.5
+
+
+@pytest.fixture
+def by_vision() -> FleetConfig:
+    fleet = load_fleet(_FLEET)
+    vehicles = {
+        name: replace(
+            vehicle,
+            mocap_required=False,
+            px4_position="vision",
+            px4_params={**vehicle.px4_params, **_BY_VISION},
+        )
+        for name, vehicle in fleet.vehicles.items()
+    }
+    return replace(fleet, vehicles=vehicles)
+
+
+def _crossing(fleet: FleetConfig) -> Mission:
+    """Up, into the triangle across each other's ways, and down."""
+    return mission_from_mapping(
+        {
+            "schema": 1,
+            "step": [
+                {"do": "takeoff", "height_m": 1.0},
+                {"do": "formation", "name": "triangle", "position_enu_m": [0.0, 1.2, 1.0]},
+                {"do": "land"},
+            ],
+            "expect": {"min_separation_m": 0.8, "arrived_within_m": 0.4, "all_landed": True},
+        },
+        path="crossing.toml",
+        fleet=fleet,
+    )
+
+
+def test_a_fleet_by_visual_odometry_flies_a_mission(lockstep: Any, by_vision: FleetConfig) -> None:
+    flight = lockstep(by_vision, seed=2)
+    verdict = flight.fly(_crossing(by_vision))
+    assert verdict.passed, verdict.sentences
+
+    # the odometry drifts, and each PX4 follows its own
+    errors_m = [flight.px4_position_error_m(name) for name in by_vision.enabled_names]
+    assert 0.01 < max(errors_m) < 0.3
+
+
+@pytest.mark.failsafe("own position lost", step="flying")
+@pytest.mark.parametrize("lost", [("mav0",), ("mav0", "mav1", "mav2")])
+@pytest.mark.parametrize("at_s", [_CROSSING_S, _CROSSING_S + 1.0, _CROSSING_S + 2.0])
+def test_vehicles_whose_odometry_ends_come_down_by_dead_reckoning_and_keep_the_promise(
+    lockstep: Any, by_vision: FleetConfig, lost: tuple[str, ...], at_s: float
+) -> None:
+    flight = lockstep(by_vision, seed=4)
+    for name in lost:
+        flight.inject(Fault("vision_lost", name, at_s=at_s))
+    verdict = flight.fly(_crossing(by_vision))
+
+    assert not verdict.passed
+    assert all(flight.state.is_landed(name) for name in by_vision.enabled_names)
+    assert flight.min_separation_m > 0.8
+    said = {event.vehicle for event in flight.events if event.code == "position-lost"}
+    assert said == set(lost)
