@@ -48,6 +48,9 @@ class OrderingClient(ConsoleClient, Protocol):
     def check_again(self, planned: PlannedOrder) -> PlannedOrder:
         """Check a planned order against the present fleet."""
 
+    def is_of_mission(self, order_id: str) -> bool:
+        """Whether a mission of this ground has given an order."""
+
     def send(self, planned: PlannedOrder) -> OrderResult:
         """Send a planned order from any thread; its results are filled in later."""
 

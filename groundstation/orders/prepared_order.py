@@ -2,9 +2,9 @@
 
 The console's preview and the page in the browser show the same: the planned order, every reason
 against sending it, and its paths and smallest distance as soon as they are computed. If the fleet
-has moved meanwhile, the forecast is computed again. When the operator sends the order, it is
-checked against the fleet at that time. Only an order that was shown and that passes this check is
-sent.
+has moved meanwhile, the forecast is computed again. If somebody has stopped one of its vehicles
+meanwhile, the order is refused. When the operator sends the order, it is checked against the fleet
+at that time. Only an order that was shown and that passes this check is sent.
 """
 
 from __future__ import annotations
@@ -20,7 +20,9 @@ from groundstation.orders.forecast_process import ForecastFailed
 from groundstation.orders.intents import Intent, Takeoff
 from groundstation.orders.plan import PlannedOrder
 from groundstation.orders.preview import OrderPreview, changed, preview_order
+from onboard.bus.control_token import EMERGENCY
 from onboard.config.fleet import FleetConfig
+from onboard.plain_text import listed
 
 _WITH_BATTERY = ("skip", "bring_home", "home")  # verbs whose preview shows the weakest battery
 
@@ -40,6 +42,9 @@ class PlansOrders(Protocol):
 
     def check_again(self, planned: PlannedOrder) -> PlannedOrder:
         """Check a planned order against the present fleet."""
+
+    def is_of_mission(self, order_id: str) -> bool:
+        """Whether a mission of this ground has given an order."""
 
 
 class FliesAhead(Protocol):
@@ -88,6 +93,13 @@ class PreparedOrder:
         self._start = start
         self._on_change = on_change
 
+        # vehicle -> newest order that it had taken when this one was prepared
+        self._earlier_order_ids = {
+            name: view.telemetry.taken_order_id
+            for name, view in client.state.vehicles.items()
+            if view.telemetry is not None
+        }
+
     @property
     def is_sendable(self) -> bool:
         """Whether the order may be sent now."""
@@ -107,7 +119,7 @@ class PreparedOrder:
         self.preview = preview_order(self.client.plan(self.intent), state, now_ns)
         self.intent = self.preview.intent
         self.forecast = None
-        self.reasons = self.preview.reasons
+        self.reasons = (*self._stops_since(), *self.preview.reasons)
 
         self.is_computing = not self.reasons and self.intent.verb != "arm"
         if self.is_computing:
@@ -140,9 +152,14 @@ class PreparedOrder:
         """Check the shown order against the present fleet.
 
         Returns:
-            The order that has passed the check; None if it is computed again after a change.
+            The order that has passed the check; None if it is computed again after a change, or
+                refused because somebody has stopped a vehicle.
         """
         if self.preview is None:
+            return None
+
+        if not set(self._stops_since()) <= set(self.reasons):
+            self.begin()
             return None
 
         checked = self.client.check_again(self.preview.planned)
@@ -151,6 +168,31 @@ class PreparedOrder:
             self.begin(f"{change}: computed again")
             return None
         return checked
+
+    def _stops_since(self) -> list[str]:
+        """Return who has stopped vehicles of this order since it was prepared, in sentences.
+
+        A person's order to land, to hold or to kill stays until somebody who knows of it orders
+        anew. An order of this ground's own mission is no such order.
+        """
+        stopped: dict[tuple[str, str], list[str]] = {}  # author and verb -> vehicles
+        for name in self.intent.names:
+            view = self.client.state.vehicles.get(name)
+            telemetry = None if view is None else view.telemetry
+            if telemetry is None or telemetry.taken_order_kind not in EMERGENCY:
+                continue
+
+            order_id = telemetry.taken_order_id
+            is_earlier = order_id == self._earlier_order_ids.get(name, order_id)
+            if not is_earlier and not self.client.is_of_mission(order_id):
+                order = (telemetry.taken_order_from, telemetry.taken_order_kind)
+                stopped.setdefault(order, []).append(name)
+
+        return [
+            f"{author} has ordered {verb} {listed(names)} meanwhile: look at the vehicles, then "
+            "order again."
+            for (author, verb), names in stopped.items()
+        ]
 
     def figures(self) -> list[str]:
         """Return smallest distance, limit and duration, one line each."""

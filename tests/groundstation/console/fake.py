@@ -146,6 +146,9 @@ class FakeClient:
     def check_again(self, planned: PlannedOrder) -> PlannedOrder:
         return plan.check_again(planned, self.fleet, self.state, self.now_ns())
 
+    def is_of_mission(self, order_id: str) -> bool:
+        return False
+
     def send(self, planned: PlannedOrder) -> OrderResult:
         self.handles.append(OrderResult(planned))
         return self.handles[-1]

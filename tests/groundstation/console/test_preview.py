@@ -154,6 +154,30 @@ async def test_a_fleet_that_moved_meanwhile_is_computed_again_before_anything_is
         assert len(rig.client.ordered) == 1
 
 
+@pytest.mark.parametrize("is_noticed_first", [True, False])
+async def test_a_question_from_before_another_persons_hold_is_not_sent(
+    rig: Rig, is_noticed_first: bool
+) -> None:
+    async with rig.app.run_test(size=(100, 30)) as pilot:
+        rig.hover(taken_order_id="ground-7-1", taken_order_kind="hold", taken_order_from="old")
+        screen = await rig.preview(pilot, "move all 0 1 1")
+        assert screen.prepared.is_sendable
+
+        rig.hover(taken_order_id="ground-2-1", taken_order_kind="hold", taken_order_from="ada (b)")
+        if is_noticed_first:
+            screen.prepared.check()
+            await pilot.pause()
+        await pilot.press("enter", "enter")
+
+        assert rig.client.ordered == []
+        assert "ada (b) has ordered hold mav0, mav1, mav2 meanwhile" in words(rig.app, "answer")
+
+        await pilot.press("escape")
+        await rig.preview(pilot, "move all 0 1 1")
+        await pilot.press("enter")
+        assert rig.client.ordered == ["move mav0,mav1,mav2 0 1 1"]
+
+
 async def test_a_formation_without_a_position_is_sent_with_the_position_that_was_shown(
     rig: Rig,
 ) -> None:

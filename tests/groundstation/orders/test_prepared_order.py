@@ -22,7 +22,7 @@ class FailingForecaster:
 @pytest.mark.parametrize("is_shown", [True, False])
 def test_a_failure_counts_for_the_paths_that_are_shown_only(is_shown: bool) -> None:
     changes: list[str] = []
-    client: Any = SimpleNamespace(now_ns=lambda: 0)
+    client: Any = SimpleNamespace(now_ns=lambda: 0, state=SimpleNamespace(vehicles={}))
     intent: Any = SimpleNamespace(verb="move")
     order = PreparedOrder(
         fleet=SimpleNamespace(),  # type: ignore[arg-type]
