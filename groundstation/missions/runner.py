@@ -308,12 +308,11 @@ class MissionRun:
         await self._wait(self.fleet.ready(self._ready_timeout_s), stops)
 
         times = self._step_times()
-        refusal = begin_refusal(self.mission, self.client.state)
-        if refusal:
-            raise _NotBegun(refusal)
+        self._refuse_flying()
         if self._at is not None:
             await self._wait(self.fleet.countdown(self._at), stops)
-            await self._wait(self.fleet.ready(_STILL_READY_S), stops)
+            await self._wait(self._still_ready(), stops)
+            self._refuse_flying()
 
         self.client.forget_earlier_flights()
         self.client.forget_formation()
@@ -405,6 +404,35 @@ class MissionRun:
                 f"{self.mission.path} was not begun: {stopped} while it waited. "
                 "Look at the vehicles, then start the mission again."
             )
+
+    async def _still_ready(self) -> None:
+        """Wait after a countdown until every vehicle says anew that it may fly.
+
+        Older telemetry does not count: its agent may have died, or have been taken out of service,
+        in the last second of the countdown.
+
+        Raises:
+            NotReady: a vehicle is no longer ready.
+        """
+        end_ns = self.client.now_ns()
+
+        def are_heard_anew(state: FleetState) -> bool:
+            self.fleet.ground.leave_out_disabled()
+            return all(state.vehicles[name].received_ns >= end_ns for name in self.fleet.names)
+
+        # whoever is not heard within this time is not ready: its telemetry is stale by then
+        await self.client.wait_for(are_heard_anew, _STILL_READY_S)
+        await self.fleet.ready(_STILL_READY_S)
+
+    def _refuse_flying(self) -> None:
+        """Refuse to begin a mission that begins on the ground while its vehicles fly.
+
+        Raises:
+            _NotBegun: a vehicle flies.
+        """
+        refusal = begin_refusal(self.mission, self.client.state)
+        if refusal:
+            raise _NotBegun(refusal)
 
     def _step_times(self) -> dict[str, WallTime]:
         """Return the times at which steps start; none in simulated time.

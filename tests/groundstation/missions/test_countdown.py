@@ -229,6 +229,33 @@ async def test_a_vehicle_that_is_not_ready_any_more_when_the_time_comes_starts_n
     assert not bus.orders
 
 
+async def test_a_vehicle_that_falls_silent_just_before_the_time_starts_nobody(
+    fleet: FleetConfig, client: Any, bus: Any
+) -> None:
+    clock = client.wall_clock = MovableClock(client.now_ns)
+    run = MissionRun(make(fleet, HOP), client, at=clock.after(0.4))
+    flown = asyncio.create_task(run.run())
+    assert await client.wait_for(lambda _: run.fleet.ground.countdown is not None, 5.0)
+    del bus.vehicles["mav1"]
+    verdict = await asyncio.wait_for(flown, 20.0)
+    assert "mav1 does not answer" in verdict.summary
+    assert not bus.orders
+
+
+async def test_a_vehicle_that_flies_when_the_time_comes_starts_nobody(
+    fleet: FleetConfig, client: Any, bus: Any
+) -> None:
+    clock = client.wall_clock = MovableClock(client.now_ns)
+    run = MissionRun(make(fleet, HOP), client, at=clock.after(0.4))
+    flown = asyncio.create_task(run.run())
+    assert await client.wait_for(lambda _: run.fleet.ground.countdown is not None, 5.0)
+    bus.tell("mav1", state="flying", is_airborne=True, is_armed=True)
+    verdict = await asyncio.wait_for(flown, 20.0)
+    assert verdict.exit_status == 2
+    assert "takeoff, begins on the ground, and mav1 flies" in verdict.summary
+    assert not bus.orders
+
+
 @pytest.mark.parametrize(
     ("ahead_s", "words"),
     [(2.0, "what comes before it takes about"), (-60.0, "was 1 min ago")],
