@@ -5,7 +5,7 @@
 3. Whoever arrived early may have gone aside for the others since. So all are waited for until they
    are at these points together.
 4. The start is ordered some seconds ahead, for one instant of the fleet's clock. If a vehicle does
-   not accept it, all are ordered to hold before that instant.
+   not accept it, or somebody takes the fleet, all are ordered to hold before that instant.
 
 The instant may be a wall-clock time. Then the vehicles wait at the first points of their paths,
 and an operator may stop the countdown until they start.
@@ -14,8 +14,9 @@ and an operator may stop the countdown until they start.
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import math
-from collections.abc import Callable, Iterable, Mapping, Sequence, Set
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence, Set
 from contextlib import AbstractContextManager
 from typing import Protocol
 
@@ -25,6 +26,7 @@ from groundstation.mission_files.wall_time import WallTime
 from groundstation.missions.countdown import Countdown, CountdownEnded, count_down
 from groundstation.missions.ground import step_result
 from groundstation.missions.pause_watch import PauseWatch
+from groundstation.missions.taken import FleetWatch
 from groundstation.orders.intents import FollowPath, Goto, Hold, Intent
 from groundstation.orders.path_orders import OnLag, parts_of, starts_of
 from groundstation.orders.reachable_goals import longest_move_s
@@ -63,6 +65,7 @@ class PathGround(Protocol):
     """The part of a mission's ground that paths need."""
 
     client: FleetClient
+    watch: FleetWatch
     steps: list[StepResult]
     say: Callable[[str], None]
     pause_line: str
@@ -224,7 +227,7 @@ async def _flown(
         asyncio.create_task(_play_lights(ground, lights)),
     ]
     try:
-        with ground.noting_cancellation(f"follow_path {','.join(names)}", order):
+        with _waiting_for(ground, order):
             return await _end_of(ground, order, timeout_s)
     finally:
         for task in tasks:
@@ -326,6 +329,7 @@ async def _watched_end_of(
         await order.wait(min(_LOOK_S, remaining_s))
         if order.is_final:
             return dict(order.results)
+        _call_off_if_taken(ground, order)
 
         following = [name for name in names if _is_following(client.state, name)]
         is_paused = any(_is_paused(client.state, name) for name in following)
@@ -422,7 +426,7 @@ async def _start_at(
 
         order = await _start(ground, taking_part(), on_lag, countdown.start_ns)
         try:
-            with ground.noting_cancellation(f"follow_path {','.join(order.results)}", order):
+            with _waiting_for(ground, order):
                 await count_down(countdown, ground.say, until_s=_SPARE_S)
         except CountdownEnded:
             await _hold(ground, tuple(order.results))
@@ -440,7 +444,7 @@ async def _start(ground: PathGround, paths: Paths, on_lag: OnLag, start_ns: int)
     def have_replied(_: object) -> bool:
         return all(result.phase != "sent" for result in order.results.values())
 
-    with ground.noting_cancellation(f"follow_path {','.join(starts)}", order):
+    with _waiting_for(ground, order):
         await client.wait_for(have_replied, AHEAD_S)
     if any(result.phase != "accepted" for result in order.results.values()):
         results = dict(order.results)
@@ -448,6 +452,49 @@ async def _start(ground: PathGround, paths: Paths, on_lag: OnLag, start_ns: int)
         await _hold(ground, tuple(paths))
         _require_done(ground, results, "follow_path")
     return order
+
+
+@contextlib.contextmanager
+def _waiting_for(ground: PathGround, order: OrderResult) -> Iterator[None]:
+    """Keep the results of a start when the block is cancelled.
+
+    If somebody who takes the fleet before the start is the cause, nobody starts.
+
+    Args:
+        ground: keeps the mission's results.
+        order: the order to start the paths.
+    """
+    try:
+        with ground.noting_cancellation(f"follow_path {','.join(order.results)}", order):
+            yield
+    finally:
+        _call_off_if_taken(ground, order)
+
+
+def _call_off_if_taken(ground: PathGround, order: OrderResult) -> None:
+    """Order all to hold if somebody has taken the fleet before the start of their paths.
+
+    Else the others would begin to fly around a vehicle that somebody has just stopped. Vehicles
+    that have taken an order of somebody else keep it.
+
+    Args:
+        ground: gives the mission's orders.
+        order: the order to start the paths.
+    """
+    client = ground.client
+    starts = [message.path.start_ns for message in order.planned.orders.values() if message.path]
+    is_before_start = client.now_ns() < min(starts, default=0)
+    if not is_before_start or ground.watch.takeover() is None:
+        return
+
+    names = []
+    for name in order.results:
+        telemetry = client.state.vehicles[name].telemetry
+        if telemetry is None or client.is_of_mission(telemetry.taken_order_id):
+            names.append(name)
+    if names:
+        ground.say(f"  {listed(names)} hold, and nobody starts.")
+        client.submit_now(Hold(vehicles=tuple(names)), is_by_mission=True)
 
 
 async def _hold(ground: PathGround, names: tuple[str, ...]) -> None:

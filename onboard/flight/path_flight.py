@@ -294,7 +294,7 @@ def change_refusal(flight: PathFlight, kind: str) -> str | None:
     if not flight.show_id:
         return "The vehicle follows no path: order hold to stop it where it is."
     if flight.time_s <= 0.0 and kind != "resume":
-        return "Its path has not begun yet: order hold, and nobody starts with it."
+        return "Its path has not begun yet: order hold all, and nobody starts."
     if flight.left_s <= 0.0 and kind != "resume":
         return "It is at the end of its path."
     return None

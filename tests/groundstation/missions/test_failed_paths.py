@@ -11,6 +11,7 @@ import pytest
 from groundstation.missions import path_following
 from groundstation.missions.ground import MissionGround
 from groundstation.missions.path_following import follow_paths
+from groundstation.missions.taken import FleetTaken
 from groundstation.orders.intents import Land
 from groundstation.orders.result import OrderFailed, Results
 from onboard.config.fleet import FleetConfig
@@ -156,6 +157,30 @@ async def test_the_step_fails_when_orders_of_somebody_else_replace_all_paths(
     following = asyncio.create_task(flight.follow(timeout_s=5.0))
     await flight.supersede()
     with pytest.raises(OrderFailed, match="superseded"):
+        await following
+
+
+@pytest.mark.parametrize("is_cancelled", [True, False])
+async def test_nobody_starts_around_a_vehicle_that_somebody_has_held_before_the_start(
+    flight: Flight, client: Any, bus: FakeBus, is_cancelled: bool
+) -> None:
+    following = asyncio.create_task(flight.follow(timeout_s=5.0))
+    await flight.supersede(())
+    for name, order in bus.orders:
+        if order.kind == "follow_path":
+            bus.tell(name, taken_order_id=order.order_id, taken_order_kind="follow_path")
+    bus.tell("mav1", taken_order_id="b-1", taken_order_kind="hold", taken_order_from="ada (b)")
+    if is_cancelled:  # as by the mission's end
+        await asyncio.sleep(0.05)
+        following.cancel()
+
+    def held(_: object = None) -> set[str]:
+        return {name for name, order in bus.orders if order.kind == "hold"}
+
+    assert await client.wait_for(lambda _: bool(held()), 2.0)
+    assert held() == {"mav0", "mav2"}
+    await flight.supersede()
+    with pytest.raises(asyncio.CancelledError if is_cancelled else FleetTaken):
         await following
 
 

@@ -64,6 +64,49 @@ def test_an_order_of_another_ground_ends_the_mission_and_stays(
 
 
 @pytest.mark.long
+def test_a_hold_just_before_the_start_of_the_paths_lets_nobody_start(
+    lockstep: Any, paper: FleetConfig
+) -> None:
+    steps = [
+        {"do": "takeoff", "height_m": 1.0},
+        {
+            "do": "fly_formation",
+            "name": "triangle",
+            "position_enu_m": [0.0, 0.0, 1.0],
+            "to": [{"position_enu_m": [0.0, 1.2, 1.0], "duration_s": 6.0}],
+        },
+        {"do": "land"},
+    ]
+    mission = mission_from_mapping({"schema": 1, "step": steps}, path="show.toml", fleet=paper)
+    flight = lockstep(paper, seed=3)
+    ada = second_ground(flight)
+    before: dict[str, float] = {}
+
+    def hold() -> None:
+        ada.submit_now("hold mav1")
+        before.update({name: _north_m(flight, name) for name in NAMES})
+
+    def look() -> None:
+        path = flight.agents["mav1"].core.flight.path
+        if path.show_id and -1.5 < path.time_s < 0.0:
+            hold()
+        else:
+            flight.at(flight.time_s + 0.1, look)
+
+    flight.at(1.0, look)
+    verdict = flight.fly(mission)
+    assert "ada (ground-2) has ordered hold mav1" in verdict.summary
+    flight.run(8.0)
+    for name in NAMES:
+        assert _north_m(flight, name) == pytest.approx(before[name], abs=0.15)
+        assert _orders(flight)[name][-1] == "hold"
+
+
+def _north_m(flight: Any, name: str) -> float:
+    return float(flight.state.vehicles[name].telemetry.position_enu_m[1])
+
+
+@pytest.mark.long
 def test_neither_locate_nor_a_hold_that_is_refused_ends_a_mission(
     lockstep: Any, paper: FleetConfig
 ) -> None:
