@@ -93,7 +93,7 @@ class WaitStep(_Step, frozen=True, kw_only=True):
     at: str = ""  # wall-clock time until which it waits first: "21:30:00"
     duration_s: float = 0.0  # time to wait, in vehicle time
     until: Until | None = None  # condition, with the keys below
-    timeout_s: float = 60.0  # the step fails if the condition does not hold in this time
+    timeout_s: float = 60.0  # the step fails if it does not hold in this time; pauses do not count
 
 
 class RepeatStep(_Step, frozen=True, kw_only=True):

@@ -325,6 +325,11 @@ class MissionGround:
         return min(self._countdowns, key=lambda countdown: countdown.left_s, default=None)
 
     @property
+    def is_paused(self) -> bool:
+        """Whether an operator's pause stops an order of the mission, or its paths."""
+        return self._waiting is not None or bool(self.pause_line)
+
+    @property
     def live_line(self) -> str:
         """The countdown or the pause in a few words; empty when there is neither."""
         if self.countdown is not None:

@@ -93,6 +93,7 @@ from onboard.tuples import Xyz
 
 GoalOrGoals = Xyz | ByVehicle[Xyz]
 
+_LOOK_S = 0.5  # time between two checks for a pause during a wait
 _EVER_S = 1e9  # timeout of a wait that ends only with its condition
 
 
@@ -893,8 +894,9 @@ class Group:
 
         Args:
             condition: condition to wait for.
-            timeout_s: longest wait [s]; time in which this ground hears no vehicle does not count.
-                With 0 it only looks whether the condition holds now.
+            timeout_s: longest wait [s]; time in which this ground hears no vehicle, or in which an
+                operator's pause stops the mission or its paths, does not count. With 0 it only
+                looks whether the condition holds now.
 
         Raises:
             ConditionTimeout: the condition does not hold in time.
@@ -917,13 +919,16 @@ class Group:
             return
 
         link = self.ground.link
-        wait_s = timeout_s
-        while wait_s > 0.0:
+        left_s = timeout_s
+        while left_s > 0.0:
             lost_before_s = link.lost_s
-            if await client.wait_for(holds, wait_s):
+            look_ns = client.now_ns()
+            if await client.wait_for(holds, min(left_s, _LOOK_S)):
                 return
+            if not self.ground.is_paused:
+                left_s -= (client.now_ns() - look_ns) * 1e-9
             await link.wait_while_lost()
-            wait_s = link.lost_s - lost_before_s  # wait exactly this time once more
+            left_s += link.lost_s - lost_before_s  # wait exactly this time once more
 
         value = condition.value(moment(client.state))
         raise ConditionTimeout(f"Not {condition.words} within {timeout_s:g} s: {value}.")

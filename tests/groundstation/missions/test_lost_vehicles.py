@@ -42,6 +42,30 @@ async def group(fleet: FleetConfig, client: Any, bus: Any) -> Group:
     return Group(ground, fleet.enabled_names)
 
 
+@pytest.mark.parametrize("is_of_paths", [False, True])
+async def test_time_in_which_an_operator_pauses_does_not_count_for_a_wait(
+    group: Group, is_of_paths: bool
+) -> None:
+    ground = group.ground
+    moving = None
+    if is_of_paths:
+        ground.pause_line = "paused"
+    else:
+        ground.pause()
+        moving = asyncio.create_task(group.move((0.5, 0.0, 1.0)))
+        await asyncio.sleep(0.05)
+    waiting = asyncio.create_task(group.until(landed(), 0.3))
+    await asyncio.sleep(1.0)
+    assert not waiting.done()
+
+    ground.pause_line = ""
+    ground.go_on(is_stepping=False)
+    with pytest.raises(ConditionTimeout, match=r"within 0\.3 s"):
+        await asyncio.wait_for(waiting, 2.0)
+    if moving is not None:
+        await moving
+
+
 async def test_a_reaction_says_who_fails_and_all_means_the_others_until_it_flies_again(
     group: Group, bus: Any
 ) -> None:
