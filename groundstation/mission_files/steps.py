@@ -45,7 +45,7 @@ class FlyFormationStep(_Step, frozen=True, kw_only=True):
     assign: Literal["ids", "nearest"] = "ids"  # as for formation
     at: str = ""  # wall-clock time at which it starts: "21:30:00"; by default at once
     on_lag: OnLag = "land"  # reaction of a vehicle that falls behind for too long
-    timeout_s: float | None = None  # by default the duration of the way plus a minute
+    timeout_s: float | None = None  # by default twice the duration of the way plus a minute
 
 
 class FollowPathStep(_Step, frozen=True, kw_only=True):
@@ -58,7 +58,7 @@ class FollowPathStep(_Step, frozen=True, kw_only=True):
     lights: dict[str, str] = {}  # vehicle -> file of its colours, which are shown and recorded
     at: str = ""  # wall-clock time at which they start: "21:30:00"; by default at once
     on_lag: OnLag = "land"  # reaction of a vehicle that falls behind for too long
-    timeout_s: float | None = None  # by default the duration of the paths plus a minute
+    timeout_s: float | None = None  # by default twice the duration of the paths plus a minute
 
 
 class FaultStep(_Step, frozen=True, kw_only=True):
