@@ -33,6 +33,8 @@ from onboard.plain_text import listed
 
 _ONLY_WATCHES = "This ground only watches: open one that may order."
 _FLIES_ALREADY = "A mission flies already. Write: stop"
+# Order to the vehicles that somebody may mean by a word for a mission, when no mission flies.
+_OF_VEHICLES = {"pause": "pause all", "skip": "skip all", "stop": "hold all, or land all"}
 _MAX_NAMED = 12  # mission files that a sentence names
 _MAX_PROBLEMS = 2  # clock problems that the question before a countdown names
 _READY_S = 10.0  # longest wait until all vehicles are ready
@@ -110,7 +112,10 @@ class MissionOrders:
 
         run = self._run
         if run is None or run.is_over:
-            return f"No mission flies that was started here. Write: {USAGE}"
+            no_mission = "No mission flies that was started here."
+            if verb in _OF_VEHICLES:
+                return f"{no_mission} For the vehicles write: {_OF_VEHICLES[verb]}."
+            return f"{no_mission} Write: {USAGE}"
 
         ground = run.fleet.ground
         if verb == "stop":

@@ -78,6 +78,7 @@ async def test_a_mission_is_stepped_through_and_judged(
     path.write_text(MISSION, encoding="utf-8")
     orders = MissionOrders(client, worker.begin)
     assert "No mission flies" in orders.take(["step"])
+    assert orders.take(["pause"]).endswith("For the vehicles write: pause all.")
     assert "Which mission" in orders.take(["mission"])
     assert "no such" in orders.take(["mission", str(tmp_path / "none.toml")]).lower()
     assert "only Python" in orders.take(["mission", str(path), "height_m=1"])
