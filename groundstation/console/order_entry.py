@@ -32,7 +32,7 @@ from groundstation.console.screens.vehicle_screen import VehicleScreen
 from groundstation.console.theme import CALM, FAINT, KILL, PHASE_SIGNS, SEVERITY_SIGNS
 from groundstation.console.widgets.notices import notices
 from groundstation.console.widgets.order_line import CONTROL_ORDERS
-from groundstation.fleet.operator_control import FORCE_WORD
+from groundstation.fleet.operator_control import FORCE_WORD, Control
 from groundstation.fleet.stoppable import stoppable
 from groundstation.missions import mission_words
 from groundstation.missions.mission_orders import MissionOrders
@@ -44,6 +44,7 @@ from groundstation.orders.kill_latch import KillLatch
 from groundstation.orders.plan import PlannedOrder
 from groundstation.orders.result import OrderResult, VehicleResult
 from onboard.config.fleet import ConfigError, FleetConfig
+from onboard.plain_text import capitalised
 
 # Orders for all vehicles that are sent on the thread that reads the terminal.
 _URGENT_KEYS: dict[str, Verb] = {"ctrl+l": "land", "f9": "land", "ctrl+o": "hold", "f8": "hold"}
@@ -93,6 +94,8 @@ class OrderEntry:
         self._sent_early: deque[OrderResult] = deque()
         # presses of kill keys, and the killed vehicles, which get no orders until they are reset
         self.latch = KillLatch()
+        # the request for control that the results show, until it is answered; or empty
+        self._request = ""
         self._written = ""  # the line from the order line that is being carried out, or empty
         self.missions: MissionOrders | None = None  # takes written orders about missions
         self.newest: OrderResult | None = None  # the order whose results are shown
@@ -147,6 +150,7 @@ class OrderEntry:
         if self._ordering is not None:
             control = self._ordering.control
             control.update(self._client.state)
+            self._show_answer(control)
         self._panels.notices.show(notices(self.latch.killed, control))
 
     async def stop(self) -> None:
@@ -489,8 +493,11 @@ class OrderEntry:
             return
 
         control = self._ordering.control
+        self._request = ""
         if verb == "take":
             sentence = control.take(word)
+            if control.is_waiting:
+                self._request = sentence
         elif verb == "give":
             sentence = control.hand_over()
         else:
@@ -498,3 +505,13 @@ class OrderEntry:
         self._panels.results.show_sentence(sentence, CALM)
         self._panels.events.add(sentence)
         self.update()
+
+    def _show_answer(self, control: Control) -> None:
+        """Show who operates in place of a request for control that has been answered."""
+        if not self._request or control.is_waiting:
+            return
+
+        results = self._panels.results
+        if results.sentence == self._request:
+            results.show_sentence(capitalised(f"{control.text}."), CALM)
+        self._request = ""

@@ -34,9 +34,11 @@ class ResultLines(Static):
 
     def __init__(self) -> None:
         super().__init__(id="result", classes="empty")
+        self.sentence = ""  # the shown sentence; empty while results are shown
 
     def show_order(self, order: OrderResult, text: str) -> None:
         """Show the text of the order and the results so far."""
+        self.sentence = ""
         cleaned = clean(text, 60)
         title = theme.fit(cleaned, min(_LONGEST_TITLE, cell_len(cleaned)))
         line = Text.assemble((f" {title} ", theme.style(TEXT, bold=True)))
@@ -58,6 +60,7 @@ class ResultLines(Static):
 
     def show_sentence(self, sentence: str, colour: str = WARN) -> None:
         """Show a sentence instead of results."""
+        self.sentence = sentence
         self._put(Text(f" {clean(sentence, 300)}", theme.style(colour)))
 
     def _put(self, text: Text) -> None:

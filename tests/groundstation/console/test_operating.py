@@ -54,6 +54,21 @@ async def test_control_is_requested_and_taken_by_force_after_silence(rig: Rig) -
         assert rig.line(NoticeLines) == ""
 
 
+async def test_a_request_for_control_that_was_answered_is_no_longer_shown(rig: Rig) -> None:
+    async with rig.app.run_test(size=(120, 30)) as pilot:
+        rig.client.tokens.roles.see("operator.1.ground-9.alice", True)
+        rig.hover()
+        await see(rig.app, pilot)
+        await rig.write(pilot, "take control")
+        assert "Asking alice (ground-9) for control." in rig.line(ResultLines)
+
+        rig.client.tokens.roles.see("operator.1.ground-9.alice", False)
+        rig.hover()
+        await see(rig.app, pilot)
+        assert rig.client.control.is_operator
+        assert "You operate." in rig.line(ResultLines)
+
+
 @pytest.mark.parametrize(("key", "stays"), [("ctrl+y", False), ("ctrl+n", True)])
 async def test_the_operator_gives_control_or_keeps_it(rig: Rig, key: str, stays: bool) -> None:
     async with rig.app.run_test(size=(120, 30)) as pilot:
