@@ -427,6 +427,8 @@ class MissionGround:
         Returns:
             Why no order can be left out, as a sentence; empty when one is left out.
         """
+        if self._waiting is None and self._is_stepping:
+            return "No order waits yet: the present step is still under way."
         if self._waiting is None:
             return "No order of the mission waits. Write pause: then the next one does."
         if not self._may_leave_out:
