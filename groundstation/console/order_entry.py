@@ -151,7 +151,9 @@ class OrderEntry:
             control = self._ordering.control
             control.update(self._client.state)
             self._show_answer(control)
-        self._panels.notices.show(notices(self.latch.killed, control))
+        is_mission_flying = self.missions is not None and self.missions.is_flying
+        shown = notices(self.latch.killed, control, is_mission_flying=is_mission_flying)
+        self._panels.notices.show(shown)
 
     async def stop(self) -> None:
         """End the processes of the forecaster."""

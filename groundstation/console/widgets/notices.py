@@ -14,13 +14,21 @@ from groundstation.fleet.operator_control import FORCE_WORD, SILENCE_S, Control
 Notice = tuple[str, str]  # text and colour
 
 
-def notices(killed: Collection[str], control: Control | None) -> list[Notice]:
-    """Return the lines, the most urgent first."""
+def notices(
+    killed: Collection[str], control: Control | None, *, is_mission_flying: bool
+) -> list[Notice]:
+    """Return the lines, the most urgent first.
+
+    Args:
+        killed: names of the vehicles that were killed from here.
+        control: control of the fleet; None for a record.
+        is_mission_flying: whether a mission flies that was started here.
+    """
     lines = []
     if killed:
         lines.append(_killed(sorted(killed)))
     if control is not None:
-        lines += _control(control)
+        lines += _control(control, is_mission_flying=is_mission_flying)
     return lines
 
 
@@ -30,12 +38,13 @@ def _killed(names: list[str]) -> Notice:
     return text, KILL
 
 
-def _control(control: Control) -> list[Notice]:
+def _control(control: Control, *, is_mission_flying: bool) -> list[Notice]:
     """Return a line about requests for control, and one if this ground may not order a move."""
     lines = []
     if control.requester is not None and control.is_operator:
         label = control.requester.label
-        lines.append((f"▲ {label} asks for control: ctrl+y gives it, ctrl+n keeps it", WARN))
+        gives = "gives it and ends the mission" if is_mission_flying else "gives it"
+        lines.append((f"▲ {label} asks for control: ctrl+y {gives}, ctrl+n keeps it", WARN))
 
     if control.is_waiting and control.holder is not None:
         author = control.holder.author

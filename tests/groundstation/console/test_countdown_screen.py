@@ -60,7 +60,7 @@ async def test_land_all_and_hold_all_stop_the_countdown_as_its_own_key_does(
 
     class Missions(MissionOrders):
         def __init__(self) -> None:
-            return
+            self._run = None  # no mission flies
 
         def stop_countdown(self) -> str:
             stopped.append("stopped")

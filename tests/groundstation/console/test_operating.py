@@ -11,6 +11,7 @@ from groundstation.console.widgets.event_log import EventLog
 from groundstation.console.widgets.notices import NoticeLines
 from groundstation.console.widgets.result_lines import ResultLines
 from groundstation.fleet.operator_control import SILENCE_S
+from groundstation.missions.mission_orders import MissionOrders
 from onboard.config.fleet import FleetConfig
 from tests.groundstation.console.fake import FakeClient
 from tests.groundstation.console.live import until
@@ -67,6 +68,25 @@ async def test_a_request_for_control_that_was_answered_is_no_longer_shown(rig: R
         await see(rig.app, pilot)
         assert rig.client.control.is_operator
         assert "You operate." in rig.line(ResultLines)
+
+
+async def test_the_operator_is_told_that_giving_control_ends_the_mission(
+    rig: Rig, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    async with rig.app.run_test(size=(120, 30)) as pilot:
+        rig.hover()
+        await see(rig.app, pilot)
+        rig.client.skew_ns += int(1e9)
+        rig.hover()
+        await see(rig.app, pilot)
+        rig.client.tokens.roles.see("asks.1.ground-9.bob", True)
+        rig.hover()
+        await see(rig.app, pilot)
+        assert "ctrl+y gives it, ctrl+n keeps it" in rig.line(NoticeLines)
+
+        monkeypatch.setattr(MissionOrders, "is_flying", True)
+        await see(rig.app, pilot)
+        assert "ctrl+y gives it and ends the mission" in rig.line(NoticeLines)
 
 
 @pytest.mark.parametrize(("key", "stays"), [("ctrl+y", False), ("ctrl+n", True)])
