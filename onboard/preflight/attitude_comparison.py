@@ -9,6 +9,7 @@ from onboard.autopilot import Snapshot
 from onboard.tuples import Wxyz, Xyz
 
 _RATE_OVER_NS = 1_000_000_000  # time over which attitudes are counted
+_GAP_NS = 200_000_000  # attitudes were not counted between ticks that are farther apart
 _TILT_TIME_S = 0.5  # time constant of the low-pass
 _IN_HANDS_RAD = math.radians(12.0)  # a vehicle tilted more than this is held by a person
 _WRONG_TILT_RAD = math.radians(10.0)  # largest difference of the two tilts while it is held
@@ -22,6 +23,7 @@ class AttitudeRate:
     rate_hz: float | None = None  # None until a second has passed
     _attitude_ns: int = 0  # arrival of the newest counted attitude
     _count: int = 0
+    _tick_ns: int = 0  # newest tick
     _count_from_ns: int | None = None  # start of the present second
 
     def update(self, now_ns: int, attitude_ns: int) -> None:
@@ -29,8 +31,10 @@ class AttitudeRate:
         if not attitude_ns:
             return  # there is no rate before the first attitude
 
-        # the first tick, or the first after a flight
-        if self._count_from_ns is None or now_ns - self._count_from_ns > 2 * _RATE_OVER_NS:
+        # the first tick, or the first after a flight or a kill, during which nobody counted
+        is_after_gap = now_ns - self._tick_ns > _GAP_NS
+        self._tick_ns = now_ns
+        if self._count_from_ns is None or is_after_gap:
             self._count_from_ns = now_ns
             self._count = 0
 

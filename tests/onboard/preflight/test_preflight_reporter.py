@@ -17,6 +17,7 @@ from onboard import agent_commands, agent_inputs
 from onboard.agent.core import AgentCore
 from onboard.bus.schema import PreflightReport, Telemetry
 from onboard.bus.topics import Topic
+from onboard.preflight.attitude_comparison import AttitudeRate
 from tests.onboard.agent.rig import Rig, fleet
 from tests.onboard.state_messages import state_message
 from tests.oracles.rotation import quaternion_from_yaw, quaternion_multiply
@@ -337,3 +338,13 @@ def test_a_heading_that_px4_takes_from_the_mocap_may_be_off_by_a_little() -> Non
     rig.heading_error_rad = math.radians(10.0)
     rig.run(3.0)
     assert refusals(rig) == {}
+
+
+def test_a_time_in_which_attitudes_were_not_counted_is_no_slow_link() -> None:
+    """After a kill on the ground, the vehicle is not judged for less than a second."""
+    attitude = AttitudeRate()
+    tick_ns = 20_000_000
+    for tick in [*range(1, 120), *range(155, 400)]:
+        attitude.update(tick * tick_ns, tick * tick_ns)
+        assert attitude.rate_hz is None or attitude.rate_hz > 49.0
+    assert attitude.rate_hz == pytest.approx(50.0, abs=1.1)
