@@ -51,6 +51,9 @@ class OrderingClient(ConsoleClient, Protocol):
     def is_of_mission(self, order_id: str) -> bool:
         """Whether a mission of this ground has given an order."""
 
+    def is_own(self, order_id: str) -> bool:
+        """Whether this ground has given an order."""
+
     def send(self, planned: PlannedOrder) -> OrderResult:
         """Send a planned order from any thread; its results are filled in later."""
 

@@ -16,6 +16,7 @@ from typing import Any, NamedTuple
 from groundstation.client.client import FleetClient
 from groundstation.client.fault_orders import FaultRefused
 from groundstation.client.preflight_page import advice_of
+from groundstation.fleet.answered_stops import answered_stop
 from groundstation.fleet.state import FleetState
 from groundstation.mission_files.mission import Mission, with_shapes
 from groundstation.mission_files.python_file import load_function
@@ -392,7 +393,9 @@ class MissionRun:
         watch = self.fleet.ground.watch
         stopped = watch.kill_before_begin(self.fleet.names)
         if not stopped:
-            stopped = watch.stop_before_begin(self.fleet.names, earlier.until_ns)
+            stopped = answered_stop(
+                self.client.state, self.fleet.names, earlier.until_ns, self.client.is_own
+            )
         if (
             not stopped
             and self.client.has_person

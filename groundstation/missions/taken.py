@@ -110,28 +110,6 @@ class FleetWatch:
                 return f"{telemetry.taken_order_from} has killed {name}"
         return ""
 
-    def stop_before_begin(self, names: Collection[str], since_ns: int) -> str:
-        """Return which other ground has ordered a vehicle to land or to hold; empty if none.
-
-        A vehicle on the ground refuses that, so only its event about the answer tells of it.
-
-        Args:
-            names: vehicles of the mission, which has not begun.
-            since_ns: time since which such an order counts, on the ground's clock [ns].
-        """
-        for logged in self._client.state.events:
-            event = logged.event
-            is_answer = event.code == "order" and event.vehicle in names
-            if logged.received_ns < since_ns or not is_answer:
-                continue
-
-            order_id, _, words = event.sentence.partition(" ")
-            verb = words.partition(" ")[0]
-            if verb in EMERGENCY and not self._client.is_own(order_id):
-                node = order_id.rpartition("-")[0]
-                return f"{node} has ordered {event.vehicle} to {verb}"
-        return ""
-
     def takeover(self) -> Taken | None:
         """Return who took the fleet first; None while the mission has it.
 

@@ -13,6 +13,7 @@ import math
 from collections.abc import Callable, Mapping
 from typing import Protocol
 
+from groundstation.fleet.answered_stops import answered_stop
 from groundstation.fleet.state import FleetState
 from groundstation.orders.battery_reserve import Discharge, weakest
 from groundstation.orders.forecast import SEEDS, Forecast, Leg, objections
@@ -45,6 +46,9 @@ class PlansOrders(Protocol):
 
     def is_of_mission(self, order_id: str) -> bool:
         """Whether a mission of this ground has given an order."""
+
+    def is_own(self, order_id: str) -> bool:
+        """Whether this ground has given an order."""
 
 
 class FliesAhead(Protocol):
@@ -93,6 +97,7 @@ class PreparedOrder:
         self._start = start
         self._on_change = on_change
 
+        self._prepared_ns = client.now_ns()
         # vehicle -> newest order that it had taken when this one was prepared
         self._earlier_order_ids = {
             name: view.telemetry.taken_order_id
@@ -188,11 +193,16 @@ class PreparedOrder:
                 order = (telemetry.taken_order_from, telemetry.taken_order_kind)
                 stopped.setdefault(order, []).append(name)
 
-        return [
-            f"{author} has ordered {verb} {listed(names)} meanwhile: look at the vehicles, then "
-            "order again."
+        stops = [
+            f"{author} has ordered {verb} {listed(names)}"
             for (author, verb), names in stopped.items()
         ]
+        answered = answered_stop(
+            self.client.state, self.intent.names, self._prepared_ns, self.client.is_own
+        )
+        if answered and not stops:
+            stops = [answered]
+        return [f"{words} meanwhile: look at the vehicles, then order again." for words in stops]
 
     def figures(self) -> list[str]:
         """Return smallest distance, limit and duration, one line each."""

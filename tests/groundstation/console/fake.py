@@ -123,13 +123,18 @@ class FakeClient:
         self.state = fleet_state.fold(self.state, heard, self.now_ns())
 
     def say(
-        self, sentence: str, severity: Any = "info", vehicle: str = "mav0", outcome: Any = ""
+        self,
+        sentence: str,
+        severity: Any = "info",
+        vehicle: str = "mav0",
+        outcome: Any = "",
+        code: str = "x",
     ) -> None:
         event = Event(
             vehicle=vehicle,
             stamp_ns=1,
             severity=severity,
-            code="x",
+            code=code,
             sentence=sentence,
             order_id="1" if outcome else "",
             order_outcome=outcome,
@@ -148,6 +153,9 @@ class FakeClient:
 
     def is_of_mission(self, order_id: str) -> bool:
         return False
+
+    def is_own(self, order_id: str) -> bool:
+        return order_id.startswith("ground-1-")
 
     def send(self, planned: PlannedOrder) -> OrderResult:
         self.handles.append(OrderResult(planned))

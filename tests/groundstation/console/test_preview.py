@@ -178,6 +178,21 @@ async def test_a_question_from_before_another_persons_hold_is_not_sent(
         assert rig.client.ordered == ["move mav0,mav1,mav2 0 1 1"]
 
 
+async def test_a_take_off_is_not_sent_over_an_order_to_stop_that_vehicles_on_the_ground_refuse(
+    rig: Rig,
+) -> None:
+    async with rig.app.run_test(size=(100, 30)) as pilot:
+        rig.stand()
+        rig.client.say("ground-2-1 land all refused: It stands on the ground.", code="order")
+        await rig.preview(pilot, "takeoff all 1.2")
+        rig.client.say("ground-2-2 locate mav0 accepted.", code="order")
+        rig.client.say("ground-2-3 land all refused: It stands on the ground.", code="order")
+        await pilot.press("enter", "enter")
+
+        assert rig.client.ordered == []
+        assert "ground-2 has ordered mav0 to land meanwhile" in words(rig.app, "answer")
+
+
 async def test_a_formation_without_a_position_is_sent_with_the_position_that_was_shown(
     rig: Rig,
 ) -> None:
