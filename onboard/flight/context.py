@@ -32,6 +32,9 @@ from onboard.vectors import ZERO_3
 # others, because it can no longer move aside once it touches the ground.
 _AVOIDS_ABOVE_M = 0.5
 
+# A vehicle this far below the ground that it expects flies above lower ground.
+_UNEVEN_M = 0.1
+
 _CONTACT_LIMIT_S = 8.0  # PX4 must confirm the landing within this time after the contact
 
 # A landing fails if the vehicle rises again by more than this. With a mocap, the limit is more than
@@ -78,6 +81,8 @@ class FlightContext:
     ground_z_m: float = 0.0
     file_ground_m: float = 0.0  # height of the same ground by the fleet file
     may_ground_be_lower: bool = False  # whether by the file it is clearly lower at the landing
+    # height of the ground at the landing by the file, where it is lower; otherwise ground_z_m
+    lower_ground_z_m: float = 0.0
     lowest_m: float = math.inf  # lowest height since the landing began, or since contact
     # height at which the search for the ground began: at the order to land, or at a contact
     contact_z_m: float = -math.inf
@@ -166,9 +171,18 @@ class FlightContext:
         return not touches_the_ground_soon
 
     def may_touch_the_ground(self, view: FlightView) -> bool:
-        """Return whether the vehicle lifts off or lands, and is low enough to touch the ground."""
-        may_be_down = self.step in _NEAR_THE_GROUND or self.step is FlightStep.CONTACT
-        return may_be_down and self._height_m(view) < LOW_M
+        """Return whether the vehicle lifts off or lands, and is where it may touch the ground.
+
+        Above lower ground, a vehicle that has passed the height of the expected ground flies again.
+        """
+        if self.step is FlightStep.CONTACT:
+            return True
+        if self.step not in _NEAR_THE_GROUND:
+            return False
+
+        _, _, z_m = view.position_enu_m
+        heights_m = (z_m - self.ground_z_m, z_m - self.lower_ground_z_m)
+        return any(-_UNEVEN_M < height_m < LOW_M for height_m in heights_m)
 
     def _height_m(self, view: FlightView) -> float:
         """Return the height above the ground where the vehicle took off [m]."""

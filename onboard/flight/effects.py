@@ -324,6 +324,7 @@ def _set_ground(flight: FlightContext, position_enu_m: Xyz) -> None:
     """Take a position as the ground."""
     x, y, flight.ground_z_m = position_enu_m
     flight.file_ground_m = float(ground_at_m(flight.fleet, x, y))
+    flight.lower_ground_z_m = flight.ground_z_m
 
 
 def _expect_ground(flight: FlightContext, x_m: float, y_m: float) -> None:
@@ -338,6 +339,7 @@ def _expect_ground(flight: FlightContext, x_m: float, y_m: float) -> None:
     if here_m > flight.file_ground_m:
         flight.ground_z_m += here_m - flight.file_ground_m
         flight.file_ground_m = here_m
+    flight.lower_ground_z_m = flight.ground_z_m - (flight.file_ground_m - here_m)
 
 
 def _climb_above(

@@ -9,6 +9,8 @@ import pytest
 from msgspec.structs import replace
 
 from onboard.config.fleet import FleetConfig, Origin, fleet_from_mapping
+from sitl.emulator.emulator import Environment
+from sitl.physics.wind import WindSettings
 
 _ROOF_M = 2.0
 _SPOT = (-4.0, 0.0)
@@ -91,6 +93,22 @@ def test_from_a_roof_it_lands_in_the_yard_and_again_on_the_roof(
     flight.land()
     stands_at(flight, _SPOT, _ROOF_M, within_m)
     assert len(flight.touchdowns) == 2
+
+
+@pytest.mark.parametrize("wind_m_s", [4.0, 8.0])
+@pytest.mark.parametrize("roof_m", [0.5, _ROOF_M])
+def test_in_wind_it_sets_down_gently_below_its_roof(
+    lockstep: Any, roof: FleetConfig, roof_m: float, wind_m_s: float
+) -> None:
+    vehicle = replace(roof.vehicles["mav0"], start_enu_m=(*_SPOT, roof_m))
+    wind = WindSettings(mean_enu_m_s=(wind_m_s, 0.0, 0.0))
+    flight = lockstep(
+        replace(roof, vehicles={"mav0": vehicle}), seed=1, environment=Environment(wind=wind)
+    )
+    flight.takeoff(roof_m + 1.2)
+    goes_to(flight, (*_YARD, roof_m + 1.2))
+    flight.land()
+    stands_at(flight, _YARD, 0.0, 0.4)
 
 
 @pytest.mark.parametrize("line", ["home mav0", "bring home mav0"])
