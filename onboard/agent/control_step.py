@@ -158,6 +158,16 @@ class ControlStep:
         self.law_refusal = self._own_law.refusal
         return memory_and_tick
 
+    @property
+    def flies_own_law(self) -> bool:
+        """Whether the user's law flies."""
+        return self._own_law is not None and not self._own_law.refusal
+
+    def replace_own_law(self, reason: str) -> None:
+        """Let Covey's law fly the rest of this flight; see :meth:`OwnLawRunner.replace`."""
+        assert self._own_law is not None
+        self._own_law.replace(reason)
+
     def level(self) -> AttitudeSetpoint:
         """Return a level attitude at hover thrust, with the heading that was last commanded."""
         hover_frac = self.hover_frac

@@ -86,10 +86,12 @@ from onboard.neighbours.touchdowns import stop_at_touchdown
 from onboard.neighbours.wind import wind_felt_by
 from onboard.preflight.preflight_reporter import PreflightReporter
 from onboard.safety.failsafe_table import Situation
+from onboard.safety.geofence import fence_of
 from onboard.safety.limits import POSITION_KNOWN_S
 from onboard.safety.snapshot_check import nonsense
 from onboard.supervision.failsafe_supervisor import FailsafeSupervisor
 from onboard.supervision.model_mismatch_reporter import ModelMismatchReporter
+from onboard.supervision.own_law_faults import fault_of_law
 from onboard.supervision.tick_context import TickContext
 from onboard.types import TICK_S, LawStatus, Tick
 from onboard.vectors import ZERO_3, Vec3, scaled, subtract
@@ -167,6 +169,7 @@ class AgentCore:
         # what the agent decides
         self.control = ControlStep(fleet, vehicle_name, clock=clock, pipeline_step=pipeline_step)
         self.flight = FlightContext(fleet, vehicle, self.control.surroundings)
+        self._fence = fence_of(fleet.fleet.geofence_m, vehicle)
         self.failsafes = FailsafeSupervisor(
             fleet=fleet,
             vehicle=vehicle,
@@ -275,6 +278,10 @@ class AgentCore:
         was_on_ground = step_before.situation is Situation.GROUND
         if was_on_ground or step_before is FlightStep.ARMED:
             self._check_preflight(view)
+
+        # Is a user's law at fault?
+        if self.control.flies_own_law and step_before.is_under_law:
+            self._replace_faulty_law(view)
 
         # What do we do?
         state_machine.advance(self.flight, view)
@@ -466,6 +473,19 @@ class AgentCore:
             slot_owner=self.flight.slot_owner,
         )
         state_machine.preflight_checked(self.flight, view, not self.preflight.not_ready)
+
+    def _replace_faulty_law(self, view: FlightView) -> None:
+        """Let Covey's law take over from a user's law that flies the vehicle into something."""
+        _, _, z_m = view.position_enu_m
+        _, _, climb_m_s = view.velocity_enu_m_s
+        height_m = math.inf  # a vehicle that lands does not stop above the ground
+        if self.flight.step.situation is Situation.FLYING:
+            height_m = z_m - self.flight.ground_z_m
+        fault = fault_of_law(
+            self.failsafes.conditions, self._fence, height_m=height_m, climb_m_s=climb_m_s
+        )
+        if fault:
+            self.control.replace_own_law(fault)
 
     def _report_mismatch(self, view: FlightView) -> None:
         """Report differences between the vehicle's response and its fleet file."""

@@ -3,7 +3,7 @@
 :meth:`OwnLawRunner.step` takes and returns the same values as :func:`onboard.avoidance.oist.step`,
 so that the pipeline can call either of them. Covey's law is computed at every tick, too. It takes
 over for the rest of the flight when the user's law raises an exception, returns a thrust that
-cannot be flown, or is slow.
+cannot be flown, or is slow, and when the agent replaces it because of what the vehicle does.
 """
 
 from __future__ import annotations
@@ -67,6 +67,15 @@ class OwnLawRunner:
         self._slow_ticks = 0
         self._relaxed_share = 0.0
 
+    def replace(self, reason: str) -> None:
+        """Let Covey's law fly the rest of this flight.
+
+        Args:
+            reason: what the user's law has done, as the end of a sentence that begins with its
+                name. An earlier reason is kept.
+        """
+        self.refusal = self.refusal or reason
+
     def step(
         self,
         memory: LawMemory,
@@ -91,6 +100,9 @@ class OwnLawRunner:
             dt_s: time since the last tick.
         """
         if self.refusal:
+            if self._relaxed_share:
+                memory = with_share(memory, self._relaxed_share)
+                self._relaxed_share = 0.0
             return oist.step(
                 memory, baseline, predicted, state, neighbours, obstacles, params, dt_s
             )
@@ -125,6 +137,7 @@ class OwnLawRunner:
             )
             thrust = self.answer(inputs)
             if thrust is None:
+                self._relaxed_share = 0.0
                 return after, output
             after, output = flown_instead(thrust, covey.own, output, after, memory, dt_s)
 

@@ -127,6 +127,15 @@ class FenceBox:
     def _stopping_m(self, speed_m_s: float, brake_m_s2: float) -> float:
         return speed_m_s * self._equivalent_s(speed_m_s, brake_m_s2)
 
+    def stopping_height_m(self, sinking_m_s: float) -> float:
+        """Return the height [m] that a sinking vehicle needs to stop.
+
+        Args:
+            sinking_m_s: vertical speed, positive downwards.
+        """
+        _, _, brake_z = self.brake_m_s2
+        return self._stopping_m(sinking_m_s, brake_z)
+
     def farthest_m(self, speed_m_s: float) -> tuple[float, float]:
         """Return how far from any point inside a vehicle can be if it brakes only at the fence.
 

@@ -7,6 +7,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
+from msgspec.structs import replace
 
 from groundstation import cli
 from groundstation.file_checks.examination import examine
@@ -117,3 +118,47 @@ def test_init_refuses_a_name_that_python_could_not_import(tmp_path, capsys):
     assert cli.main(["init", str(tmp_path / "mine"), "--law", "my-law"]) == 2
     assert "'my-law'" in capsys.readouterr().err
     assert not (tmp_path / "mine").exists()
+
+
+BREAKING = """
+from onboard.types import Thrust
+
+
+def sinking(memory, inputs):
+    thrust = inputs.baseline.thrust_enu_m_s2
+    memory = (memory or 0) + 1
+    if memory > 200:
+        return memory, (thrust.x, thrust.y, 5.0)
+    return memory, inputs.baseline
+
+
+def straying(memory, inputs):
+    memory = (memory or 0) + 1
+    if memory > 200:
+        return memory, inputs.limited(50.0, 0.0)
+    return memory, inputs.baseline
+"""
+
+
+@pytest.mark.failsafe("own law refused, Covey's flies", step="flying")
+@pytest.mark.parametrize(
+    ("name", "words"),
+    [("sinking", "sink too fast to stop above the ground"), ("straying", "cross the geofence")],
+)
+def test_coveys_law_flies_on_when_a_law_flies_a_vehicle_into_something(
+    folder, lockstep, name, words
+):
+    path = folder / "my_law.py"
+    path.write_text(path.read_text() + BREAKING)
+    fleet = load_fleet(str(folder / "fleet.toml")).with_law(f"my_law:{name}")
+    fleet = replace(fleet, vehicles={"mav1": fleet.vehicles["mav1"]}, formations={})
+    flight = lockstep(fleet, folder=folder)
+    flight.takeoff(1.5)
+    flight.run(15.0)
+
+    [told] = [event.sentence for event in flight.events if event.code == "own-law-refused"]
+    assert words in told
+    assert not flight.touchdowns or flight.touchdowns[-1].speed_m_s < 0.8
+    truth = flight.state.vehicles["mav1"].truth
+    _, east_m = fleet.fleet.geofence_m.x
+    assert truth.position_enu_m[0] < east_m + 2.5
