@@ -12,7 +12,7 @@ before it flies.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, NamedTuple
 
 from msgspec.structs import replace
@@ -158,10 +158,7 @@ def _bring_home(intent: BringHome, facts: GoalFacts) -> Goals:
 
     takes = intent.takes
     if takes is None:
-        owners = _free_spot_owners(facts)
-        spots = {name: facts.spot_enu_m(owner) for name, owner in owners.items()}
-        assigned = spots_without_crossing(spots, positions)
-        takes = {name: owners[other] for name, other in assigned.items()}
+        takes = _spots_taken(facts, positions)
         intent = replace(intent, takes=takes)
 
     goals = {}
@@ -179,14 +176,40 @@ def _bring_home(intent: BringHome, facts: GoalFacts) -> Goals:
     return Goals(intent, goals)
 
 
-def _free_spot_owners(facts: GoalFacts) -> dict[str, str]:
-    """Return for each vehicle of the order the owner of a take-off spot that is free for it.
+def _spots_taken(facts: GoalFacts, positions: Mapping[str, Xyz]) -> dict[str, str]:
+    """Return for each vehicle of the order the owner of the take-off spot that it takes.
+
+    Vehicles in the air share the spots that are free for them, by their ways. A vehicle on the
+    ground, whose agent refuses the order, keeps its own spot or the one on which it stands.
+
+    Args:
+        facts: the fleet.
+        positions: position of each vehicle of the order [m], ENU.
+    """
+    flying = [name for name in facts.names if _resting_enu_m(facts, name) is None]
+    owners = _free_spot_owners(facts, flying)
+    spots = {name: facts.spot_enu_m(owner) for name, owner in owners.items()}
+    assigned = spots_without_crossing(spots, positions)
+    takes = {name: owners[other] for name, other in assigned.items()}
+
+    stands_on = {_who_stands_on(facts, owner): owner for owner in facts.fleet.enabled_names}
+    for name in facts.names:
+        takes.setdefault(name, stands_on.get(name, name))
+    return takes
+
+
+def _free_spot_owners(facts: GoalFacts, flying: Sequence[str]) -> dict[str, str]:
+    """Return for each vehicle in the air the owner of a take-off spot that is free for it.
 
     It is the vehicle itself, unless another one stands on its spot. Then it is that other one,
     whose own spot is free unless somebody stands there too.
+
+    Args:
+        facts: the fleet.
+        flying: vehicles of the order that are in the air.
     """
     owners: dict[str, str] = {}
-    for name in facts.names:
+    for name in flying:
         owner = name
         met = [name]
         while (standing := _who_stands_on(facts, owner)) and standing not in met:
@@ -199,25 +222,31 @@ def _free_spot_owners(facts: GoalFacts) -> dict[str, str]:
 
 
 def _who_stands_on(facts: GoalFacts, owner: str) -> str:
-    """Return a vehicle outside the order that has landed on a take-off spot; empty: nobody.
+    """Return a vehicle that stands on a take-off spot; empty: nobody.
 
     Args:
         facts: the fleet.
         owner: the vehicle whose spot it is.
     """
-    if facts.state is None:
-        return ""
-
     spot_enu_m = facts.spot_enu_m(owner)
     for name in facts.fleet.enabled_names:
-        telemetry = facts.state.telemetry_of(name)
-        is_standing = name not in facts.names and facts.state.is_landed(name)
-        if telemetry is None or not telemetry.is_position_valid or not is_standing:
+        resting_enu_m = _resting_enu_m(facts, name)
+        if resting_enu_m is None:
             continue
-        apart_m = math.dist(telemetry.position_enu_m[:2], spot_enu_m[:2])
+        apart_m = math.dist(resting_enu_m[:2], spot_enu_m[:2])
         if apart_m < facts.fleet.fleet.safety_distance_m:
             return name
     return ""
+
+
+def _resting_enu_m(facts: GoalFacts, name: str) -> Xyz | None:
+    """Return where a vehicle stands on the ground [m], ENU; None if it may move.
+
+    A silent one stands where it was heard last, once its PX4 has reported that it is disarmed.
+    """
+    if facts.state is None:
+        return None
+    return facts.state.vehicles[name].resting_enu_m
 
 
 def _goal_above_spot(

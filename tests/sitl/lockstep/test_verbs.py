@@ -188,8 +188,9 @@ def test_a_px4_that_is_rebooted_between_flights_flies_again(lockstep: Any) -> No
     assert flight.land()
 
 
+@pytest.mark.parametrize("who", ["1,2", "all"])
 def test_bring_home_leaves_out_a_spot_on_which_another_vehicle_stands(
-    lockstep: Any, paper: Any
+    lockstep: Any, paper: Any, who: str
 ) -> None:
     flight = lockstep(paper, seed=3)
     flight.takeoff(1.0)
@@ -198,8 +199,8 @@ def test_bring_home_leaves_out_a_spot_on_which_another_vehicle_stands(
     flight.order(f"move mav0 {x} {y} 1.0", 20.0)
     flight.order("land mav0", 20.0)
 
-    results = flight.order("bring home 1,2", 30.0)
-    assert all(result.is_done for result in results.values()), results
+    results = flight.order(f"bring home {who}", 30.0)
+    assert all(results[name].is_done for name in ("mav1", "mav2")), results
     spots = {name: flight.state.telemetry_of(name).position_enu_m for name in ("mav1", "mav2")}
     assert spots["mav1"][:2] == pytest.approx((-1.5, -1.5), abs=0.3)
     assert spots["mav2"][:2] == pytest.approx((1.5, -1.5), abs=0.3)
