@@ -480,7 +480,7 @@ class AgentCore:
         _, _, climb_m_s = view.velocity_enu_m_s
         height_m = math.inf  # a vehicle that lands does not stop above the ground
         if self.flight.step.situation is Situation.FLYING:
-            height_m = z_m - self.flight.ground_z_m
+            height_m = z_m - self.flight.expected_ground.z_m
         fault = fault_of_law(
             self.failsafes.conditions, self._fence, height_m=height_m, climb_m_s=climb_m_s
         )

@@ -19,6 +19,7 @@ from onboard.config.ground import lowest_ground_m
 from onboard.control import path, router
 from onboard.control.router import Surroundings
 from onboard.flight.contact import LOW_M, ContactSigns
+from onboard.flight.expected_ground import ExpectedGround
 from onboard.flight.follow_flight import FollowFlight
 from onboard.flight.path_flight import PathFlight
 from onboard.flight.types import MUST_BE_ARMED, MUST_BE_OFFBOARD, FlightStep, FlightView
@@ -76,16 +77,10 @@ class FlightContext:
     path: PathFlight = field(default_factory=PathFlight)
     follow: FollowFlight = field(default_factory=FollowFlight)
 
-    # height of the ground where the vehicle took off, or lands if the fleet file says that the
-    # ground is higher there
-    ground_z_m: float = 0.0
-    file_ground_m: float = 0.0  # height of the same ground by the fleet file
-    may_ground_be_lower: bool = False  # whether by the file it is clearly lower at the landing
-    # height of the ground at the landing by the file, where it is lower; otherwise ground_z_m
-    lower_ground_z_m: float = 0.0
-    lowest_m: float = math.inf  # lowest height since the landing began, or since contact
+    expected_ground: ExpectedGround = field(default_factory=ExpectedGround)
+    lowest_z_m: float = math.inf  # lowest height since the landing began, or since contact
     # height at which the search for the ground began: at the order to land, or at a contact
-    contact_z_m: float = -math.inf
+    search_began_z_m: float = -math.inf
     # the person who took the vehicle out of flights; empty: it takes part
     disabled_by: str = ""
     stands_in_for: str = ""  # the vehicle that this one replaces in the fleet; empty: none
@@ -153,7 +148,7 @@ class FlightContext:
     @property
     def lowest_ground_m(self) -> float:
         """Height of the lowest ground that the vehicle may land on [m]."""
-        return self.ground_z_m - (self.file_ground_m - lowest_ground_m(self.fleet))
+        return self.expected_ground.z_of(lowest_ground_m(self.fleet))
 
     @property
     def goal_position_enu_m(self) -> Xyz:
@@ -181,13 +176,13 @@ class FlightContext:
             return False
 
         _, _, z_m = view.position_enu_m
-        heights_m = (z_m - self.ground_z_m, z_m - self.lower_ground_z_m)
+        heights_m = (z_m - self.expected_ground.z_m, z_m - self.expected_ground.landing_z_m)
         return any(-_UNEVEN_M < height_m < LOW_M for height_m in heights_m)
 
     def _height_m(self, view: FlightView) -> float:
-        """Return the height above the ground where the vehicle took off [m]."""
+        """Return the height above the expected ground [m]."""
         _, _, z_m = view.position_enu_m
-        return z_m - self.ground_z_m
+        return z_m - self.expected_ground.z_m
 
     def route_length_m(self, view: FlightView, goal_enu_m: Xyz) -> float:
         """Return the length [m] of the route to a goal, around everything that stands still."""
@@ -212,7 +207,7 @@ class FlightContext:
             if self.vehicle.mocap_required:
                 limit_m = _RISEN_M
             _, _, z_m = view.position_enu_m
-            risen_m = z_m - self.lowest_m
+            risen_m = z_m - self.lowest_z_m
             if is_height_known and risen_m > limit_m:
                 return Overdue(f"it has risen by {risen_m:.2f} m")
 

@@ -13,8 +13,8 @@ from onboard.config.ground import ground_at_m
 from onboard.control.climb_duration import climb_duration_s
 from onboard.control.path import point_at
 from onboard.flight.arrival import stop_point
-from onboard.flight.contact import LOW_M
 from onboard.flight.context import FlightContext
+from onboard.flight.expected_ground import ground_of_landing, ground_of_takeoff
 from onboard.flight.types import FlightView
 from onboard.tuples import Xyz
 from onboard.types import Goal
@@ -76,7 +76,7 @@ def lift_off(flight: FlightContext, view: FlightView) -> None:
     wind, so it must leave the ground soon.
     """
     _set_ground(flight, view.position_enu_m)
-    top_m = min(takeoff_height_m(flight.order), flight.ground_z_m + LIFT_M)
+    top_m = min(takeoff_height_m(flight.order), flight.expected_ground.z_m + LIFT_M)
     _climb_above(flight, view, view.position_enu_m, top_m)
 
 
@@ -197,14 +197,14 @@ def descend(flight: FlightContext, view: FlightView) -> None:
 
     goal_z_m = _end_of_descent_m(flight, view)
     _, _, own_z_m = view.position_enu_m
-    height_m = own_z_m - max(flight.ground_z_m, goal_z_m)
+    height_m = own_z_m - max(flight.expected_ground.z_m, goal_z_m)
     down_s = climb_duration_s(height_m, flight.vehicle.max_speed_m_s)
     speed_m_s = math.hypot(*view.velocity_enu_m_s)
     braking_s = 2.0 * speed_m_s / flight.vehicle.max_acceleration_m_s2
     duration_s = max(_MIN_DESCENT_S, down_s) + braking_s
 
     _set_goal(flight, (x, y, goal_z_m), duration_s)
-    lower_s = (flight.ground_z_m - flight.lowest_ground_m) / _FEEL_M_S
+    lower_s = (flight.expected_ground.z_m - flight.lowest_ground_m) / _FEEL_M_S
     _limit(flight, view, _LANDING_LIMIT_S + TIME_LIMIT_FACTOR * duration_s + lower_s)
 
 
@@ -217,11 +217,11 @@ def _end_of_descent_m(flight: FlightContext, view: FlightView) -> float:
     # the end is never above the vehicle, so that a height that reads too low does not make it climb
     _, _, own_m = view.position_enu_m
     if flight.vehicle.mocap_required:
-        return min(flight.ground_z_m, own_m) - _UNDER_GROUND_M
+        return min(flight.expected_ground.z_m, own_m) - _UNDER_GROUND_M
 
     reported_m = _UNSURE_SIGMAS * view.snapshot.height_accuracy_m
     unsure_m = min(max(reported_m, _MIN_UNSURE_M), _MAX_UNSURE_M)
-    return min(flight.ground_z_m + unsure_m, own_m)
+    return min(flight.expected_ground.z_m + unsure_m, own_m)
 
 
 def feel_for_ground(flight: FlightContext, view: FlightView) -> None:
@@ -259,8 +259,8 @@ def descend_further(flight: FlightContext, view: FlightView) -> None:
 
 def look_for_ground(flight: FlightContext, view: FlightView) -> None:
     """Begin to look for the ground: forget the lowest height, and keep the present one."""
-    flight.lowest_m = math.inf
-    _, _, flight.contact_z_m = view.position_enu_m
+    flight.lowest_z_m = math.inf
+    _, _, flight.search_began_z_m = view.position_enu_m
 
 
 def note_fall(flight: FlightContext, view: FlightView) -> None:
@@ -291,7 +291,7 @@ def sink(flight: FlightContext, view: FlightView) -> None:
     flight.seen_goal = flight.goal
     x, y, _ = stop_point(view, flight.vehicle, flight.fleet)
     _expect_ground(flight, x, y)
-    _set_goal(flight, (x, y, flight.ground_z_m), 0.0)
+    _set_goal(flight, (x, y, flight.expected_ground.z_m), 0.0)
 
 
 def hold_again(flight: FlightContext, view: FlightView) -> None:
@@ -322,24 +322,14 @@ def resume(flight: FlightContext, view: FlightView) -> None:
 
 def _set_ground(flight: FlightContext, position_enu_m: Xyz) -> None:
     """Take a position as the ground."""
-    x, y, flight.ground_z_m = position_enu_m
-    flight.file_ground_m = float(ground_at_m(flight.fleet, x, y))
-    flight.lower_ground_z_m = flight.ground_z_m
+    x, y, z_m = position_enu_m
+    flight.expected_ground = ground_of_takeoff(z_m, float(ground_at_m(flight.fleet, x, y)))
 
 
 def _expect_ground(flight: FlightContext, x_m: float, y_m: float) -> None:
-    """Take over what the fleet file says about the ground of a landing here.
-
-    Where it is higher, as on a roof, the expected ground is raised. Where it is lower, it may still
-    be as high as at the take-off, because slopes are not known. There the vehicle sinks slowly from
-    that height on, and only thrust and motion tell that it stands.
-    """
-    here_m = float(ground_at_m(flight.fleet, x_m, y_m))
-    flight.may_ground_be_lower = here_m < flight.file_ground_m - LOW_M
-    if here_m > flight.file_ground_m:
-        flight.ground_z_m += here_m - flight.file_ground_m
-        flight.file_ground_m = here_m
-    flight.lower_ground_z_m = flight.ground_z_m - (flight.file_ground_m - here_m)
+    """Take over what the fleet file says about the ground of a landing here."""
+    by_file_m = float(ground_at_m(flight.fleet, x_m, y_m))
+    flight.expected_ground = ground_of_landing(flight.expected_ground, by_file_m)
 
 
 def _climb_above(

@@ -169,7 +169,7 @@ def px4_flies_without_agent(flight: FlightContext, view: FlightView) -> bool:
 def lifted_off(flight: FlightContext, view: FlightView) -> bool:
     """Return whether it has clearly left the ground."""
     _, _, z_m = view.position_enu_m
-    return z_m > flight.ground_z_m + _LIFTED_M
+    return z_m > flight.expected_ground.z_m + _LIFTED_M
 
 
 def climbs_on(flight: FlightContext, view: FlightView) -> bool:
@@ -181,7 +181,7 @@ def climbs_on(flight: FlightContext, view: FlightView) -> bool:
     _, _, z_m = view.position_enu_m
     _, _, goal_z_m = flight.goal_position_enu_m
     has_second_leg = takeoff_height_m(flight.order) > goal_z_m
-    return has_second_leg and z_m > flight.ground_z_m + 0.5 * LIFT_M
+    return has_second_leg and z_m > flight.expected_ground.z_m + 0.5 * LIFT_M
 
 
 def lift_off_late(flight: FlightContext, view: FlightView) -> bool:
@@ -241,7 +241,7 @@ def at_goal(flight: FlightContext, view: FlightView) -> bool:
 
 def climb_late(flight: FlightContext, view: FlightView) -> bool:
     """Return whether it has not reached its height in time."""
-    height_m = takeoff_height_m(flight.order) - flight.ground_z_m
+    height_m = takeoff_height_m(flight.order) - flight.expected_ground.z_m
     planned_s = climb_duration_s(height_m, flight.vehicle.max_speed_m_s)
     if flight.is_slow:
         planned_s = SLOW_CLIMB * planned_s
@@ -269,19 +269,20 @@ def not_slowed_yet(flight: FlightContext, view: FlightView) -> bool:
 def touched_down(flight: FlightContext, view: FlightView) -> bool:
     """Return whether it has had contact with the ground for a moment, by several signs."""
     since_begin_s = flight.seconds(view)
-    if not flight.vehicle.mocap_required or flight.may_ground_be_lower:  # its height is no sign
+    ground = flight.expected_ground
+    if not flight.vehicle.mocap_required or ground.may_be_lower:  # its height is no sign
         has_contact = contact.has_ground_contact_by_thrust(flight.contact, view)
         return has_contact and since_begin_s > _BEGUN_S
 
     is_late = since_begin_s > flight.goal.duration_s + _LATE_DESCENT_S
-    has_contact = contact.has_ground_contact(flight.contact, view, flight.ground_z_m, is_late)
+    has_contact = contact.has_ground_contact(flight.contact, view, ground.z_m, is_late)
     return has_contact and since_begin_s > _BEGUN_S
 
 
 def touched_down_without_poses(flight: FlightContext, view: FlightView) -> bool:
     """Return whether it stands on the ground by PX4's motion."""
     is_stopped = contact.has_ground_contact_without_poses(
-        flight.contact, view, flight.ground_z_m, flight.lowest_ground_m
+        flight.contact, view, flight.expected_ground.z_m, flight.lowest_ground_m
     )
     return is_stopped and flight.seconds(view) > _WITHOUT_POSES_BEGUN_S
 
@@ -290,7 +291,8 @@ def may_have_ground_contact_without_poses(flight: FlightContext, view: FlightVie
     """Return whether it may have met the ground, by PX4's motion."""
     if flight.step is not FlightStep.SINKING or flight.seconds(view) < _WITHOUT_POSES_BEGUN_S:
         return False
-    return contact.may_have_ground_contact_without_poses(flight.contact, view, flight.ground_z_m)
+    ground_z_m = flight.expected_ground.z_m
+    return contact.may_have_ground_contact_without_poses(flight.contact, view, ground_z_m)
 
 
 def is_dead_reckoned(flight: FlightContext, view: FlightView) -> bool:
@@ -335,7 +337,7 @@ def falls(flight: FlightContext, view: FlightView) -> bool:
     """Return whether it falls below the height of its supposed contact."""
     _, _, z_m = view.position_enu_m
     _, _, climbing_m_s = view.velocity_enu_m_s
-    return flight.contact_z_m - z_m > _FALLEN_M and climbing_m_s < _FALLING_M_S
+    return flight.search_began_z_m - z_m > _FALLEN_M and climbing_m_s < _FALLING_M_S
 
 
 def is_kept_off(flight: FlightContext, view: FlightView) -> bool:
@@ -354,9 +356,9 @@ def feels_for_ground(flight: FlightContext, view: FlightView) -> bool:
     _, _, z_m = view.position_enu_m
     if flight.vehicle.mocap_required:
         lower_from_m = -contact.LOW_M
-        if flight.may_ground_be_lower:
+        if flight.expected_ground.may_be_lower:
             lower_from_m = contact.LOW_M
-        is_lower = z_m - flight.ground_z_m < lower_from_m
+        is_lower = z_m - flight.expected_ground.z_m < lower_from_m
         return is_lower and flight.seconds(view) > flight.goal.duration_s + _LATE_DESCENT_S
 
     above_m = z_m - flight.goal.position_enu_m.z
@@ -368,7 +370,7 @@ def ground_is_lower(flight: FlightContext, view: FlightView) -> bool:
     if not flight.vehicle.mocap_required:
         return False
     _, _, z_m = view.position_enu_m
-    is_high = z_m - flight.ground_z_m > contact.LOW_M
+    is_high = z_m - flight.expected_ground.z_m > contact.LOW_M
     return is_high and flight.seconds(view) > flight.goal.duration_s + _LOWER_GROUND_S
 
 

@@ -209,7 +209,7 @@ def advance(flight: FlightContext, view: FlightView) -> None:
     _, _, height_m = view.position_enu_m
     _, _, climbing_m_s = view.velocity_enu_m_s
     if climbing_m_s <= 0.0 or flight.seconds(view) > _STILL_CLIMBING_S:
-        flight.lowest_m = min(flight.lowest_m, height_m)
+        flight.lowest_z_m = min(flight.lowest_z_m, height_m)
 
     if not is_steady(flight, view):
         flight.steady_since_ns = view.now_ns

@@ -117,7 +117,7 @@ class TickObserver:
         flight = self._flight
         step = flight.step
         _, _, z_m = view.position_enu_m
-        height_m = z_m - flight.ground_z_m
+        height_m = z_m - flight.expected_ground.z_m
         height_above_lowest_ground_m = z_m - self._lowest_ground_m
 
         # PX4

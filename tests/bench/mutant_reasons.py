@@ -456,7 +456,7 @@ ACCEPTED = (
         "flight/predicates.py",
         (
             (
-                "return flight.contact_z_m - z_m > _FALLEN_M and climbing_m_s < _FALLING_M_S",
+                "return flight.search_began_z_m - z_m > _FALLEN_M and climbing_m_s < _FALLING_M_S",
                 _LARGER,
             ),
             (
@@ -465,7 +465,7 @@ ACCEPTED = (
                 _SMALLER,
             ),
             (
-                "is_high = z_m - flight.ground_z_m > contact.LOW_M",
+                "is_high = z_m - flight.expected_ground.z_m > contact.LOW_M",
                 _LARGER,
             ),
         ),

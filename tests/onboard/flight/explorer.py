@@ -370,7 +370,7 @@ def _seen_moving(state: State) -> FlightView:
 
 
 def _seen_falling(state: State) -> FlightView:
-    below_m = state.flight.contact_z_m - 0.3
+    below_m = state.flight.search_began_z_m - 0.3
     return structs.replace(
         _view(state), position_enu_m=(0.0, 0.0, below_m), velocity_enu_m_s=(0.0, 0.0, -1.0)
     )

@@ -18,6 +18,7 @@ from onboard.control.path import path_of
 from onboard.control.router import surroundings
 from onboard.flight import effects, state_machine
 from onboard.flight.context import FlightContext, Overdue
+from onboard.flight.expected_ground import ground_of_takeoff
 from onboard.flight.path_flight import PathFlight
 from onboard.flight.types import FlightStep, FlightView
 from onboard.safety.failsafe_table import Situation
@@ -29,6 +30,7 @@ _FLEET = fleet()
 _VEHICLE = _FLEET.vehicles["mav0"]
 _BY_SATELLITES = replace(_VEHICLE, mocap_required=False)
 _NOW_NS = 50_000_000_000
+_RAISED = ground_of_takeoff(2.0, 0.0)
 
 
 def _flight(**changes: Any) -> FlightContext:
@@ -71,7 +73,7 @@ def test_an_order_without_a_height_means_a_metre() -> None:
 def test_what_stands_takes_its_place_for_the_ground_and_has_not_fallen() -> None:
     flight = _flight(has_fallen=True)
     effects.stay_on_ground(flight, _view(0.5, -0.5, 0.2))
-    assert flight.ground_z_m == 0.2
+    assert flight.expected_ground.z_m == 0.2
     assert flight.goal.position_enu_m == (0.5, -0.5, 0.2)
     assert not flight.has_fallen
 
@@ -80,7 +82,7 @@ def test_what_stands_takes_its_place_for_the_ground_and_has_not_fallen() -> None
 def test_it_lifts_off_to_a_metre_above_the_ground_at_most(ordered_m: float, top_m: float) -> None:
     flight = _flight(order=_order("takeoff", height_m=ordered_m))
     effects.lift_off(flight, _view(0.5, -0.5, 0.2))
-    assert flight.ground_z_m == 0.2
+    assert flight.expected_ground.z_m == 0.2
     assert flight.goal.position_enu_m == pytest.approx((0.5, -0.5, top_m))
     assert flight.goal.sequence == 2
     up_s = climb_duration_s(top_m - 0.2, _VEHICLE.max_speed_m_s)
@@ -94,9 +96,9 @@ def test_the_shortest_climb_takes_one_and_a_half_seconds() -> None:
 
 
 def test_who_is_taken_over_stops_above_the_ground_of_its_place() -> None:
-    flight = _flight(stands_in_for="mav1", ground_z_m=9.0)
+    flight = _flight(stands_in_for="mav1", expected_ground=ground_of_takeoff(9.0, 0.0))
     effects.take_over(flight, _view(0.5, 0.5, 1.2))
-    assert flight.ground_z_m == _FLEET.vehicles["mav1"].start_enu_m[2]
+    assert flight.expected_ground.z_m == _FLEET.vehicles["mav1"].start_enu_m[2]
     assert flight.goal.position_enu_m == pytest.approx((0.5, 0.5, 1.2))
     assert flight.goal.duration_s == 0.0
 
@@ -217,14 +219,14 @@ def test_a_failsafe_asks_for_a_slow_second() -> None:
 
 
 def test_a_landing_ends_a_decimetre_below_the_ground_within_three_times_its_plan() -> None:
-    flight = _flight(ground_z_m=0.5)
+    flight = _flight(expected_ground=ground_of_takeoff(0.5, 0.0))
     effects.descend(flight, _view(z=2.5, velocity_enu_m_s=(0.6, 0.8, 0.0)))
     down_s = climb_duration_s(2.0, _VEHICLE.max_speed_m_s)
     brakes_s = 2.0 / _VEHICLE.max_acceleration_m_s2
     assert flight.goal.position_enu_m[2] == pytest.approx(0.4)
     assert flight.goal.duration_s == pytest.approx(down_s + brakes_s)
     assert _limit_s(flight) == pytest.approx(20.0 + 3.0 * flight.goal.duration_s)
-    assert (flight.contact_z_m, flight.lowest_m) == (2.5, math.inf)
+    assert (flight.search_began_z_m, flight.lowest_z_m) == (2.5, math.inf)
 
 
 def _with_roof(height_m: float) -> FleetConfig:
@@ -263,13 +265,13 @@ def test_ground_a_few_centimetres_lower_is_the_same_ground(
     flight = _flight(fleet=fleet)
     effects.lift_off(flight, _view(*spot))
     effects.descend(flight, _view(9.0, 9.0, 4.0))
-    assert flight.may_ground_be_lower is may_be_lower
+    assert flight.expected_ground.may_be_lower is may_be_lower
     effects.descend(flight, _view(*spot))
-    assert not flight.may_ground_be_lower
+    assert not flight.expected_ground.may_be_lower
 
 
 def test_a_landing_from_below_the_ground_does_not_climb_and_takes_a_second() -> None:
-    flight = _flight(ground_z_m=0.5)
+    flight = _flight(expected_ground=ground_of_takeoff(0.5, 0.0))
     effects.descend(flight, _view(z=0.2))
     assert flight.goal.position_enu_m[2] == pytest.approx(0.1)
     assert flight.goal.duration_s == pytest.approx(1.0)
@@ -319,12 +321,12 @@ def test_it_remembers_motors_that_have_stopped(is_armed: bool) -> None:
 
 
 def test_without_poses_it_sinks_to_the_ground_and_holds_later_where_it_was() -> None:
-    flight = _flight(ground_z_m=0.2, lowest_m=0.0)
+    flight = _flight(expected_ground=ground_of_takeoff(0.2, 0.0), lowest_z_m=0.0)
     effects.sink(flight, _view(0.5, 0.5, 1.4))
     assert flight.goal.position_enu_m == pytest.approx((0.5, 0.5, 0.2))
     assert flight.goal.duration_s == 0.0
     assert flight.seen_goal.position_enu_m[2] == 1.0
-    assert (flight.contact_z_m, flight.lowest_m) == (1.4, math.inf)
+    assert (flight.search_began_z_m, flight.lowest_z_m) == (1.4, math.inf)
 
     effects.hold_again(flight, _view(0.6, 0.5, 0.8))
     assert flight.goal.position_enu_m == pytest.approx((0.6, 0.5, 1.0))
@@ -362,20 +364,20 @@ def test_seeing_again_without_a_goal_it_climbs_on(order: Order | None) -> None:
 
 
 def test_what_is_overdue() -> None:
-    descent = _flight(step=FlightStep.DESCENT, lowest_m=1.0, deadline_ns=_NOW_NS)
+    descent = _flight(step=FlightStep.DESCENT, lowest_z_m=1.0, deadline_ns=_NOW_NS)
     assert descent.overdue(_view(z=1.5)) is None
     assert descent.overdue(_view(z=1.51)) == Overdue("it has risen by 0.51 m")
     assert descent.overdue(_view(z=1.51, is_dead_reckoned=True)) is None
     assert descent.overdue(_view(z=1.51, has_position=False)) is None
     assert descent.overdue(_view(after_s=0.001)) == Overdue("")
 
-    wandering = _flight(step=FlightStep.CONTACT, lowest_m=1.0, vehicle=_BY_SATELLITES)
+    wandering = _flight(step=FlightStep.CONTACT, lowest_z_m=1.0, vehicle=_BY_SATELLITES)
     assert wandering.overdue(_view(z=2.5)) is None
     assert wandering.overdue(_view(z=2.51)) == Overdue("it has risen by 1.51 m")
     assert wandering.overdue(_view(after_s=8.0)) is None
     assert wandering.overdue(_view(after_s=8.001)) == Overdue("PX4 does not see that it is down")
 
-    leg = _flight(step=FlightStep.LEG, lowest_m=0.0, deadline_ns=_NOW_NS)
+    leg = _flight(step=FlightStep.LEG, lowest_z_m=0.0, deadline_ns=_NOW_NS)
     assert leg.overdue(_view(z=3.0)) is None
     assert leg.overdue(_view(after_s=0.001)) == Overdue("")
     assert _flight(step=FlightStep.PATH).overdue(_view(z=3.0, after_s=99.0)) is None
@@ -396,7 +398,7 @@ def test_what_is_overdue() -> None:
 def test_others_count_on_it_while_it_can_go_aside(
     step: FlightStep, height_m: float, is_avoiding: bool
 ) -> None:
-    assert _flight(step=step, ground_z_m=2.0).is_avoiding(_view(z=height_m)) is is_avoiding
+    assert _flight(step=step, expected_ground=_RAISED).is_avoiding(_view(z=height_m)) is is_avoiding
 
 
 def test_what_it_says_of_its_step_its_order_and_its_place() -> None:
@@ -438,7 +440,7 @@ def test_a_vehicle_that_still_rises_when_its_landing_begins_has_no_lowest_height
     flight = _flight(step=FlightStep.DESCENT, goal=Goal(ZERO_3, 9.0, 1))
     view = _view(z=1.3, after_s=after_s, velocity_enu_m_s=(0.0, 0.0, climbs_m_s))
     state_machine.advance(flight, view)
-    assert flight.lowest_m == (1.3 if counts else math.inf)
+    assert flight.lowest_z_m == (1.3 if counts else math.inf)
 
 
 def test_steadiness_counts_from_the_last_tick_without_it() -> None:

@@ -18,6 +18,7 @@ from onboard.control.path import path_of
 from onboard.flight import arrival, contact, predicates
 from onboard.flight.contact import ContactSigns
 from onboard.flight.context import FlightContext
+from onboard.flight.expected_ground import ExpectedGround, ground_of_takeoff
 from onboard.flight.path_flight import PathFlight
 from onboard.flight.types import FlightStep, FlightView
 from onboard.types import Goal
@@ -29,6 +30,7 @@ _VEHICLE = _FLEET.vehicles["mav0"]
 _BY_SATELLITES = replace(_VEHICLE, mocap_required=False)
 _BEGIN_NS = 50_000_000_000
 _PATH = path_of([[1.0, *[0.0] * 32]])
+_RAISED = ground_of_takeoff(2.0, 0.0)
 
 
 def _flight(**changes: Any) -> FlightContext:
@@ -132,7 +134,7 @@ def test_a_climb_that_is_planned_for_long_may_take_three_times_as_long() -> None
 
 
 def test_a_landing_by_px4_may_take_longer_only_where_its_height_is_known() -> None:
-    low = _flight(ground_z_m=3.0)
+    low = _flight(expected_ground=ground_of_takeoff(3.0, 0.0))
     assert predicates.px4_landing_late(low, _view(60.001))
     unknown = _view(60.001, has_position=False, position_enu_m=(0.0, 0.0, 50.0))
     assert predicates.px4_landing_late(_flight(), unknown)
@@ -176,7 +178,7 @@ def test_what_px4_says_of_the_ground_and_of_its_motors(
 
 
 def test_it_has_lifted_off_five_centimetres_above_the_ground() -> None:
-    flight = _flight(ground_z_m=2.0)
+    flight = _flight(expected_ground=_RAISED)
     assert predicates.lifted_off(flight, _view(position_enu_m=(0.0, 0.0, 2.051)))
     assert not predicates.lifted_off(flight, _view(position_enu_m=(0.0, 0.0, 2.05)))
 
@@ -189,7 +191,9 @@ def test_it_climbs_on_at_the_middle_of_the_first_metre(
     ordered_m: float, height_m: float, climbs_on: bool
 ) -> None:
     goal = Goal(Vec3(0.0, 0.0, 2.9), 0.0, 1)
-    flight = _flight(ground_z_m=2.0, goal=goal, order=_order("takeoff", height_m=ordered_m))
+    flight = _flight(
+        expected_ground=_RAISED, goal=goal, order=_order("takeoff", height_m=ordered_m)
+    )
     assert predicates.climbs_on(flight, _view(position_enu_m=(0.0, 0.0, height_m))) is climbs_on
 
 
@@ -382,12 +386,12 @@ def test_beside_a_roof_its_height_is_no_sign_of_contact(height_m: float) -> None
     goal = Goal(ZERO_3, 2.0, 1)
     still = _stands(0, 1600, now_s)
     assert predicates.touched_down(_flight(goal=goal, contact=still), view)
-    beside = _flight(goal=goal, contact=still, may_ground_be_lower=True)
+    beside = _flight(goal=goal, contact=still, expected_ground=ExpectedGround(landing_z_m=-1.0))
     assert not predicates.touched_down(beside, view)
 
     # with little thrust it stands, as on a roof that is larger than the file knows
     light = replace(still, light_since_ns=still.still_since_ns)
-    stands = _flight(goal=goal, contact=light, may_ground_be_lower=True)
+    stands = _flight(goal=goal, contact=light, expected_ground=ExpectedGround(landing_z_m=-1.0))
     assert predicates.touched_down(stands, view)
 
 
@@ -439,7 +443,7 @@ def test_it_falls_when_it_sinks_from_where_it_seemed_to_stand(
     fallen_m: float, speed_m_s: float, falls: bool
 ) -> None:
     view = _view(position_enu_m=(0.0, 0.0, 1.0), velocity_enu_m_s=(0.0, 0.0, -speed_m_s))
-    assert predicates.falls(_flight(contact_z_m=1.0 + fallen_m), view) is falls
+    assert predicates.falls(_flight(search_began_z_m=1.0 + fallen_m), view) is falls
 
 
 def test_it_is_kept_off_after_two_seconds() -> None:
@@ -498,7 +502,7 @@ def test_with_a_mocap_it_sinks_on_slowly_where_it_ends_below_the_ground(
 ) -> None:
     goal = Goal(ZERO_3, 2.0, 1)
     view = _view(now_s, position_enu_m=(0.0, 0.0, height_m))
-    assert predicates.feels_for_ground(_flight(goal=goal, ground_z_m=2.0), view) is feels
+    assert predicates.feels_for_ground(_flight(goal=goal, expected_ground=_RAISED), view) is feels
 
 
 @pytest.mark.parametrize(("height_m", "feels"), [(2.059, True), (2.061, False)])
@@ -506,7 +510,9 @@ def test_beside_a_roof_it_sinks_on_slowly_from_the_height_of_the_roof(
     height_m: float, feels: bool
 ) -> None:
     view = _view(3.001, position_enu_m=(0.0, 0.0, height_m))
-    beside = _flight(goal=Goal(ZERO_3, 2.0, 1), ground_z_m=2.0, may_ground_be_lower=True)
+    beside = _flight(
+        goal=Goal(ZERO_3, 2.0, 1), expected_ground=ExpectedGround(z_m=2.0, landing_z_m=1.0)
+    )
     assert predicates.feels_for_ground(beside, view) is feels
 
 
@@ -519,8 +525,8 @@ def test_the_ground_is_lower_where_a_descent_has_ended_in_the_air(
 ) -> None:
     goal = Goal(ZERO_3, 2.0, 1)
     view = _view(now_s, position_enu_m=(0.0, 0.0, height_m))
-    assert predicates.ground_is_lower(_flight(goal=goal, ground_z_m=2.0), view) is is_lower
-    by_satellites = _flight(vehicle=_BY_SATELLITES, goal=goal, ground_z_m=2.0)
+    assert predicates.ground_is_lower(_flight(goal=goal, expected_ground=_RAISED), view) is is_lower
+    by_satellites = _flight(vehicle=_BY_SATELLITES, goal=goal, expected_ground=_RAISED)
     assert not predicates.ground_is_lower(by_satellites, view)
 
 

@@ -92,5 +92,5 @@ def test_who_is_kept_off_its_landing_place_lands_where_it_is_within_the_same_tim
         )
     assert flight.step is FlightStep.DESCENT
     assert flight.goal_position_enu_m[:2] == (lands_at_m, 0.0)
-    assert flight.goal_position_enu_m[2] < flight.ground_z_m
+    assert flight.goal_position_enu_m[2] < flight.expected_ground.z_m
     assert flight.deadline_ns == deadline_ns

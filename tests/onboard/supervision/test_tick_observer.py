@@ -17,6 +17,7 @@ from onboard.config.fleet import CorrectionsConfig, FleetConfig, fleet_from_mapp
 from onboard.corrections.status import BaseFault, BaseJudgement, CorrectionsStatus
 from onboard.flight import contact
 from onboard.flight.context import FlightContext
+from onboard.flight.expected_ground import ground_of_takeoff
 from onboard.flight.types import FlightStep, FlightView
 from onboard.localization.motion_fit import MotionFit
 from onboard.localization.own_state import OwnEstimate, OwnState
@@ -209,7 +210,7 @@ def test_times_without_poses_add_up_where_poses_come_and_go() -> None:
 
 def test_heights_are_those_above_the_fleets_ground_and_above_the_own() -> None:
     observed = Observed()
-    observed.flies(ground_z_m=0.3)
+    observed.flies(expected_ground=ground_of_takeoff(0.3, 0.0))
     facts = observed.tick()
     assert facts.height_above_lowest_ground_m == 1.0
     assert facts.height_m == pytest.approx(0.7)
@@ -487,7 +488,7 @@ def test_neighbours_that_are_avoided_while_it_hovers_keep_it_off_nothing() -> No
 
 def test_a_landing_that_rises_says_so_and_nothing_of_a_way() -> None:
     observed = Observed(FlightStep.DESCENT)
-    observed.flies(lowest_m=0.2, deadline_ns=BEGIN_NS + 9 * S)
+    observed.flies(lowest_z_m=0.2, deadline_ns=BEGIN_NS + 9 * S)
     assert observed.tick().overdue_reason == "it has risen by 0.80 m"
 
 
