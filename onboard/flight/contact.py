@@ -41,8 +41,9 @@ LOW_M = 0.06  # below this height above the ground, the landing gear may touch i
 # Below this height a vehicle is low. If it does not stand but is still for a moment, at the top of
 # a short climb, its thrust ends, and it touches down with 0.8 m/s at most.
 _STANDS_BELOW_M = 0.03
-# This far below the expected ground a vehicle is not low, because it flies above lower ground.
-_UNDER_GROUND_M = -LOW_M
+# This far below the expected ground a vehicle is not low, because it flies above lower ground. A
+# goal below that ground is reached to within 0.05 m in wind, so the limit is above it.
+_UNDER_GROUND_M = -0.02
 # A vehicle with more than this share of the hover thrust hovers. For instance, the law may keep a
 # landing vehicle a few centimetres above the ground.
 _HOVERS_SHARE = 0.97

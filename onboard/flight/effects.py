@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 
 from onboard.bus.schema import Order
-from onboard.config.ground import ground_at_m
+from onboard.config.ground import ground_at_m, least_height_m
 from onboard.control.climb_duration import climb_duration_s
 from onboard.control.path import point_at
 from onboard.flight.arrival import stop_point
@@ -133,13 +133,16 @@ def slow_down(flight: FlightContext, view: FlightView) -> None:
 def stop_here(flight: FlightContext, view: FlightView) -> None:
     """Stop inside the fence, as soon as the acceleration allows.
 
-    The height of the stop lies between the vehicle's height and the ordered one.
+    The height of the stop lies between the vehicle's height and the ordered one. A vehicle that has
+    just lifted off climbs on to the least height of a goal, so that it does not touch the ground.
     """
     x, y, stop_z_m = stop_point(view, flight.vehicle, flight.fleet)
     _, _, own_z_m = view.position_enu_m
     _, _, goal_z_m = flight.goal_position_enu_m
     _, middle_z_m, _ = sorted((own_z_m, goal_z_m, stop_z_m))
-    _set_goal(flight, (x, y, middle_z_m), 0.0)
+    ground_z_m = flight.expected_ground.z_of(float(ground_at_m(flight.fleet, x, y)))
+    least_z_m = min(goal_z_m, ground_z_m + least_height_m(flight.vehicle))
+    _set_goal(flight, (x, y, max(middle_z_m, least_z_m)), 0.0)
 
 
 # -- a path ----------------------------------------------------------------------------------------

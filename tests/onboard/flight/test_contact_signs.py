@@ -155,8 +155,8 @@ def test_the_report_of_the_ground_begins_anew_when_px4_stops_reporting_it() -> N
         (2.0, _lasted(light=351, reported=350), False),
         (2.0, _lasted(light=351, reported=352), False),  # a report from before
         (0.029, _lasted(still=351), True),
-        (-0.059, _lasted(still=351), True),
-        (-0.061, _lasted(still=351), False),
+        (-0.019, _lasted(still=351), True),
+        (-0.021, _lasted(still=351), False),
         (0.03, _lasted(still=351), False),
         (0.029, _lasted(), False),
         (2.0, _lasted(still=351, reported=351), False),
@@ -183,8 +183,8 @@ def test_a_vehicle_whose_thrust_carries_it_hovers_however_low() -> None:
     [
         (0.29, 1501, True, True),
         (0.30, 1501, True, False),
-        (-0.059, 1501, True, True),
-        (-0.061, 1501, True, False),
+        (-0.019, 1501, True, True),
+        (-0.021, 1501, True, False),
         (0.29, 1500, True, False),
         (0.29, 1501, False, False),
     ],

@@ -165,6 +165,18 @@ def test_it_stops_at_a_height_between_its_own_and_the_ordered_one(
     assert flight.goal.duration_s == 0.0
 
 
+@pytest.mark.parametrize("has_mocap", [True, False])
+@pytest.mark.parametrize(("own_m", "goal_m"), [(0.05, 1.5), (0.05, 0.1), (0.9, 1.5)])
+def test_a_hold_just_after_the_lift_off_climbs_to_the_least_height_of_a_goal(
+    has_mocap: bool, own_m: float, goal_m: float
+) -> None:
+    vehicle = _FLEET.vehicles["mav0"] if has_mocap else _BY_SATELLITES
+    flight = _flight(vehicle=vehicle, goal=Goal(Vec3(0.0, 0.0, goal_m), 9.0, 1))
+    effects.stop_here(flight, _view(z=own_m))
+    least_m = min(goal_m, 0.2 if has_mocap else 0.5)
+    assert flight.goal.position_enu_m[2] == pytest.approx(max(own_m, least_m))
+
+
 # -- a path ----------------------------------------------------------------------------------------
 
 

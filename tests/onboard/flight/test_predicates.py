@@ -395,6 +395,17 @@ def test_beside_a_roof_its_height_is_no_sign_of_contact(height_m: float) -> None
     assert predicates.touched_down(stands, view)
 
 
+@pytest.mark.parametrize(("height_m", "is_down"), [(-0.01, True), (-0.035, False), (0.05, False)])
+def test_a_hover_at_the_end_of_a_descent_above_lower_ground_is_no_contact(
+    height_m: float, is_down: bool
+) -> None:
+    """In wind a vehicle hovers 0.035 to 0.05 m below the expected ground, with 0.96 of its lift."""
+    now_s = 2.5
+    flight = _flight(goal=Goal(ZERO_3, 2.0, 1), contact=_stands(0, 400, now_s))
+    view = _view(now_s, position_enu_m=(0.0, 0.0, height_m), lift_share=0.96)
+    assert predicates.touched_down(flight, view) is is_down
+
+
 @pytest.mark.parametrize(("now_s", "counts"), [(0.601, True), (0.599, False)])
 def test_a_descent_without_poses_has_to_have_begun(now_s: float, counts: bool) -> None:
     contact = _stands(0, 400, now_s)
