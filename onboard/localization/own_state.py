@@ -335,6 +335,8 @@ class OwnState:
     def _queue_local_position(self, snapshot: Snapshot) -> None:
         """Queue PX4's local position, if there is a new one that PX4's estimator stands for."""
         is_usable = snapshot.is_position_known and not self.has_lost_satellites
+        if not is_usable:
+            self._local_frame.skip(snapshot)
         if snapshot.local_position_ns == self._local_ns or not is_usable:
             return
         self._local_ns = snapshot.local_position_ns
@@ -348,9 +350,13 @@ class OwnState:
         if self.uses_heights:
             std_m = max(std_m, snapshot.height_accuracy_m)
         least = ACCURACIES[self.vehicle.px4_position]
-        self._least_std = (max(least.position_std_m, std_m), least.velocity_std_m_s)
+        std_m = max(least.position_std_m, std_m, self._local_frame.offset_std_m)
+        self._least_std = (std_m, least.velocity_std_m_s)
 
-        position_enu_m = self._local_frame.take(snapshot)
+        reckoned_enu_m = None
+        if self.is_flown and self._memory is not None:
+            reckoned_enu_m = self.position_enu_m
+        position_enu_m = self._local_frame.take(snapshot, reckoned_enu_m)
         if position_enu_m is not None:
             yaw_rad = yaw_from_quaternion(snapshot.quaternion_enu_flu_wxyz)
             self._queue.append(_Sample(vectors.Vec3(*position_enu_m), self._local_ns, yaw_rad))

@@ -300,3 +300,50 @@ def test_poses_of_another_program_in_the_fleets_frame_are_no_restart_away_from_t
     frame = LocalFrame((4.0, 1.0, 0.0), None)
     assert frame.take(parked(0.0, (1.1, 4.0, 0.0))) == pytest.approx((4.0, 1.0, 0.0))
     assert frame.displaced_m == 0.0
+
+
+def _after_a_gap(moved_m: float, reckoned_north_m: float = 0.0) -> tuple[LocalFrame, float]:
+    """A vehicle hovers, nothing corrects PX4's position for a second, then it comes back.
+
+    Returns:
+        The frame, and how far north the vehicle is by the first position after the gap.
+    """
+    frame = LocalFrame((0.0, 0.0, 0.0), None)
+    frame.take(parked(0.0, (0.0, 0.0, 0.0)))
+    frame.take(flying(1.0, (0.0, 0.0, -1.0)))
+    for tick in range(10):  # PX4's own position drifts away meanwhile
+        frame.skip(flying(1.1 + 0.1 * tick, (0.08 * tick, 0.0, -1.0)))
+    back = flying(2.1, (moved_m, 0.0, -1.0))
+    position_enu_m = frame.take(back, (0.0, reckoned_north_m, 1.0))
+    assert position_enu_m is not None
+    return frame, position_enu_m[1]
+
+
+def test_a_camera_that_comes_back_where_it_was_is_believed() -> None:
+    frame, north_m = _after_a_gap(0.1, reckoned_north_m=0.3)
+    assert north_m == pytest.approx(0.1)
+    assert frame.jumps == 0
+    assert frame.offset_std_m == 0.0
+
+
+@pytest.mark.parametrize("moved_m", [-2.0, 0.6, 5.0])
+def test_a_vehicle_whose_camera_begins_anew_stays_where_its_dead_reckoning_is(
+    moved_m: float,
+) -> None:
+    frame, north_m = _after_a_gap(moved_m, reckoned_north_m=0.1)
+    assert north_m == pytest.approx(0.1)
+    assert frame.jumps == 1
+    assert frame.offset_std_m > 0.05
+
+
+def test_a_jump_of_the_height_moves_nothing_while_positions_are_not_taken() -> None:
+    frame = LocalFrame((0.0, 0.0, 0.0), None)
+    frame.take(parked(0.0, (0.0, 0.0, 0.0)))
+    frame.take(flying(1.0, (0.0, 0.0, -2.0)))
+    frame.skip(flying(1.1, (0.0, 0.0, -1.9)))
+    anew = flying(1.2, (0.0, 0.0, 0.0))
+    frame.skip(anew)
+    vertical = frame.vertical(anew, anew.local_position_ns)
+    assert vertical is not None
+    assert vertical.height_m == pytest.approx(1.9)
+    assert frame.take(flying(1.3, (0.0, 0.0, 0.0)), (0.0, 0.0, 1.9)) == pytest.approx((0, 0, 1.9))

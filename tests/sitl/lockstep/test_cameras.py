@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 from typing import Any
 
@@ -84,3 +85,23 @@ def test_vehicles_whose_odometry_ends_come_down_by_dead_reckoning_and_keep_the_p
     assert flight.min_separation_m > 0.8
     said = {event.vehicle for event in flight.events if event.code == "position-lost"}
     assert said == set(lost)
+
+
+@pytest.mark.parametrize("lost_s", [0.7, 2.0])
+def test_a_camera_that_begins_anew_elsewhere_moves_no_vehicle(
+    lockstep: Any, by_vision: FleetConfig, lost_s: float
+) -> None:
+    flight = lockstep(by_vision, seed=5)
+    begin_s = _CROSSING_S + 1.0
+    flight.inject(Fault("vision_lost", "mav0", at_s=begin_s, duration_s=lost_s))
+    moved = {"north_m": 0.7, "east_m": -0.9}
+    back_s = begin_s + lost_s
+    flight.inject(Fault("vision_jump", "mav0", at_s=back_s, parameters=moved))
+    flight.fly(_crossing(by_vision))
+
+    assert flight.min_separation_m > 0.8
+    assert all(flight.state.is_landed(name) for name in by_vision.enabled_names)
+    truth = flight.state.vehicles["mav0"].truth
+    telemetry = flight.state.telemetry_of("mav0")
+    assert math.dist(truth.position_enu_m[:2], telemetry.position_enu_m[:2]) < 0.5
+    assert all(touchdown.speed_m_s < 1.0 for touchdown in flight.touchdowns)
