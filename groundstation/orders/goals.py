@@ -187,56 +187,61 @@ def _spots_taken(facts: GoalFacts, positions: Mapping[str, Xyz]) -> dict[str, st
         positions: position of each vehicle of the order [m], ENU.
     """
     flying = [name for name in facts.names if _resting_enu_m(facts, name) is None]
-    owners = _free_spot_owners(facts, flying)
+    standing = _vehicles_on_spots(facts)
+    owners = _free_spot_owners(flying, standing)
     spots = {name: facts.spot_enu_m(owner) for name, owner in owners.items()}
     assigned = spots_without_crossing(spots, positions)
-    takes = {name: owners[other] for name, other in assigned.items()}
+    stands_on = {vehicle: owner for owner, vehicle in standing.items()}
 
-    stands_on = {_who_stands_on(facts, owner): owner for owner in facts.fleet.enabled_names}
+    takes = {}
     for name in facts.names:
-        takes.setdefault(name, stands_on.get(name, name))
+        if name in assigned:
+            takes[name] = owners[assigned[name]]
+        else:
+            takes[name] = stands_on.get(name, name)
     return takes
 
 
-def _free_spot_owners(facts: GoalFacts, flying: Sequence[str]) -> dict[str, str]:
+def _free_spot_owners(flying: Sequence[str], standing: Mapping[str, str]) -> dict[str, str]:
     """Return for each vehicle in the air the owner of a take-off spot that is free for it.
 
     It is the vehicle itself, unless another one stands on its spot. Then it is that other one,
-    whose own spot is free unless somebody stands there too.
+    whose own spot is free unless a third one stands there, and so on.
 
     Args:
-        facts: the fleet.
         flying: vehicles of the order that are in the air.
+        standing: owner of a spot -> the vehicle that stands on it.
     """
     owners: dict[str, str] = {}
     for name in flying:
         owner = name
-        met = [name]
-        while (standing := _who_stands_on(facts, owner)) and standing not in met:
-            met.append(standing)
-            owner = standing
+        visited = [owner]
+        while owner in standing and standing[owner] not in visited:
+            owner = standing[owner]
+            visited.append(owner)
 
-        is_free = not _who_stands_on(facts, owner) and owner not in owners.values()
+        is_free = owner not in standing and owner not in owners.values()
         owners[name] = owner if is_free else name
     return owners
 
 
-def _who_stands_on(facts: GoalFacts, owner: str) -> str:
-    """Return a vehicle that stands on a take-off spot; empty: nobody.
-
-    Args:
-        facts: the fleet.
-        owner: the vehicle whose spot it is.
-    """
-    spot_enu_m = facts.spot_enu_m(owner)
+def _vehicles_on_spots(facts: GoalFacts) -> dict[str, str]:
+    """Return the owner of each take-off spot that is not free -> the vehicle that stands on it."""
+    resting = {}
     for name in facts.fleet.enabled_names:
-        resting_enu_m = _resting_enu_m(facts, name)
-        if resting_enu_m is None:
-            continue
-        apart_m = math.dist(resting_enu_m[:2], spot_enu_m[:2])
-        if apart_m < facts.fleet.fleet.safety_distance_m:
-            return name
-    return ""
+        position_enu_m = _resting_enu_m(facts, name)
+        if position_enu_m is not None:
+            resting[name] = position_enu_m
+
+    standing: dict[str, str] = {}
+    for owner in facts.fleet.enabled_names:
+        spot_enu_m = facts.spot_enu_m(owner)
+        for name, position_enu_m in resting.items():
+            apart_m = math.dist(position_enu_m[:2], spot_enu_m[:2])
+            if apart_m < facts.fleet.fleet.safety_distance_m:
+                standing[owner] = name
+                break
+    return standing
 
 
 def _resting_enu_m(facts: GoalFacts, name: str) -> Xyz | None:
