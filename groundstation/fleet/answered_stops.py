@@ -6,6 +6,7 @@ from collections.abc import Callable, Collection
 
 from groundstation.fleet.state import FleetState
 from onboard.bus.control_token import EMERGENCY
+from onboard.bus.order_answers import order_answer
 
 
 def answered_stop(
@@ -22,14 +23,10 @@ def answered_stop(
         is_own: whether this ground has given an order with this identifier.
     """
     for logged in state.events:
-        event = logged.event
-        is_answer = event.code == "order" and event.vehicle in names
-        if logged.received_ns < since_ns or not is_answer:
+        vehicle = logged.event.vehicle
+        answer = order_answer(logged.event)
+        if answer is None or vehicle not in names or logged.received_ns < since_ns:
             continue
-
-        order_id, _, words = event.sentence.partition(" ")
-        verb = words.partition(" ")[0]
-        if verb in EMERGENCY and not is_own(order_id):
-            node = order_id.rpartition("-")[0]
-            return f"{node} has ordered {event.vehicle} to {verb}"
+        if answer.kind in EMERGENCY and not is_own(answer.order_id):
+            return f"{answer.node} has ordered {vehicle} to {answer.kind}"
     return ""

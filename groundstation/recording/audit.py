@@ -7,14 +7,12 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 
 from groundstation.recording.timeline import RecordedMessage, Timeline
+from onboard.bus.order_answers import order_answer
 from onboard.bus.schema import Event, Order, OrderReply
 from onboard.plain_text import plain_line
 
 TOPICS = frozenset(("order", "reply", "event"))
-# Codes of events in which a vehicle itself reports an order, from any ground: an order that the
-# vehicle answered, and an order that it refused as forged.
-_ANSWERED = "order"
-_NOT_BELIEVED = "order-refused"
+_NOT_BELIEVED = "order-refused"  # code of the event about an order that a vehicle holds for forged
 
 
 @dataclass(slots=True)
@@ -53,18 +51,16 @@ class _Trail:
 
     def _add_event(self, at_s: float, vehicle: str, event: Event) -> None:
         order = self._own.get((vehicle, event.order_id))
+        answered = order_answer(event)
         # After a break of the link the vehicle reports an end again; only the first report counts.
         if order is not None and event.order_outcome and not order.end:
             order.end_s = at_s
             order.end = f"{event.order_outcome} at {at_s:.1f} s: {event.sentence}"
         elif event.code == _NOT_BELIEVED:
             self.traces.append(OrderTrace(at_s, vehicle, event.sentence, "not believed"))
-        elif event.code == _ANSWERED:
-            # the sentence begins with the order's id (order_intake.py)
-            order_id, _, sentence = event.sentence.partition(" ")
-            if (vehicle, order_id) not in self._own:
-                answer = f"as {vehicle} tells; id {order_id}"
-                self.traces.append(OrderTrace(at_s, vehicle, sentence, answer))
+        elif answered is not None and (vehicle, answered.order_id) not in self._own:
+            answer = f"as {vehicle} tells; id {answered.order_id}"
+            self.traces.append(OrderTrace(at_s, vehicle, answered.words, answer))
 
 
 def trail(timeline: Timeline) -> list[OrderTrace]:

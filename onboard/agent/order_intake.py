@@ -12,6 +12,7 @@ from typing import NamedTuple
 
 from onboard.agent.order_gate import OrderGate
 from onboard.bus.control_token import ORDER_STAYS, ControlTokens
+from onboard.bus.order_answers import ORDER_ANSWER, order_answer_sentence
 from onboard.bus.protocol import UntrustedOrder
 from onboard.bus.schema import (
     BESIDE,
@@ -122,8 +123,8 @@ class OrderIntake:
 
         # only the sender sees the reply, so the record gets an event with the answer
         if order.kind != "load_path":
-            sentence = f"{order.order_id[:60]} {order.text} {answer}"
-            self._flight.say(facts.view, "debug", "order", sentence)
+            sentence = order_answer_sentence(order, answer)
+            self._flight.say(facts.view, "debug", ORDER_ANSWER, sentence)
 
         if is_accepted:
             self._begin(order, facts.view)

@@ -10,6 +10,7 @@ from msgspec.structs import replace
 from groundstation import Fleet
 from groundstation.mission_files.loading import mission_from_mapping
 from groundstation.missions.taken import FleetTaken
+from onboard.bus.order_answers import order_answer
 from onboard.config.fleet import FleetConfig
 from sitl.faults.catalogue import Fault
 from sitl.lockstep.flight import GROUND
@@ -22,9 +23,10 @@ def _orders(flight: Any) -> dict[str, list[str]]:
     """Kinds of the orders that each vehicle has taken, by its own word."""
     taken: dict[str, list[str]] = {name: [] for name in NAMES}
     for logged in flight.state.events:
-        event = logged.event
-        if event.code == "order" and event.vehicle in taken and "accepted" in event.sentence:
-            taken[event.vehicle].append(event.sentence.split()[1])
+        answer = order_answer(logged.event)
+        vehicle = logged.event.vehicle
+        if answer is not None and vehicle in taken and "accepted" in answer.words:
+            taken[vehicle].append(answer.kind)
     return taken
 
 
