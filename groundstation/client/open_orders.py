@@ -358,34 +358,14 @@ class OpenOrders:
         self, result: OrderResult, vehicle: str, replied: asyncio.Event, kind: DirectKind
     ) -> None:
         """Wait for reply and effect of a land or kill; if one is missing, send it to PX4."""
-        limit_s = self._fleet.fleet.direct_command_timeout_s
         if kind == "land":
-            limit_s = self._land_limit_s(vehicle)
+            has_reply, waited_s = await self._wait_for_reply_to_land(result, vehicle, replied)
+        else:
+            waited_s = self._fleet.fleet.direct_command_timeout_s
+            has_reply = await self._wait_for_reply(result, vehicle, replied, waited_s)
 
-        waited_s = limit_s
-        has_reply = await self._wait_for_reply(result, vehicle, replied, limit_s)
-        while not has_reply and waited_s < _REPEAT_TO_HEARD_S:
-            if kind != "land" or not self._is_heard_by_mission(result, vehicle):
-                break
-            waited_s += limit_s
-            has_reply = await self._wait_for_reply(result, vehicle, replied, limit_s)
-
-        problem = ""  # why the order goes straight to PX4; empty if it does not
         if not has_reply:
-            problem = _no_answer_words(vehicle, waited_s)
-            if kind == "land" and self._is_own_link_dead(result, vehicle):
-                sentence = (
-                    f"{problem}, nor is another vehicle heard: this ground's own link is down. "
-                    f"{_WITHOUT_GROUND}"
-                )
-                result.update(vehicle, "no answer", sentence)
-                return
-
-            # An agent that accepts a kill publishes this event itself.
-            if kind == "kill" and self._view(vehicle).is_airborne:
-                order = result.planned.orders[vehicle]
-                sentence = f"Killed in the air by order of {order.author} (from {order.node})."
-                self._publish_event("critical", "killed", sentence, vehicle)
+            problem = self._problem_of_silence(result, vehicle, kind, waited_s)
         elif result.results[vehicle].phase == "direct":
             problem = f"{vehicle}'s agent refused kill ({result.results[vehicle].sentence})"
         else:
@@ -402,6 +382,48 @@ class OpenOrders:
                 is_silent=not replied.is_set(),
             )
 
+    async def _wait_for_reply_to_land(
+        self, result: OrderResult, vehicle: str, replied: asyncio.Event
+    ) -> tuple[bool, float]:
+        """Wait for the reply to a landing, longer if a mission gave it to an agent that is heard.
+
+        Returns:
+            Whether the agent has replied, and the time that the landing has waited for it [s].
+        """
+        limit_s = self._land_limit_s(vehicle)
+        waited_s = limit_s
+        has_reply = await self._wait_for_reply(result, vehicle, replied, limit_s)
+
+        while not has_reply and waited_s < _REPEAT_TO_HEARD_S:
+            if not self._is_heard_by_mission(result, vehicle):
+                break
+            waited_s += limit_s
+            has_reply = await self._wait_for_reply(result, vehicle, replied, limit_s)
+        return has_reply, waited_s
+
+    def _problem_of_silence(
+        self, result: OrderResult, vehicle: str, kind: DirectKind, waited_s: float
+    ) -> str:
+        """Return why a land or kill without a reply goes straight to PX4.
+
+        It is empty if this ground has lost its own link: then the order ends here.
+        """
+        problem = _no_answer_words(vehicle, waited_s)
+        if kind == "land" and self._is_own_link_dead(result, vehicle):
+            sentence = (
+                f"{problem}, nor is another vehicle heard: this ground's own link is down. "
+                f"{_WITHOUT_GROUND}"
+            )
+            result.update(vehicle, "no answer", sentence)
+            return ""
+
+        # An agent that accepts a kill publishes this event itself.
+        if kind == "kill" and self._view(vehicle).is_airborne:
+            order = result.planned.orders[vehicle]
+            sentence = f"Killed in the air by order of {order.author} (from {order.node})."
+            self._publish_event("critical", "killed", sentence, vehicle)
+        return problem
+
     async def _wait_for_reply(
         self, result: OrderResult, vehicle: str, replied: asyncio.Event, limit_s: float
     ) -> bool:
@@ -411,8 +433,7 @@ class OpenOrders:
         the bus once more at the end of the wait. It does not do so for a kill, which must not wait.
 
         Returns:
-            Whether the agent has replied. Telemetry that shows that the agent follows the order
-            counts as a reply, because a stall of this ground can lose the reply itself.
+            Whether the agent has replied, by a reply or by its telemetry.
         """
         kind = result.planned.orders[vehicle].kind
         has_stalled = False
@@ -432,9 +453,7 @@ class OpenOrders:
             if late_s > 0.0:
                 has_stalled = True
                 await self._read_bus_again(replied)
-            if replied.is_set() or result.results[vehicle].is_final:
-                return True
-            if self._is_followed(result, vehicle):
+            if self._has_answered(result, vehicle, replied):
                 return True
 
             # After a stall, newer telemetry that shows an order of this kind counts as a reply.
@@ -467,11 +486,7 @@ class OpenOrders:
             wait_s = min(again_s, left_s)
             late_s += await wait_scheduled(replied, wait_s)
             left_s -= wait_s
-            if replied.is_set() or result.results[vehicle].is_final:
-                return late_s
-            if self._is_followed(result, vehicle):
-                return late_s
-            if left_s <= _NOTHING_S:
+            if self._has_answered(result, vehicle, replied) or left_s <= _NOTHING_S:
                 return late_s
 
             if not is_announced:
@@ -495,8 +510,14 @@ class OpenOrders:
             sentence += f", and goes straight to PX4 in {left_s:.1f} s"
         self._publish_event("warning", "land_repeated", f"{sentence}.", vehicle)
 
-    def _is_followed(self, result: OrderResult, vehicle: str) -> bool:
-        """Whether telemetry shows that the agent follows the order, though no reply came."""
+    def _has_answered(self, result: OrderResult, vehicle: str, replied: asyncio.Event) -> bool:
+        """Whether the agent has replied, or the order has ended.
+
+        Telemetry that shows that the agent follows the order counts as a reply, because a stall of
+        this ground can lose the reply itself.
+        """
+        if replied.is_set() or result.results[vehicle].is_final:
+            return True
         telemetry = self._view(vehicle).telemetry
         return telemetry is not None and telemetry.order_id == result.results[vehicle].order_id
 
