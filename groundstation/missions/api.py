@@ -283,7 +283,7 @@ class Fleet(Group):
         self.client.control.update(self.client.state)
         refusal = self.client.control.refusal("takeoff")
         if refusal is not None:
-            raise NotReady(refusal, heard=True)
+            raise NotReady(refusal, is_anybody_heard=True)
 
     def leave_out(self, *vehicles: Vehicles) -> None:
         """Go on without these vehicles.

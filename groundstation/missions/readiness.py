@@ -10,10 +10,15 @@ READY_STATES = ("ready", "landed", "armed", "flying", "holding")
 
 
 class NotReady(RuntimeError):
-    """The fleet did not get ready in time; ``heard`` is whether any vehicle answered at all."""
+    """The fleet did not get ready in time.
 
-    def __init__(self, sentence: str, *, heard: bool) -> None:
-        self.heard = heard
+    Args:
+        sentence: what is missing.
+        is_anybody_heard: whether any vehicle answered at all.
+    """
+
+    def __init__(self, sentence: str, *, is_anybody_heard: bool) -> None:
+        self.is_anybody_heard = is_anybody_heard
         super().__init__(sentence)
 
 
@@ -39,19 +44,21 @@ def not_ready(state: FleetState, names: Sequence[str], now_ns: int, timeout_s: f
         The exception, which the caller raises.
     """
     reasons = []
-    heard = False
+    is_anybody_heard = False
     for name in names:
         view = state.vehicles[name]
         if view.is_fresh(now_ns):
-            heard = True
+            is_anybody_heard = True
         if not is_ready(state, name, now_ns):
             reasons.append(_reason(view, now_ns))
 
-    if not heard:
+    if not is_anybody_heard:
         reasons.append(
             "Start the agents (covey agent), or fly emulated vehicles with --sitl or --lockstep."
         )
-    return NotReady(f"Not ready within {timeout_s:g} s. {' '.join(reasons)}", heard=heard)
+
+    sentence = f"Not ready within {timeout_s:g} s. {' '.join(reasons)}"
+    return NotReady(sentence, is_anybody_heard=is_anybody_heard)
 
 
 def _reason(view: VehicleView, now_ns: int) -> str:

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import asyncio
 import traceback
-from collections.abc import Callable, Coroutine
+from collections.abc import Callable, Coroutine, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -70,6 +70,19 @@ class _EarlierStops(NamedTuple):
 
     of_persons: int  # number of those given at this ground
     until_ns: int  # when the mission began to wait, on the ground's clock
+
+
+class _EarlyEnd(NamedTuple):
+    """The end of a mission whose last step was not done, and its consequences."""
+
+    failure: str  # the reason, as a sentence
+    words: str  # what the mission says
+    # what it orders then; None: nothing
+    reaction: Callable[[], Coroutine[Any, Any, None]] | None = None
+    is_nobody_heard: bool = False
+    is_wrong_input: bool = False
+    is_left_flying: bool = False
+    pilots: tuple[str, ...] = ()  # vehicles that are flown by hand
 
 
 class MissionRun:
@@ -371,7 +384,7 @@ class MissionRun:
                 self._refuse_stopped(stops)
                 refusal = self.client.control.refusal("takeoff")
                 if refusal is not None and self.fleet.ground.countdown is not None:
-                    raise NotReady(refusal, heard=True)
+                    raise NotReady(refusal, is_anybody_heard=True)
                 await asyncio.wait({waiting}, timeout=_LOOK_S)
             self._refuse_stopped(stops)
             await waiting
@@ -466,27 +479,26 @@ class MissionRun:
 
         Vehicles that the mission has gone on without are landed also after its last step.
         """
-        watch = self.fleet.ground.watch
-        is_stopped = self._is_stopped or task.cancelled()
-        if not is_stopped and task.exception() is None:
-            if watch.takeover() is None:
-                await self._react(self._land_left_out())
+        error = None
+        if not self._is_stopped and not task.cancelled():
+            error = task.exception()
+            if error is None:
+                if self.fleet.ground.watch.takeover() is None:
+                    await self._react(self._land_left_out())
+                return
+
+        if await self._leave_if_taken():
             return
 
-        taken = watch.takeover() if watch.has_begun else None
-        if taken is not None and not self._observations.is_interrupted:
-            await self._leave_to(taken)
-            return
-
-        if is_stopped:
-            await self._bring_down_after_a_stop()
+        if error is not None:
+            await self._end_early(self._end_by_error(error))
+        elif self._abort_reason is not None:
+            await self._end_early(self._end_by_abort(self._abort_reason))
         else:
-            await self._bring_down_after_a_failure(task)
+            self._observations.is_interrupted = True
+            await self._land_interrupted()
 
-        # somebody may have taken the fleet meanwhile
-        taken = watch.takeover() if watch.has_begun else None
-        if taken is not None and not self._observations.is_interrupted:
-            await self._leave_to(taken)
+        await self._leave_if_taken()  # somebody may have taken it meanwhile
 
     async def _land_left_out(self) -> None:
         """Land the vehicles that the mission has gone on without."""
@@ -494,28 +506,59 @@ class MissionRun:
         if left_out:
             await self.fleet.land_all(LAND_TIMEOUT_S, names=sorted(left_out))
 
-    async def _bring_down_after_a_failure(self, task: asyncio.Task[Any]) -> None:
-        """Do what the mission declares for a failure, if it has begun at all."""
-        error = task.exception()
+    def _end_by_error(self, error: BaseException) -> _EarlyEnd:
+        """Return what an exception that has ended the steps means.
+
+        What the mission declares for a failure is done only if it has begun at all.
+        """
         if isinstance(error, NotReady):
-            self._observations.failure = str(error)
-            self._observations.nobody = not error.heard
-            self.fleet.say(str(error))
-        elif isinstance(error, _NotBegun):
-            self._observations.failure = str(error)
+            sentence = str(error)
+            return _EarlyEnd(sentence, sentence, is_nobody_heard=not error.is_anybody_heard)
+        if isinstance(error, _NotBegun):
+            sentence = str(error)
+            return _EarlyEnd(sentence, sentence, is_wrong_input=True, is_left_flying=True)
+
+        by_hand: tuple[str, ...] = ()
+        if isinstance(error, OrderFailed):
+            by_hand = tuple(flown_by_hand(self.client))
+        failure = self._failure_of(error, by_hand)
+        words = f"The mission ends here: {failure}"
+
+        is_refusal = isinstance(error, OrderFailed | CountdownEnded)
+        if is_refusal and not self.fleet.ground.has_begun:
+            # All vehicles have refused the first order, or it was not given. The fleet has not
+            # changed.
+            return _EarlyEnd(failure, words, is_left_flying=True, pilots=by_hand)
+        return _EarlyEnd(failure, words, reaction=self._on_failure, pilots=by_hand)
+
+    def _end_by_abort(self, reason: str) -> _EarlyEnd:
+        """Return what an end from outside means.
+
+        Args:
+            reason: sentence of whoever called `abort`; already published as an event.
+        """
+        words = "The mission ends here."
+        if not self.fleet.ground.watch.has_begun:  # it has ordered nothing, and lands nobody
+            return _EarlyEnd(reason, words, is_left_flying=True)
+        if self._runs_on_failure:
+            by_hand = tuple(flown_by_hand(self.client))
+            return _EarlyEnd(reason, words, reaction=self._on_failure, pilots=by_hand)
+        if self._can_land:
+            return _EarlyEnd(reason, words, reaction=self._land_all)
+        return _EarlyEnd(reason, words)
+
+    async def _end_early(self, end: _EarlyEnd) -> None:
+        """Note and say how the mission ends, and do what it leads to."""
+        self._observations.failure = end.failure
+        self._observations.is_nobody_heard = end.is_nobody_heard
+        if end.is_wrong_input:  # a fault that was refused before the first step has set it already
             self._observations.is_wrong_input = True
-            self._observations.is_left_flying = True
-            self.fleet.say(str(error))
-        elif error is not None:
-            self._observations.failure = self._failure_of(error)
-            self.fleet.say(f"The mission ends here: {self._observations.failure}")
-            is_refusal = isinstance(error, OrderFailed | CountdownEnded)
-            if is_refusal and not self.fleet.ground.has_begun:
-                # All vehicles have refused the first order, or it was not given. The fleet has not
-                # changed.
-                self._observations.is_left_flying = True
-                return
-            await self._react(self._on_failure())
+        self._observations.is_left_flying = end.is_left_flying
+        self._observations.pilots = end.pilots
+
+        self.fleet.say(end.words)
+        if end.reaction is not None:
+            await self._react(end.reaction())
 
     def _note_later_pilots(self) -> None:
         """Add vehicles that pilots took just after the first one, and that telemetry shows now."""
@@ -528,11 +571,14 @@ class MissionRun:
             self._observations.failure = pilot_words(by_hand)
         self._observations.pilots = tuple(by_hand)
 
-    def _failure_of(self, error: BaseException) -> str:
-        """Return what ended the steps, in words; for a mistake of the author, its line."""
+    def _failure_of(self, error: BaseException, by_hand: Sequence[str]) -> str:
+        """Return what ended the steps, in words; for a mistake of the author, its line.
+
+        Args:
+            error: the exception that ended them.
+            by_hand: vehicles that are flown by hand.
+        """
         if isinstance(error, OrderFailed):
-            by_hand = flown_by_hand(self.client)
-            self._observations.pilots = tuple(by_hand)
             for name in by_hand:
                 has_failed = name in error.results and not error.results[name].is_done
                 if has_failed and name not in self.fleet.ground.left_out:
@@ -542,6 +588,18 @@ class MissionRun:
         if isinstance(error, _FAILURES):
             return str(error)
         return _mistake(error, self.mission.path)
+
+    async def _leave_if_taken(self) -> bool:
+        """Leave the fleet to whoever has taken it from the mission; return whether one has.
+
+        An interruption lands all vehicles nevertheless.
+        """
+        watch = self.fleet.ground.watch
+        taken = watch.takeover() if watch.has_begun else None
+        if taken is None or self._observations.is_interrupted:
+            return False
+        await self._leave_to(taken)
+        return True
 
     async def _leave_to(self, taken: Taken) -> None:
         """Leave the fleet to whoever has taken it.
@@ -576,25 +634,6 @@ class MissionRun:
             await stay(self.client, taken, self._observations.begin_ns, self.fleet.say)
         else:
             await wait_for_landings(self.client, LAND_TIMEOUT_S)
-
-    async def _bring_down_after_a_stop(self) -> None:
-        """Land all after an interruption, or after a reason from outside."""
-        if self._abort_reason is None:
-            self._observations.is_interrupted = True
-            await self._land_interrupted()
-            return
-
-        self._observations.failure = self._abort_reason  # already published as an event
-        self.fleet.say("The mission ends here.")
-        if not self.fleet.ground.watch.has_begun:
-            self._observations.is_left_flying = True  # it has ordered nothing, and lands nobody
-            return
-
-        if self._runs_on_failure:
-            self._observations.pilots = tuple(flown_by_hand(self.client))
-            await self._react(self._on_failure())
-        elif self._can_land:
-            await self._react(self._land_all())
 
     async def _land_all(self) -> None:
         await self.fleet.land_all(LAND_TIMEOUT_S)

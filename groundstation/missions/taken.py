@@ -15,7 +15,7 @@ name finish their present order, and hold.
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Callable, Collection
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, replace
 
 from groundstation.client.client import FleetClient
@@ -282,7 +282,7 @@ def flown_by_hand(client: FleetClient) -> list[str]:
     return by_hand
 
 
-def pilot_words(names: list[str]) -> str:
+def pilot_words(names: Sequence[str]) -> str:
     """Return the sentence about vehicles that are flown by hand.
 
     Args:

@@ -64,7 +64,7 @@ class FlightObservations:
     # vehicles that do not fly although their last order left them flying, each with a sentence
     other_ends: Mapping[str, str] = field(default_factory=dict)
     failure: str = ""  # reason for the mission's early end, as a sentence
-    nobody: bool = False  # whether no vehicle answered
+    is_nobody_heard: bool = False  # whether no vehicle answered
     is_wrong_input: bool = False
     is_interrupted: bool = False
     is_taken: bool = False  # whether somebody else has taken the fleet, which ended the mission

@@ -496,7 +496,7 @@ def _exit_status(
 
     if flown.is_interrupted:
         return EXIT_INTERRUPTED
-    if flown.nobody:
+    if flown.is_nobody_heard:
         return EXIT_NO_ANSWER
     if flown.is_wrong_input:
         return EXIT_WRONG_INPUT
