@@ -20,6 +20,7 @@ import contextlib
 import functools
 import math
 from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass
 
 from groundstation.client.client import FleetClient
 from groundstation.fleet.state import FleetState
@@ -27,7 +28,7 @@ from groundstation.missions.follow_pause import ORDERED, FollowPause
 from groundstation.missions.ground import MissionGround, step_result
 from groundstation.missions.taken import FleetTaken
 from groundstation.orders.intents import Goto, Hold
-from groundstation.orders.result import OrderFailed, Phase, Results, VehicleResult
+from groundstation.orders.result import OrderFailed, OrderResult, Phase, Results, VehicleResult
 from groundstation.paths.checks import LOWEST_M
 from onboard.config.fleet import ConfigError, FleetConfig, Vehicle
 from onboard.config.flight_space import flight_space_of
@@ -89,6 +90,26 @@ async def follow(
     return await following.end()
 
 
+@dataclass(slots=True)
+class _Follower:
+    """One vehicle that follows the leader, or has followed it."""
+
+    offset_enu_m: Xyz  # from the leader
+    own_order: OrderResult | None  # newest order of this ground before the following, or of it
+    is_following: bool = True  # whether it gets goals
+    holds_in_the_end: bool = True
+    accepted_goal_enu_m: Xyz | None = None  # the last one, unless the next is ordered in any case
+    # last time at which it accepted a goal, or was at the right one already; None: never
+    accepted_ns: int | None = None
+    refusal: VehicleResult | None = None  # of the last goal that it has refused since
+
+    def needs(self, goal_enu_m: Xyz) -> bool:
+        """Whether a goal has moved enough to be ordered; the first one always has."""
+        if self.accepted_goal_enu_m is None:
+            return True
+        return math.dist(goal_enu_m, self.accepted_goal_enu_m) > _MOVED_M
+
+
 class _Following:
     """Vehicles that follow another one, and those of them that have failed.
 
@@ -102,20 +123,15 @@ class _Following:
         self._ground = ground
         self._client = ground.client
         self._leader = leader
-        self._offsets = dict(offsets)  # of the vehicles that still follow
-        self._holding = tuple(offsets)  # vehicles that hold in the end
+        self._followers = {
+            name: _Follower(offset_enu_m=offset, own_order=self._client.newest_order(name))
+            for name, offset in offsets.items()
+        }
         self._failed: Results = {}  # vehicles that follow no longer, though nobody has ordered so
-        self._pause = FollowPause(ground, leader, self._holding)
+        self._pause = FollowPause(ground, leader, tuple(offsets))
         self._left_out_before = frozenset(ground.left_out)
         self._has_leader_flown = False
-        # follower -> the newest order of this ground that it had, or that this has given it
-        self._own_orders = {name: self._client.newest_order(name) for name in offsets}
-
         self._begin_ns = self._client.now_ns()
-        self._accepted_goals: dict[str, Xyz] = {}  # vehicle -> the last goal that it has accepted
-        # vehicle -> last time at which it accepted a goal, or was at the right one already
-        self._accepted_ns: dict[str, int] = {}
-        self._refused: Results = {}  # vehicles that have refused a goal since
 
     async def run(self, duration_s: float) -> None:
         """Send goals until the time is over or no vehicle follows any more."""
@@ -131,7 +147,7 @@ class _Following:
 
                 self._note_stopped()
                 self._fail_refused(is_over=False)
-                if not self._offsets or not self._can_follow_leader():
+                if not self._still_following() or not self._can_follow_leader():
                     break
 
                 await self._order_goals()
@@ -150,9 +166,10 @@ class _Following:
         is_taken = self._ground.watch.takeover() is not None
         is_ending = self._ground.is_ending  # the end of the script orders in place of this
         have_other_order = is_taken or is_ending or self._pause.has_brought_home
-        if not self._holding or have_other_order:
+        holding = [name for name, one in self._followers.items() if one.holds_in_the_end]
+        if not holding or have_other_order:
             return {}
-        return await self._ground.order(Hold(vehicles=self._holding), _HOLD_S)
+        return await self._ground.order(Hold(vehicles=tuple(holding)), _HOLD_S)
 
     async def end(self) -> Results:
         """End the following after its time: let the vehicles hold, and judge who has failed."""
@@ -197,7 +214,7 @@ class _Following:
             # another task or a person may have given an order during the wait
             newest = self._client.newest_order(name)
             if newest is not None and newest.results[name].order_id == held[name].order_id:
-                self._own_orders[name] = newest
+                self._followers[name].own_order = newest
         self._pause.begin_anew(holding)
 
     def _can_follow_leader(self) -> bool:
@@ -238,11 +255,16 @@ class _Following:
 
     def _order_anew(self) -> None:
         """Let the next goals be ordered also if the leader has not moved."""
-        self._accepted_goals.clear()
-        self._refused.clear()
-        self._accepted_ns = dict.fromkeys(self._offsets, self._client.now_ns())
+        for follower in self._followers.values():
+            follower.accepted_goal_enu_m = None
+            follower.accepted_ns = self._client.now_ns()
+            follower.refusal = None
 
     # -- who follows no longer ---------------------------------------------------------------------
+
+    def _still_following(self) -> dict[str, _Follower]:
+        """Return the vehicles that still get goals, by name."""
+        return {name: one for name, one in self._followers.items() if one.is_following}
 
     def _note_stopped(self) -> None:
         """Note and say who follows no longer, by an order of the mission or by a failsafe."""
@@ -272,12 +294,16 @@ class _Following:
         if self._ground.is_ending:
             return []  # these are orders of the end; the next goals are refused because of it
         not_taken = (None, "sent", "refused", "no answer")
-        return [name for name in self._offsets if self._other_order_phase(name) not in not_taken]
+        return [
+            name
+            for name in self._still_following()
+            if self._other_order_phase(name) not in not_taken
+        ]
 
     def _other_order_phase(self, name: str) -> Phase | None:
         """Return how far a vehicle is with a newer order than this one's; None: it has none."""
         newest = self._client.newest_order(name)
-        if newest is None or newest is self._own_orders[name]:
+        if newest is None or newest is self._followers[name].own_order:
             return None
         return newest.results[name].phase
 
@@ -289,13 +315,21 @@ class _Following:
                 time in which a vehicle has accepted no goal at all.
         """
         now_ns = self._client.now_ns()
-        for name, refusal in tuple(self._refused.items()):
-            limit_s = _REFUSED_S
-            if is_over:
-                limit_s = _REFUSED_AT_END_S if name in self._accepted_ns else 0.0
-            refused_s = (now_ns - self._accepted_ns.get(name, self._begin_ns)) * 1e-9
-            if refused_s > limit_s:
-                self._fail(refusal)  # it holds in the end: it may still fly to an earlier goal
+        for name, follower in self._still_following().items():
+            if follower.refusal is None:
+                continue
+
+            since_ns = self._begin_ns if follower.accepted_ns is None else follower.accepted_ns
+            if not is_over:
+                limit_s = _REFUSED_S
+            elif follower.accepted_ns is None:
+                limit_s = 0.0
+            else:
+                limit_s = _REFUSED_AT_END_S
+
+            if (now_ns - since_ns) * 1e-9 > limit_s:
+                # it holds in the end: it may still fly to an earlier goal
+                self._fail(follower.refusal)
                 self._follow_without([name])
 
     def _fail(self, result: VehicleResult) -> None:
@@ -305,14 +339,16 @@ class _Following:
 
     def _forget(self, names: Collection[str]) -> None:
         """Give these vehicles no more orders, not even to hold."""
-        self._holding = tuple(name for name in self._holding if name not in names)
+        for name, follower in self._followers.items():
+            if name in names:
+                follower.holds_in_the_end = False
         self._follow_without(names)
 
     def _follow_without(self, names: Collection[str]) -> None:
         """Give these vehicles no more goals."""
-        for name in names:
-            self._offsets.pop(name, None)
-            self._refused.pop(name, None)
+        for name, follower in self._followers.items():
+            if name in names:
+                follower.is_following = False
         self._pause.leave_out(tuple(names))
 
     # -- goals -------------------------------------------------------------------------------------
@@ -333,13 +369,14 @@ class _Following:
             return
         # a vehicle that has not answered another order may be about to take it
         offsets = {
-            name: offset
-            for name, offset in self._offsets.items()
+            name: follower.offset_enu_m
+            for name, follower in self._still_following().items()
             if self._other_order_phase(name) != "sent"
         }
         goals = _goals(self._client, position_enu_m, view.telemetry.velocity_enu_m_s, offsets)
-        if not _have_moved(goals, self._accepted_goals):
-            self._accepted_ns = dict.fromkeys(goals, self._client.now_ns())
+        if not any(self._followers[name].needs(goal) for name, goal in goals.items()):
+            for name in goals:
+                self._followers[name].accepted_ns = self._client.now_ns()
             return
 
         taken = self._ground.watch.takeover()
@@ -350,7 +387,7 @@ class _Following:
         await self._ground.check_open(goto)
         order = await self._client.submit(goto, is_by_mission=True)
         for name in order.planned.orders:
-            self._own_orders[name] = order
+            self._followers[name].own_order = order
         for result in order.results.values():  # some may be refused already
             self._note_answer(goals, result)
         order.add_listener(functools.partial(self._note_answer, goals))
@@ -362,15 +399,15 @@ class _Following:
             goals: goals of the order.
             result: progress of the order with the vehicle.
         """
-        name = result.vehicle
-        if name not in self._offsets:
+        follower = self._followers[result.vehicle]
+        if not follower.is_following:
             return
         if result.phase in ("accepted", "done"):
-            self._accepted_goals[name] = goals[name]
-            self._accepted_ns[name] = self._client.now_ns()
-            self._refused.pop(name, None)
+            follower.accepted_goal_enu_m = goals[result.vehicle]
+            follower.accepted_ns = self._client.now_ns()
+            follower.refusal = None
         elif result.phase in ("refused", "no answer"):
-            self._refused[name] = result
+            follower.refusal = result
 
 
 def present_offsets(client: FleetClient, leader: str, names: Sequence[str]) -> dict[str, Xyz]:
@@ -404,14 +441,6 @@ def present_offsets(client: FleetClient, leader: str, names: Sequence[str]) -> d
         name: (position[0] - x, position[1] - y, position[2] - z)
         for name, position in positions.items()
     }
-
-
-def _have_moved(goals: Mapping[str, Xyz], last_goals: Mapping[str, Xyz]) -> bool:
-    """Whether a goal has moved enough to be ordered; the first goal of a vehicle always has."""
-    return any(
-        name not in last_goals or math.dist(goal, last_goals[name]) > _MOVED_M
-        for name, goal in goals.items()
-    )
 
 
 def _goals(
