@@ -110,7 +110,7 @@ def fly_campaign(
     mission = _mission(campaign.fleet_path, campaign.mission_path)
     undisturbed = undisturbed_cases(campaign)
     # first and alone, because the times of all faults depend on when the mission is in the air
-    _fly_missing(campaign, undisturbed[:1], kept, jobs=1, say=say, total=0)
+    _fly_missing(campaign, undisturbed[:1], kept, jobs=1, say=None)
     reference = kept.flown[undisturbed[0]]
     if not reference.took_off:
         reason = "; ".join(reference.wrong) or "nobody took off"
@@ -119,7 +119,7 @@ def fly_campaign(
         )
 
     cases = [*undisturbed, *broken_cases(campaign, mission, reference)]
-    _fly_missing(campaign, cases, kept, jobs=jobs, say=say, total=len(cases))
+    _fly_missing(campaign, cases, kept, jobs=jobs, say=say)
     return [kept.flown[case] for case in cases]
 
 
@@ -193,8 +193,7 @@ def possible_victims(fleet: FleetConfig, injection: Injection) -> list[str]:
         fitting = [name for name in names if fleet.vehicles[name].mocap_required]
     else:  # satellites
         fitting = [name for name in names if not fleet.vehicles[name].mocap_required]
-    # an injection that hits all vehicles needs a fleet in which every vehicle qualifies
-    if "of all" in injection.name and len(fitting) < len(names):
+    if injection.is_of_all and len(fitting) < len(names):
         return []
     return fitting
 
@@ -205,13 +204,18 @@ def _fly_missing(
     kept: KeptFlights,
     *,
     jobs: int,
-    say: Callable[[str], None],
-    total: int,
+    say: Callable[[str], None] | None,
 ) -> None:
     """Fly and keep the cases that are not among the kept flights.
 
-    Each flight is kept as soon as it is flown, and reported in the order of the cases. Without a
-    total (0) nothing is reported.
+    Each flight is kept as soon as it is flown, and reported in the order of the cases.
+
+    Args:
+        campaign: the campaign.
+        cases: all flights that there have to be.
+        kept: the flights flown so far, to which new ones are added.
+        jobs: number of processes.
+        say: called with a line after each flight; None: nothing is reported.
     """
     missing = [case for case in cases if case not in kept.flown]
     done = len(cases) - len(missing)
@@ -219,10 +223,10 @@ def _fly_missing(
     fly_one = functools.partial(fly_case, campaign.fleet_path, campaign.mission_path)
     for flown in _flown(fly_one, missing, jobs):
         kept.keep(flown)
-        while total and unreported and unreported[0] in kept.flown:
+        while say is not None and unreported and unreported[0] in kept.flown:
             case = unreported.popleft()
             done += 1
-            say(f"{done} of {total}  {line_of(kept.flown[case])}")
+            say(f"{done} of {len(cases)}  {line_of(kept.flown[case])}")
 
 
 def _flown(

@@ -68,6 +68,7 @@ class Injection:
         needs: the fault is possible only for vehicles with ``poses`` of a motion capture, with
             ``satellites``, or with required ``corrections``; empty: for all.
         is_of_two: whether it needs another vehicle.
+        is_of_all: whether it hits all vehicles, so that all of them have to be of that kind.
     """
 
     name: str
@@ -83,6 +84,7 @@ class Injection:
     rises_m: float = math.inf
     needs: str = ""
     is_of_two: bool = False
+    is_of_all: bool = False
 
 
 def _f(*conditions: C) -> frozenset[C]:
@@ -102,6 +104,7 @@ INJECTIONS: tuple[Injection, ...] = (
         own=_f(*_POSITION),
         is_blind=True,
         needs="poses",
+        is_of_all=True,
     ),
     Injection(
         "poses of all lost for 0.5 s",
@@ -109,6 +112,7 @@ INJECTIONS: tuple[Injection, ...] = (
         own=_f(C.POSITION_STALE),
         is_blind=True,
         needs="poses",
+        is_of_all=True,
     ),
     Injection(
         "poses of all lost for 1.5 s",
@@ -116,6 +120,7 @@ INJECTIONS: tuple[Injection, ...] = (
         own=_f(*_POSITION),
         is_blind=True,
         needs="poses",
+        is_of_all=True,
     ),
     Injection(
         "mocap lost for 0.35 s", fault("mocap_lost", 0.35), own=_f(*_POSITION), needs="poses"
@@ -154,6 +159,7 @@ INJECTIONS: tuple[Injection, ...] = (
         own=_f(C.MOCAP_FROZEN),
         is_blind=True,
         needs="poses",
+        is_of_all=True,
     ),
     Injection(
         "mocap 0.15 s late",
@@ -356,6 +362,7 @@ INJECTIONS: tuple[Injection, ...] = (
         own=_f(C.SATELLITES_LOST),
         is_astray=True,
         needs="satellites",
+        is_of_all=True,
     ),
     Injection(
         "receiver 0.5 s late", fault("gps_late", delay_s=0.5), is_astray=True, needs="satellites"
@@ -395,6 +402,7 @@ INJECTIONS: tuple[Injection, ...] = (
         to_all_vehicles(fault("corrections_lost")),
         is_astray=True,
         needs="corrections",
+        is_of_all=True,
     ),
     Injection("corrections garbled", fault("corrections_garbled"), needs="corrections"),
     Injection(
