@@ -11,12 +11,13 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from rich.cells import cell_len
 
 from groundstation.console import theme
-from groundstation.console.canvas import Canvas
+from groundstation.console.canvas import DOTS_ACROSS, DOTS_DOWN, Canvas
 from groundstation.console.history import FAR_M, History
 from groundstation.console.theme import BAD, FAINT, RULE, TEXT, WARN
 from groundstation.fleet.state import PersonView, VehicleView
@@ -38,6 +39,7 @@ _FEW = 12  # largest number of vehicles whose names are written
 _DENSE = 40  # cells per vehicle below which only numbers are written
 _OUTSIDE = -1000  # column and row of a point that cannot be drawn
 _MAX_HATCHED = 200_000  # dots of the box around an obstacle above which it is not hatched
+_HATCH_DOTS = 4  # distance between two strokes of the hatching
 _MAX_LINES = 200  # lines of the grid in one direction
 _ARROW_SHARE = 0.36  # place of the arrow along the line to the avoided vehicle
 _SAME_COORDINATE = 1e-9  # coordinates of a line's ends that differ by less [dots] count as equal
@@ -47,8 +49,7 @@ _SAME_COORDINATE = 1e-9  # coordinates of a line's ends that differ by less [dot
 class Window:
     """The visible part of the world.
 
-    A cell is two dots wide and four high. So the middle of the picture is the dot
-    ``(width, 2 * height)``.
+    A cell is two dots wide and four high (see canvas.py).
     """
 
     x_m: float  # middle of the window, ENU
@@ -57,19 +58,36 @@ class Window:
     width: int  # in cells
     height: int
 
+    @property
+    def dots_across(self) -> int:
+        """Width of the picture in dots."""
+        return DOTS_ACROSS * self.width
+
+    @property
+    def dots_down(self) -> int:
+        """Height of the picture in dots."""
+        return DOTS_DOWN * self.height
+
     def dots(self, points_enu_m: Array) -> Array:
         """Return points (n, 2) [m], ENU, in dots of the picture."""
         middle_enu_m = np.array([self.x_m, self.y_m])
         scales = np.array([self.scale, -self.scale])
-        shift = np.array([self.width, 2 * self.height], float)
-        dots: Array = (points_enu_m - middle_enu_m) * scales + shift
+        middle = np.array([self.dots_across / 2, self.dots_down / 2])
+        dots: Array = (points_enu_m - middle_enu_m) * scales + middle
         return dots
 
     def dot(self, x_m: float, y_m: float) -> Dot:
         """Return one point in dots of the picture."""
-        x = self.width + (x_m - self.x_m) * self.scale
-        y = 2 * self.height - (y_m - self.y_m) * self.scale
+        x = self.dots_across / 2 + (x_m - self.x_m) * self.scale
+        y = self.dots_down / 2 - (y_m - self.y_m) * self.scale
         return x, y
+
+    def point_enu_m(self, dot: Dot) -> tuple[float, float]:
+        """Return the point of a dot [m], ENU."""
+        x, y = dot
+        x_m = self.x_m + (x - self.dots_across / 2) / self.scale
+        y_m = self.y_m - (y - self.dots_down / 2) / self.scale
+        return x_m, y_m
 
     def cell(self, x_m: float, y_m: float) -> tuple[int, int]:
         """Return the cell (column, row) of a point; one far outside if it is not plausible."""
@@ -77,12 +95,12 @@ class Window:
         is_drawable = abs(x) < FAR_M and abs(y) < FAR_M  # false for NaN
         if not is_drawable:
             return _OUTSIDE, _OUTSIDE
-        return math.floor(x / 2), math.floor(y / 4)
+        return math.floor(x / DOTS_ACROSS), math.floor(y / DOTS_DOWN)
 
     @property
     def step_m(self) -> float:
         """Distance between two lines of the grid."""
-        least_dots = max(12.0, 2 * self.width / 9)  # room for numbers; nine columns at most
+        least_dots = max(12.0, self.dots_across / 9)  # room for numbers; nine columns at most
         for step_m in _STEPS_M:
             if step_m * self.scale >= least_dots:
                 return step_m
@@ -116,8 +134,8 @@ def draw_background(window: Window, fleet: FleetConfig) -> Canvas:
     west, east = fleet.fleet.geofence_m.x
     south, north = fleet.fleet.geofence_m.y
 
-    half_x_m = window.width / window.scale
-    half_y_m = 2 * window.height / window.scale
+    half_x_m = window.dots_across / 2 / window.scale
+    half_y_m = window.dots_down / 2 / window.scale
     grid_xs_m = _grid_lines(
         max(west, window.x_m - half_x_m), min(east, window.x_m + half_x_m), window.step_m
     )
@@ -171,6 +189,20 @@ def _grid_lines(low_m: float, high_m: float, step_m: float) -> list[float]:
     return [round(number * step_m, 6) for number in range(first, last + 1)]
 
 
+class _Box(NamedTuple):
+    """A part of the picture, in dots; the last column and row do not belong to it."""
+
+    left: int
+    right: int
+    top: int
+    bottom: int
+
+    @property
+    def size(self) -> int:
+        """Number of its dots; 0 if it is empty."""
+        return max(0, self.right - self.left) * max(0, self.bottom - self.top)
+
+
 def _draw_obstacle(canvas: Canvas, window: Window, obstacle: Obstacle) -> None:
     """Draw an obstacle's outline and hatching, and its name if there is room."""
     for x1_m, y1_m, x2_m, y2_m, radius_m in obstacle.capsules_enu_m:
@@ -180,35 +212,51 @@ def _draw_obstacle(canvas: Canvas, window: Window, obstacle: Obstacle) -> None:
         else:
             _draw_clipped_line(canvas, window.dot(x1_m, y1_m), window.dot(x2_m, y2_m), WARN)
 
-    # The part of the box around the obstacle that lies in the picture, in dots. The first ends of
-    # the capsules are enough, because each corner of a polygon is the first end of one capsule.
+    box = _box_around(window, obstacle)
+    if 0 < box.size <= _MAX_HATCHED:
+        _hatch(canvas, window, obstacle, box)
+        _write_name(canvas, obstacle.name, box)
+
+
+def _box_around(window: Window, obstacle: Obstacle) -> _Box:
+    """Return the part of the box around an obstacle that lies in the picture.
+
+    The first ends of the capsules are enough, because each corner of a polygon is the first end of
+    one capsule.
+    """
     ends = np.array([(x_m, y_m, radius_m) for x_m, y_m, _, _, radius_m in obstacle.capsules_enu_m])
     low = window.dots(ends[:, :2] - ends[:, 2:])
     high = window.dots(ends[:, :2] + ends[:, 2:])
-    box = np.concatenate([low, high])
-    left = max(0, int(box[:, 0].min()))
-    right = min(2 * window.width, int(box[:, 0].max()) + 1)
-    top = max(0, int(box[:, 1].min()))
-    bottom = min(4 * window.height, int(box[:, 1].max()) + 1)
-    if right <= left or bottom <= top or (right - left) * (bottom - top) > _MAX_HATCHED:
-        return
+    x, y = np.concatenate([low, high]).T
+    return _Box(
+        left=max(0, int(x.min())),
+        right=min(window.dots_across, int(x.max()) + 1),
+        top=max(0, int(y.min())),
+        bottom=min(window.dots_down, int(y.max()) + 1),
+    )
 
+
+def _hatch(canvas: Canvas, window: Window, obstacle: Obstacle, box: _Box) -> None:
+    """Draw diagonal strokes inside an obstacle."""
     inside = []
-    for y in range(top, bottom):
-        for x in range(left + (y + left) % 4, right, 4):  # diagonal strokes
-            x_m = window.x_m + (x - window.width) / window.scale
-            y_m = window.y_m - (y - 2 * window.height) / window.scale
-            if obstacle.distance_m((x_m, y_m)) < 0.0:
+    for y in range(box.top, box.bottom):
+        first_x = box.left + (y + box.left) % _HATCH_DOTS
+        for x in range(first_x, box.right, _HATCH_DOTS):
+            if obstacle.distance_m(window.point_enu_m((x, y))) < 0.0:
                 inside.append((x, y))
     if inside:
         dots = np.array(inside, float)
         canvas.dots(dots[:, 0], dots[:, 1], WARN)
 
-    name = theme.clean(obstacle.name, 24)
+
+def _write_name(canvas: Canvas, name: str, box: _Box) -> None:
+    """Write an obstacle's name in the middle of the box around it, if there is room."""
+    name = theme.clean(name, 24)
     name_width = cell_len(name)
-    column = math.floor((left + right) / 4) - name_width // 2
-    row = math.floor((top + bottom) / 8)
-    if (right - left) / 2 > name_width and canvas.is_free(column, row, name_width):
+    column = (box.left + box.right) // 2 // DOTS_ACROSS - name_width // 2
+    row = (box.top + box.bottom) // 2 // DOTS_DOWN
+    has_room = (box.right - box.left) / DOTS_ACROSS > name_width
+    if has_room and canvas.is_free(column, row, name_width):
         canvas.text(column, row, name, WARN)
 
 
@@ -218,7 +266,7 @@ def _draw_clipped_line(canvas: Canvas, start: Dot, end: Dot, colour: str) -> Non
     If the plan is zoomed in, the whole line may have millions of dots. The line is
     ``begin + share * along``; each axis narrows the range of shares that lie in the picture.
     """
-    size = np.array([2.0 * canvas.width, 4.0 * canvas.height])
+    size = np.array([DOTS_ACROSS * canvas.width, DOTS_DOWN * canvas.height], float)
     begin = np.array(start)
     along = np.array(end) - np.array(start)
 
