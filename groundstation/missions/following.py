@@ -39,7 +39,7 @@ from onboard.tuples import Xyz
 _PERIOD_S = 0.5
 # A goal is where the leader will be after this time, because a vehicle needs about that long to set
 # out for a new goal.
-_AHEAD_S = 1.0
+_GOAL_LEAD_S = 1.0
 _MOVED_M = 0.1  # a goal that has moved less is not ordered again
 _REFUSED_S = 5.0  # longest time for which all goals of a vehicle may be refused
 _REFUSED_AT_END_S = 1.5  # longest such time just before the end
@@ -448,7 +448,7 @@ def _goals(
 ) -> dict[str, Xyz]:
     """Return the followers' goals, ahead of the leader's present position and inside the fence."""
     ahead_enu_m = [
-        coordinate_m + _AHEAD_S * speed_m_s
+        coordinate_m + _GOAL_LEAD_S * speed_m_s
         for coordinate_m, speed_m_s in zip(position_enu_m, velocity_enu_m_s, strict=True)
     ]
 

@@ -40,7 +40,7 @@ from onboard.control.path import Path, point_at
 from onboard.plain_text import listed
 from onboard.tuples import Xyz
 
-AHEAD_S = 3.0  # time from the order to the start, in which all replies arrive
+START_LEAD_S = 3.0  # time from the order to the start, in which all replies arrive
 # Longest wait after the expected end of the ways to the first points, and after the paths' own end:
 # vehicles that fall behind slow the clock of the paths.
 _LATE_S = 60.0
@@ -158,9 +158,9 @@ async def follow_paths(
     await _bring_to_first_points(ground, taking_part)
 
     if at is None:
-        start_ns = ground.client.now_ns() + int(AHEAD_S * 1e9)
+        start_ns = ground.client.now_ns() + int(START_LEAD_S * 1e9)
         order = await _start(ground, taking_part(), on_lag, start_ns)
-        begin_words = f"from {AHEAD_S:g} s from now on"
+        begin_words = f"from {START_LEAD_S:g} s from now on"
     else:
         order = await _start_at(ground, taking_part, on_lag, at)
         begin_words = f"from {at.words} on"
@@ -172,7 +172,7 @@ async def follow_paths(
     ground.say(f"follow_path {listed(names)}: {longest_s:.0f} s, {begin_words}")
 
     if not timeout_s:
-        timeout_s = AHEAD_S + longest_s / _SLOWEST_RATE + _LATE_S
+        timeout_s = START_LEAD_S + longest_s / _SLOWEST_RATE + _LATE_S
 
     begin_ns = ground.client.now_ns()
     results = await _flown(ground, order, lights, longest_s, timeout_s)
@@ -262,8 +262,8 @@ def _note_results(
         else:
             ground.say(f"  {result.words}")
     is_followed = any(result.is_done for result in results.values())
-    if is_followed and duration_s > AHEAD_S:
-        ground.say(f"  followed in {duration_s - AHEAD_S:.1f} s")
+    if is_followed and duration_s > START_LEAD_S:
+        ground.say(f"  followed in {duration_s - START_LEAD_S:.1f} s")
 
 
 def _without_replaced(ground: PathGround, results: Results) -> Results:
@@ -416,13 +416,13 @@ async def _start_at(
         at: the time.
     """
     with ground.counting(at, tuple(taking_part())) as countdown:
-        if countdown.left_s < AHEAD_S:
+        if countdown.left_s < START_LEAD_S:
             raise CountdownEnded(
                 f"{at.words} comes in {countdown.left_s:.1f} s, and a start is ordered "
-                f"{AHEAD_S:g} s ahead: the vehicles came too late to the first points of their "
-                "paths."
+                f"{START_LEAD_S:g} s ahead: the vehicles came too late to the first points of "
+                "their paths."
             )
-        await count_down(countdown, ground.say, until_s=AHEAD_S + _SPARE_S)
+        await count_down(countdown, ground.say, until_s=START_LEAD_S + _SPARE_S)
 
         order = await _start(ground, taking_part(), on_lag, countdown.start_ns)
         try:
@@ -445,7 +445,7 @@ async def _start(ground: PathGround, paths: Paths, on_lag: OnLag, start_ns: int)
         return all(result.phase != "sent" for result in order.results.values())
 
     with _waiting_for(ground, order):
-        await client.wait_for(have_replied, AHEAD_S)
+        await client.wait_for(have_replied, START_LEAD_S)
     if any(result.phase != "accepted" for result in order.results.values()):
         results = dict(order.results)
         # This includes vehicles that may have accepted the start, and whose reply was lost.
@@ -500,7 +500,7 @@ def _call_off_if_taken(ground: PathGround, order: OrderResult) -> None:
 async def _hold(ground: PathGround, names: tuple[str, ...]) -> None:
     """Order vehicles whose paths do not start to hold, unless the end of the script orders them."""
     if not ground.is_ending:
-        await ground.client.order(Hold(vehicles=names), AHEAD_S, is_by_mission=True)
+        await ground.client.order(Hold(vehicles=names), START_LEAD_S, is_by_mission=True)
 
 
 def _require_done(ground: PathGround, results: Results, verb: str) -> None:
@@ -514,7 +514,7 @@ def _require_done(ground: PathGround, results: Results, verb: str) -> None:
 
 async def _say_progress(ground: PathGround, names: tuple[str, ...], longest_s: float) -> None:
     """Say every ten seconds how far the paths are flown, and how far vehicles are behind."""
-    await asyncio.sleep(AHEAD_S)
+    await asyncio.sleep(START_LEAD_S)
     while True:
         await asyncio.sleep(_SAY_S)
 

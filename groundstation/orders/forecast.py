@@ -26,7 +26,7 @@ from onboard.tuples import Xyz
 from onboard.types import TICK_S
 
 SEEDS = (0, 1, 2, 3)  # one flight for each, with different errors
-ARRIVED_M = 0.15  # distance from a goal at which a vehicle has arrived
+_ARRIVED_M = 0.15  # distance from a goal at which a vehicle has arrived
 TAKEOFF_START_S = 3.0  # time before the climb: OFFBOARD, arming and spinning up
 _PATH_POINTS = 80  # approximate number of drawn points of each path
 _MANY_VEHICLES = 20  # largest fleet that is flown ahead more than once
@@ -106,7 +106,7 @@ def forecast(
         np.array([ordered_s]),
         timeout_s=min(_LONGEST_S, _SPARE_S + expected_s),
         is_parked=tuple(leg.is_parked for leg in legs.values()),
-        arrival_m=ARRIVED_M,
+        arrival_m=_ARRIVED_M,
     )
     flight = fly(scenario, fleet_model(fleet, names), seeds, Perturbation(start_m=0.0))
 
@@ -188,7 +188,7 @@ def _who_is_held_up(predicted: Forecast, intent: Intent) -> str:
         remedy = f"Spread the goals, or {intent.verb} fewer vehicles at once."
 
     return (
-        f"{late} would not arrive within {ARRIVED_M:g} m in time: {others} would be in the way. "
+        f"{late} would not arrive within {_ARRIVED_M:g} m in time: {others} would be in the way. "
         f"{remedy}"
     )
 
@@ -231,7 +231,7 @@ def _held_up(end_enu_m: Array, goal_enu_m: Array, lengths_m: Mapping[str, float]
         range(len(names)), key=lambda index: lengths_m[names[index]], reverse=True
     )
     for index in longest_first:
-        if from_goal_m[index] <= ARRIVED_M:
+        if from_goal_m[index] <= _ARRIVED_M:
             continue
 
         away_m = np.linalg.norm(end_enu_m - end_enu_m[index], axis=-1)

@@ -28,7 +28,7 @@ from onboard.config.fleet import FleetConfig
 from onboard.config.flight_space import outlines_of
 from onboard.plain_text import plain_line
 
-AHEAD_S = 10.0  # time for which the path of a vehicle is predicted
+_PREDICTED_S = 10.0  # time for which the path of a vehicle is predicted
 _MAX_TEXT = 300  # number of letters of a text at most
 _STILL_M = 0.05  # no predicted path is shown to a goal that is nearer
 
@@ -220,9 +220,10 @@ def _service_words(telemetry: Telemetry) -> str:
 def _way(
     telemetry: Telemetry, position_enu_m: Sequence[float] | None, fleet: FleetConfig
 ) -> list[Sequence[float]]:
-    """Return both ends of the predicted path: straight to the goal, as far as it gets in AHEAD_S.
+    """Return both ends of the predicted path.
 
-    A vehicle that is slow now is assumed to fly with at least half its top speed.
+    It is straight to the goal, as far as the vehicle gets in ``_PREDICTED_S``. A vehicle that is
+    slow now is assumed to fly with at least half its top speed.
 
     Returns:
         Present position and end; empty on the ground, close to the goal, or if either is unknown.
@@ -240,7 +241,7 @@ def _way(
     if distance_m < _STILL_M:
         return []
 
-    flown_share = min(1.0, AHEAD_S * speed_m_s / distance_m)
+    flown_share = min(1.0, _PREDICTED_S * speed_m_s / distance_m)
     end = [
         begin_m + flown_share * (goal_m - begin_m)
         for begin_m, goal_m in zip(position_enu_m, goal_enu_m, strict=True)

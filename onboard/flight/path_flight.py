@@ -53,7 +53,7 @@ AT_START_M = 0.5  # largest distance from the start of the path when the show is
 _RATE_SLEW_1_S = 0.5  # largest change of the clock's rate per second
 _RECOVERY = 0.1  # seconds to catch up that a vehicle regains per second of keeping up
 _AHEAD_GAIN_1_S = 1.0  # how much a clock slows down for each second that it is ahead
-_AHEAD_S = 0.05  # a clock that is ahead of the slowest by less does not slow down
+_CLOCK_AHEAD_S = 0.05  # a clock that is ahead of the slowest by less does not slow down
 
 _HEARD_NS = 1_500_000_000  # clocks in older telemetry are not compared
 _COMPARE_NS = 95_000_000  # time between two comparisons
@@ -309,7 +309,7 @@ def _target_rate(own: PathFlight, others: Sequence[OtherClock]) -> float:
 
     slowest_s = min((other.time_s for other in others), default=own.time_s)
     ahead_s = own.time_s - slowest_s
-    return max(1.0 - _AHEAD_GAIN_1_S * max(ahead_s - _AHEAD_S, 0.0), SLOWEST_RATE)
+    return max(1.0 - _AHEAD_GAIN_1_S * max(ahead_s - _CLOCK_AHEAD_S, 0.0), SLOWEST_RATE)
 
 
 def _parts_with(flight: PathFlight, order: PathOrder) -> dict[int, bytes]:

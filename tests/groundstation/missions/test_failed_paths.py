@@ -111,7 +111,7 @@ async def test_the_others_go_on_when_one_has_left_its_path(flight: Flight) -> No
 async def test_vehicles_that_the_mission_itself_lands_do_not_fail_their_paths(
     flight: Flight, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(path_following, "AHEAD_S", 0.05)  # so that the paths have begun
+    monkeypatch.setattr(path_following, "START_LEAD_S", 0.05)  # so that the paths have begun
     following = asyncio.create_task(flight.follow(timeout_s=5.0))
     await flight.land(ALL)
     results = await following

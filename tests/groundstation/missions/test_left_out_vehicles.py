@@ -212,7 +212,7 @@ async def test_an_order_that_waits_is_not_sent_to_a_vehicle_that_is_left_out_mea
 async def test_a_vehicle_that_is_left_out_before_the_start_of_its_path_does_not_start(
     going_on: Fleet, client: Any, bus: Any, when: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("groundstation.missions.path_following.AHEAD_S", 0.1)
+    monkeypatch.setattr("groundstation.missions.path_following.START_LEAD_S", 0.1)
     paths = {}
     for name in going_on.names:
         x, y, z = bus.vehicles[name].position_enu_m
