@@ -21,6 +21,10 @@ from groundstation.identification.logged_stretch import (
 )
 from onboard.arrays import Array
 
+# Indexes of the parameters theta of this fit, and of their standard deviations.
+DELAY_S, WN_RAD_S, ZETA, STATIC_GAIN, ERROR_X_RAD, ERROR_Y_RAD = range(6)
+ERRORS_RAD = slice(ERROR_X_RAD, ERROR_Y_RAD + 1)  # constant error of the measured attitude
+
 _CLUSTER_S = 1.0  # duration of a cluster of residuals, for the jackknife
 # the coarse grid: delays [s] and natural frequencies wn [rad/s]
 _GRID_DELAYS_S = (0.0, 0.03, 0.06, 0.1, 0.15, 0.2)
@@ -43,7 +47,8 @@ def fit_attitude(log: Log, begin_s: float, end_s: float) -> LeastSquares:
         end_s: last time used [s].
 
     Returns:
-        theta: delay [s], wn [rad/s], zeta, gain, error x, error y [rad].
+        theta: dead time [s], wn [rad/s], zeta, static gain, and the constant error of the attitude
+            along x and y [rad]. The indexes above name them.
     """
     used = (log.attitude_time_s >= begin_s) & (log.attitude_time_s <= end_s)
     time_s = log.attitude_time_s[used]
@@ -135,14 +140,14 @@ def _refined(theta: Array, measured: Array, commands: CommandedTilt) -> tuple[Ar
 
 def _residual(theta: Array, unit_tilt: Array, measured: Array) -> Array:
     """Return the measured tilt minus the model's (2 m,) [rad]."""
-    gain = theta[3]
-    error = theta[4:6]
+    gain = theta[STATIC_GAIN]
+    error = theta[ERRORS_RAD]
     return np.asarray((measured - gain * unit_tilt - error).ravel())
 
 
 def _derivatives(theta: Array, unit_tilt: Array, commands: CommandedTilt) -> Array:
     """Return the derivatives of the model's tilt with respect to theta (2 m, 6)."""
-    gain = theta[3]
+    gain = theta[STATIC_GAIN]
     columns = []
     for index, half_step in enumerate(_HALF_STEPS):
         step = np.zeros(3)
@@ -171,8 +176,8 @@ def unexplained_times_s(log: Log, fit: LeastSquares, begin_s: float, end_s: floa
     time_s = log.attitude_time_s[used]
     measured = tilt_vector_rad(log.attitude_quaternion_wxyz[used])
 
-    gain = fit.theta[3]
-    error = fit.theta[4:6]
+    gain = fit.theta[STATIC_GAIN]
+    error = fit.theta[ERRORS_RAD]
     modelled = gain * response(commanded_tilt(log, time_s), fit.theta) + error
     difference = np.abs(measured - modelled).max(-1)
     return np.asarray(time_s[difference > _OUTLIER * np.median(difference)])

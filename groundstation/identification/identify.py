@@ -25,6 +25,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from groundstation.identification import attitude_fit, motion_fit
 from groundstation.identification.attitude_fit import fit_attitude, unexplained_times_s
 from groundstation.identification.logged_stretch import (
     MEMORY_S,
@@ -109,19 +110,23 @@ def identify(log: Log) -> Identified:
     hover = GRAVITY_M_S2 / scale
     hover_std = math.hypot(hover * scale_std / scale, _FLOOR["hover"] * hover)
 
-    # attitude.theta: dead time, wn, zeta, static gain, constant error of the attitude x, y
-    # motion.theta: drag, minus the age of the attitude, acceleration x, y by the thrust's tilt
-    # The age is subtracted from the dead time.
-    delay_s, wn, zeta = attitude.theta[:3]
-    delay_s += motion.theta[1]
-    lag_std = math.hypot(motion.std[1], _FLOOR["lag"])
-    delay_std, wn_std, zeta_std = attitude.std[:3]
-    delay_std = math.hypot(delay_std, lag_std)
+    # The motion's shift is minus the age of the attitude's stamps, which the dead time contains.
+    delay_s = attitude.theta[attitude_fit.DELAY_S] + motion.theta[motion_fit.SHIFT_S]
+    wn = attitude.theta[attitude_fit.WN_RAD_S]
+    zeta = attitude.theta[attitude_fit.ZETA]
+    lag_std = math.hypot(motion.std[motion_fit.SHIFT_S], _FLOOR["lag"])
+    delay_std = math.hypot(attitude.std[attitude_fit.DELAY_S], lag_std)
+    wn_std = attitude.std[attitude_fit.WN_RAD_S]
+    zeta_std = attitude.std[attitude_fit.ZETA]
+    drag_std = math.hypot(motion.std[motion_fit.DRAG_1_S], _FLOOR["drag"])
+    gain_std = math.hypot(attitude.std[attitude_fit.STATIC_GAIN], _FLOOR["gain"])
 
     # constant error of the measured attitude, plus the tilt of the thrust against that attitude
     deg_per_rad = math.degrees(1.0)
-    tilt = attitude.theta[4:6] + motion.theta[2:4] / GRAVITY_M_S2
-    tilt_std = np.hypot(attitude.std[4:6], motion.std[2:4] / GRAVITY_M_S2)
+    errors = attitude_fit.ERRORS_RAD
+    pushes = motion_fit.PUSHES_M_S2
+    tilt = attitude.theta[errors] + motion.theta[pushes] / GRAVITY_M_S2
+    tilt_std = np.hypot(attitude.std[errors], motion.std[pushes] / GRAVITY_M_S2)
     tilt_std = np.hypot(tilt_std, _FLOOR["tilt_deg"] / deg_per_rad)
 
     factor = _student(motion.clusters)  # half of the 95 % interval, in standard deviations
@@ -137,8 +142,8 @@ def identify(log: Log) -> Identified:
         delay_s=estimate(delay_s, delay_std),
         wn_rad_s=estimate(wn, wn_std),
         zeta=estimate(zeta, zeta_std),
-        drag_1_s=estimate(motion.theta[0], math.hypot(motion.std[0], _FLOOR["drag"])),
-        static_gain=estimate(attitude.theta[3], math.hypot(attitude.std[3], _FLOOR["gain"])),
+        drag_1_s=estimate(motion.theta[motion_fit.DRAG_1_S], drag_std),
+        static_gain=estimate(attitude.theta[attitude_fit.STATIC_GAIN], gain_std),
         tilt_error_x_deg=estimate(tilt[0], tilt_std[0], deg_per_rad),
         tilt_error_y_deg=estimate(tilt[1], tilt_std[1], deg_per_rad),
         duration_s=end_s - begin_s,

@@ -12,10 +12,19 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from groundstation.identification.attitude_fit import commanded_tilt, response
+from groundstation.identification.attitude_fit import (
+    ERRORS_RAD,
+    STATIC_GAIN,
+    commanded_tilt,
+    response,
+)
 from groundstation.identification.logged_stretch import LeastSquares, Log, TooLittleFlown, jackknife
 from onboard.arrays import Array, IntArray
 from onboard.constants import GRAVITY_M_S2
+
+# Indexes of the parameters theta of the horizontal fit, and of their standard deviations.
+DRAG_1_S, SHIFT_S, PUSH_X_M_S2, PUSH_Y_M_S2 = range(4)
+PUSHES_M_S2 = slice(PUSH_X_M_S2, PUSH_Y_M_S2 + 1)  # by a tilt of the thrust
 
 WINDOW_S = 2.0
 _GRID_S = 0.005
@@ -52,8 +61,8 @@ def _drive(
 
     # direction of the thrust by the fitted response, on every second point to save time
     coarse_s = np.arange(begin_s, end_s + 2.0 * _GRID_S, 2.0 * _GRID_S)
-    static_gain = attitude.theta[3]
-    tilt_error = attitude.theta[4:6]
+    static_gain = attitude.theta[STATIC_GAIN]
+    tilt_error = attitude.theta[ERRORS_RAD]
     responded = response(commanded_tilt(log, coarse_s - shift_s), attitude.theta)
     coarse = static_gain * responded + tilt_error
     tilt = np.stack([np.interp(time_s, coarse_s, coarse[:, axis]) for axis in range(2)], axis=-1)
@@ -219,8 +228,9 @@ def fit_horizontal(
         end_s: last time used [s].
 
     Returns:
-        theta: drag [1/s], time shift of the motion against the attitude's stamps [s], error x and y
-            [m/s^2].
+        theta: drag [1/s], time shift of the motion against the attitude's stamps [s] (minus their
+            age), and the acceleration along x and y by a tilt of the thrust [m/s^2]. The indexes
+            above name them.
     """
     known_s = -log.attitude_age_s
     weight = 1.0 / log.attitude_age_std_s
@@ -249,8 +259,8 @@ def fit_horizontal(
         cluster = np.concatenate([cluster, [-10]])
 
         fit = _solve(columns, right, cluster)
-        shift_s += float(fit.theta[1])
+        shift_s += float(fit.theta[SHIFT_S])
 
     theta = fit.theta.copy()
-    theta[1] = shift_s
+    theta[SHIFT_S] = shift_s
     return LeastSquares(theta=theta, std=fit.std, rms=fit.rms, clusters=fit.clusters)
