@@ -19,7 +19,6 @@ from __future__ import annotations
 import itertools
 import math
 import operator
-from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -35,6 +34,7 @@ from onboard.neighbours import subscription
 from onboard.neighbours.judged import JudgedNeighbours, tracked_numbers
 from onboard.neighbours.mocap_tracker import BodyTracker
 from onboard.neighbours.plausibility import Claim, MocapPosition
+from onboard.neighbours.slot_claims import SlotClaims
 from onboard.neighbours.state_arrays import (
     AIRBORNE,
     ANNOUNCED,
@@ -118,9 +118,7 @@ class NeighbourTable:
                 self._bodies[body] = index
         self._trackers: dict[int, BodyTracker] = {}  # index -> tracker of a watched body
         self._telemetry: dict[str, Telemetry] = {}
-        # vehicle in service -> whose slot it says it has, the newest claim last
-        self._claims: dict[str, str] = {}
-        self._has_spares = False  # whether a vehicle has the slot of another one
+        self._slots = SlotClaims(own_name, self._is_gone)
         self._started_ns = 0  # time of the first tick; 0 before it
 
         self._reach_m = subscription.reach_m(fleet, own_name)
@@ -248,16 +246,8 @@ class NeighbourTable:
             return False
 
         self._telemetry[message.vehicle] = message
-        if self._claims.get(message.vehicle) != _claim(message):
-            self._note_claim(message.vehicle, _claim(message))
+        self._slots.note(message)
         return True
-
-    def _note_claim(self, name: str, slot_owner: str | None) -> None:
-        """Note whose slot a vehicle says it has now; None: it is out of service."""
-        self._claims.pop(name, None)
-        if slot_owner is not None:
-            self._claims[name] = slot_owner
-        self._has_spares = any(claimed != vehicle for vehicle, claimed in self._claims.items())
 
     def _hear_state(self, index: int, message: StateMessage, received_ns: int) -> bool:
         numbers = numbers_of(message)
@@ -356,38 +346,14 @@ class NeighbourTable:
     def replaced(self, own_slot_owner: str, now_ns: int) -> frozenset[str]:
         """Return the other vehicles whose slot our own vehicle or a neighbour has.
 
-        A spare whose agent has died claims its slot for ever, also after another spare, or the
-        slot's repaired owner, has got it.
-
         Args:
             own_slot_owner: vehicle whose start and slots our own vehicle uses; usually itself.
             now_ns: present time.
         """
-        if not self._has_spares and own_slot_owner == self.own_name:
-            return frozenset()
-
-        claims = {**self._claims, self.own_name: own_slot_owner}
-        holders = {self._holder(owner, claims, now_ns) for owner in claims.values()}
-        replaced = {*claims, *claims.values()} - holders
-        return frozenset(replaced - {self.own_name})
-
-    def _holder(self, slot_owner: str, claims: Mapping[str, str], now_ns: int) -> str:
-        """Return the vehicle that has a slot: the newest spare, if there is one.
-
-        The slot's owner, once it is in service again, has it when the spare is gone.
-        """
-        spares = [name for name, claimed in claims.items() if claimed == slot_owner != name]
-        if not spares:
-            return slot_owner
-        newest = spares[-1]
-        if claims.get(slot_owner) == slot_owner and self._is_gone(newest, now_ns):
-            return slot_owner
-        return newest
+        return self._slots.replaced(own_slot_owner, now_ns)
 
     def _is_gone(self, name: str, now_ns: int) -> bool:
-        """Whether a vehicle that was on the ground when last heard has been silent for long."""
-        if name == self.own_name:
-            return False
+        """Whether a neighbour that was on the ground when last heard has been silent for long."""
         telemetry = self._telemetry.get(name)
         if telemetry is None:
             return True
@@ -691,15 +657,6 @@ class NeighbourTable:
         if not mask.any():
             return ()
         return tuple(itertools.compress(self.names, mask.tolist()))
-
-
-def _claim(telemetry: Telemetry) -> str | None:
-    """Return the vehicle whose slot the sender has: mostly itself; None if it is disabled."""
-    if telemetry.disabled_by:
-        return None
-    if telemetry.stands_in_for:
-        return telemetry.stands_in_for
-    return telemetry.vehicle
 
 
 def _is_successor(fleet: FleetConfig, own_name: str, names: tuple[str, ...]) -> BoolArray:
