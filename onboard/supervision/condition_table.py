@@ -192,11 +192,11 @@ def _has_clock_jumped(facts: TickFacts) -> bool:
 
 
 def _is_fix_coarse(facts: TickFacts) -> bool:
-    return bool(facts.slow.fix_below) and facts.slow.is_position_coarse
+    return bool(facts.slow.corrections.fix_below) and facts.slow.corrections.is_position_coarse
 
 
 def _corrections_age(facts: TickFacts) -> str:
-    return f"{facts.slow.corrections_old_s:.0f} s"
+    return f"{facts.slow.corrections.old_s:.0f} s"
 
 
 def _is_too_near(facts: TickFacts) -> bool:
@@ -291,24 +291,33 @@ ROWS: tuple[ConditionRow, ...] = (
     ),
     _row(
         _C.FIX_COARSE,
-        Cause(_is_fix_coarse, over_s=FIX_BELOW_S, is_slow=True, detail=_fact("slow.fix_below")),
+        Cause(
+            _is_fix_coarse,
+            over_s=FIX_BELOW_S,
+            is_slow=True,
+            detail=_fact("slow.corrections.fix_below"),
+        ),
     ),
     _row(
         _C.FIX_FELL_BACK,
         Cause(
-            _fact("slow.fix_below"),
+            _fact("slow.corrections.fix_below"),
             over_s=FIX_BELOW_S,
             is_slow=True,
-            detail=_fact("slow.fix_below"),
+            detail=_fact("slow.corrections.fix_below"),
         ),
     ),
     _row(
         _C.BASE_FAULT,
-        Cause(_fact("slow.base_fault"), is_slow=True, detail=_fact("slow.base_fault")),
+        Cause(
+            _fact("slow.corrections.base_fault"),
+            is_slow=True,
+            detail=_fact("slow.corrections.base_fault"),
+        ),
     ),
     _row(
         _C.CORRECTIONS_OLD,
-        Cause(_fact("slow.corrections_old_s"), is_slow=True, detail=_corrections_age),
+        Cause(_fact("slow.corrections.old_s"), is_slow=True, detail=_corrections_age),
     ),
     # -- PX4
     _row(

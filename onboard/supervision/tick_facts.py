@@ -27,6 +27,15 @@ class ModeLoss(Enum):
     DISARMED = "disarmed"
 
 
+class CorrectionsFacts(Struct, frozen=True, kw_only=True):
+    """Facts about the satellites of a vehicle that uses corrections."""
+
+    fix_below: str = ""  # type of the fix in words, if it is less than the fleet requires
+    is_position_coarse: bool = False  # whether the position is worse than hold_accuracy_m
+    base_fault: str = ""  # what is wrong with the base, in words; empty: nothing
+    old_s: float = 0.0  # age of the corrections, if they are too old; otherwise 0
+
+
 class SlowFacts(Struct, frozen=True, kw_only=True):
     """Facts that are observed ten times a second."""
 
@@ -39,11 +48,7 @@ class SlowFacts(Struct, frozen=True, kw_only=True):
     is_position_late: bool = False  # whether PX4's velocity follows attitude and throttle late
     position_miss_m: float = 0.0  # how much PX4's positions contradict our own motion
 
-    # satellites, of a vehicle that uses corrections
-    fix_below: str = ""  # type of the fix in words, if it is less than the fleet requires
-    is_position_coarse: bool = False  # whether the position is worse than hold_accuracy_m
-    base_fault: str = ""  # what is wrong with the base, in words; empty: nothing
-    corrections_old_s: float = 0.0  # age of the corrections, if they are too old; otherwise 0
+    corrections: CorrectionsFacts = CorrectionsFacts()
 
     # battery
     battery_frac: float = 1.0  # NaN: not reported

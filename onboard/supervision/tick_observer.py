@@ -7,7 +7,6 @@ does not follow. Each of these has a monitor, which this module updates and read
 from __future__ import annotations
 
 import math
-from typing import Any
 
 from onboard.config.fleet import FleetConfig, Vehicle
 from onboard.config.flight_space import flight_space_of
@@ -36,7 +35,7 @@ from onboard.safety.tracking_monitor import TrackingMonitor
 from onboard.supervision.neighbour_monitor import NeighbourMonitor
 from onboard.supervision.offboard_monitor import OffboardMonitor
 from onboard.supervision.tick_context import TickContext
-from onboard.supervision.tick_facts import ModeLoss, SlowFacts, TickFacts
+from onboard.supervision.tick_facts import CorrectionsFacts, ModeLoss, SlowFacts, TickFacts
 from onboard.supervision.wind_monitor import WindMonitor
 from onboard.types import LawStatus
 
@@ -343,12 +342,12 @@ class TickObserver:
             return _TRACKED_BLIND_ABOVE_M
         return _TRACKED_ABOVE_M
 
-    def _corrections_facts(self, view: FlightView, context: TickContext) -> dict[str, Any]:
-        """Return the facts about satellites by their names; empty without corrections."""
+    def _corrections_facts(self, view: FlightView, context: TickContext) -> CorrectionsFacts:
+        """Return the facts about satellites of a vehicle that uses corrections."""
         corrections = self._own.corrections
         status = context.corrections
         if corrections is None or status is None:
-            return {}
+            return CorrectionsFacts()
 
         snapshot = view.snapshot
         fix_below = ""
@@ -357,15 +356,15 @@ class TickObserver:
         worst_m = max(snapshot.accuracy_m(view.now_ns), snapshot.fix_accuracy_m)
 
         # the age is infinite before the first corrections, but that does not count as too old
-        corrections_old_s = 0.0
+        old_s = 0.0
         if math.isfinite(status.age_s) and status.age_s > corrections.max_age_s:
-            corrections_old_s = status.age_s
-        return {
-            "fix_below": fix_below,
-            "is_position_coarse": worst_m > corrections.hold_accuracy_m,
-            "base_fault": status.base.words,
-            "corrections_old_s": corrections_old_s,
-        }
+            old_s = status.age_s
+        return CorrectionsFacts(
+            fix_below=fix_below,
+            is_position_coarse=worst_m > corrections.hold_accuracy_m,
+            base_fault=status.base.words,
+            old_s=old_s,
+        )
 
     def _carries_its_weight(self, view: FlightView) -> bool:
         """Return whether the motors carry the vehicle, and the battery reports that load.
@@ -404,7 +403,7 @@ class TickObserver:
             has_lost_satellites=self._own.has_lost_satellites,
             is_position_late=self._own.fit.is_late,
             position_miss_m=self._own.fit.miss_m,
-            **self._corrections_facts(view, context),
+            corrections=self._corrections_facts(view, context),
             battery_frac=battery_frac,
             is_battery_falling=self._battery.is_falling,
             wind=self._wind.facts(self._own, context),

@@ -17,12 +17,17 @@ from onboard.safety.condition_timer import ConditionTimer
 from onboard.safety.failsafe_table import Condition
 from onboard.supervision.condition_monitor import ANY_TIME_S, ConditionMonitor, time_limit_s
 from onboard.supervision.condition_table import ROWS, Cause, ConditionRow
-from onboard.supervision.tick_facts import ModeLoss, SlowFacts, TickFacts
+from onboard.supervision.tick_facts import CorrectionsFacts, ModeLoss, SlowFacts, TickFacts
 from onboard.supervision.wind_monitor import WindFacts
 from tests.onboard.supervision.limits import LIMITS
 
 TICK_NS = 20_000_000
 FINE = TickFacts(now_ns=0, limits=LIMITS, is_slow_tick=True)
+
+
+def _corrected(**facts: Any) -> TickFacts:
+    """Facts of a vehicle that uses corrections."""
+    return replace(FINE, slow=SlowFacts(corrections=CorrectionsFacts(**facts)))
 
 
 def ticks_with(
@@ -83,10 +88,10 @@ WRONG: dict[Condition, TickFacts] = {
     Condition.POSITION_INACCURATE: replace(
         FINE, mocap_required=False, slow=SlowFacts(px4_accuracy_m=1.0)
     ),
-    Condition.FIX_COARSE: replace(FINE, slow=SlowFacts(fix_below="3D", is_position_coarse=True)),
-    Condition.FIX_FELL_BACK: replace(FINE, slow=SlowFacts(fix_below="RTK float")),
-    Condition.BASE_FAULT: replace(FINE, slow=SlowFacts(base_fault="has moved in flight")),
-    Condition.CORRECTIONS_OLD: replace(FINE, slow=SlowFacts(corrections_old_s=12.0)),
+    Condition.FIX_COARSE: _corrected(fix_below="3D", is_position_coarse=True),
+    Condition.FIX_FELL_BACK: _corrected(fix_below="RTK float"),
+    Condition.BASE_FAULT: _corrected(base_fault="has moved in flight"),
+    Condition.CORRECTIONS_OLD: _corrected(old_s=12.0),
     Condition.FLOWN_BY_HAND: replace(FINE, mode_loss=ModeLoss.BY_HAND, px4_mode="POSCTL"),
     Condition.LEFT_OFFBOARD: replace(FINE, mode_loss=ModeLoss.LEFT, px4_mode="POSCTL"),
     Condition.PX4_FAILSAFE: replace(FINE, mode_loss=ModeLoss.FAILSAFE),

@@ -23,7 +23,7 @@ from onboard.localization.motion_fit import MotionFit
 from onboard.localization.own_state import OwnEstimate, OwnState
 from onboard.neighbours.table import NeighbourTable
 from onboard.supervision.tick_context import TickContext
-from onboard.supervision.tick_facts import ModeLoss, SlowFacts, TickFacts
+from onboard.supervision.tick_facts import CorrectionsFacts, ModeLoss, SlowFacts, TickFacts
 from onboard.supervision.tick_observer import TickObserver
 from onboard.tuples import Wxyz, Xyz
 from onboard.types import Goal, LawStatus
@@ -668,18 +668,16 @@ CORRECTED = msgspec.convert(
 PLAIN, FIXED = 3, 6  # MAVLink's GPS_FIX_TYPE
 
 
-def corrected(status: CorrectionsStatus | None, **snapshot: Any) -> Any:
-    """Return the slow facts of a vehicle with corrections in a fixed solution, but for changes."""
+def corrected(status: CorrectionsStatus | None, **snapshot: Any) -> CorrectionsFacts:
+    """Return the facts of a vehicle with corrections in a fixed solution, but for changes."""
     observed = Observed(config=without_mocap(FLEET), corrections=CORRECTED)
     observed.snapshot |= {"has_fix": True, "fix_ns": BEGIN_NS, "fix_type": FIXED, **snapshot}
     observed.context["corrections"] = status
-    return observed.run(0.1).slow
+    return observed.run(0.1).slow.corrections
 
 
 def test_a_vehicle_in_a_fixed_solution_with_fresh_corrections_has_no_complaint() -> None:
-    slow = corrected(CorrectionsStatus(age_s=10.0))
-    assert (slow.fix_below, slow.is_position_coarse, slow.base_fault) == ("", False, "")
-    assert slow.corrections_old_s == 0.0
+    assert corrected(CorrectionsStatus(age_s=10.0)) == CorrectionsFacts()
 
 
 def test_a_fix_below_the_demanded_one_is_told_in_words() -> None:
@@ -688,7 +686,7 @@ def test_a_fix_below_the_demanded_one_is_told_in_words() -> None:
 
 @pytest.mark.parametrize(("age_s", "old_s"), [(10.1, 10.1), (10.0, 0.0), (math.inf, 0.0)])
 def test_corrections_are_old_once_there_were_any(age_s: float, old_s: float) -> None:
-    assert corrected(CorrectionsStatus(age_s=age_s)).corrections_old_s == old_s
+    assert corrected(CorrectionsStatus(age_s=age_s)).old_s == old_s
 
 
 @pytest.mark.parametrize("name", ["position_accuracy_m", "fix_accuracy_m"])
@@ -696,8 +694,8 @@ def test_corrections_are_old_once_there_were_any(age_s: float, old_s: float) -> 
 def test_the_worse_of_both_accuracies_decides_whether_the_position_is_coarse(
     name: str, accuracy_m: float, is_coarse: bool
 ) -> None:
-    slow = corrected(CorrectionsStatus(), **{name: accuracy_m})
-    assert slow.is_position_coarse is is_coarse
+    facts = corrected(CorrectionsStatus(), **{name: accuracy_m})
+    assert facts.is_position_coarse is is_coarse
 
 
 def test_a_base_that_has_moved_is_told_in_words() -> None:
@@ -709,8 +707,7 @@ def test_without_corrections_nothing_is_said_of_satellites() -> None:
     for status, corrections in ((None, CORRECTED), (CorrectionsStatus(age_s=99.0), None)):
         observed = Observed(config=without_mocap(FLEET), corrections=corrections)
         observed.context["corrections"] = status
-        slow = observed.run(0.1).slow
-        assert (slow.fix_below, slow.corrections_old_s) == ("", 0.0)
+        assert observed.run(0.1).slow.corrections == CorrectionsFacts()
 
 
 def test_the_voltage_that_falls_when_a_vehicle_takes_off_is_no_falling_battery() -> None:
