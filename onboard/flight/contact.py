@@ -116,15 +116,15 @@ def observe(
     _, _, height_m = view.position_enu_m
     _, _, sinking_m_s = view.snapshot.velocity_local_ned_m_s
 
-    is_without_poses = view.is_dead_reckoned or sinks_without_poses
-    if vehicle.mocap_required and not is_without_poses:
-        is_still = abs(height_m - signs.height_m) < _STILL_M
-        still_height_m = signs.height_m if is_still else height_m
-    else:
+    still_height_m = height_m
+    if view.is_dead_reckoned or sinks_without_poses:
+        is_still = sinking_m_s < _WITHOUT_POSES_SINKS_M_S
+    elif not vehicle.mocap_required:
         is_still = abs(sinking_m_s) < _STILL_PX4_M_S
-        if is_without_poses:
-            is_still = sinking_m_s < _WITHOUT_POSES_SINKS_M_S
-        still_height_m = height_m
+    else:
+        is_still = abs(height_m - signs.height_m) < _STILL_M
+        if is_still:
+            still_height_m = signs.height_m
 
     little = light_share(vehicle.hover_thrust_frac)
     is_light = view.lift_share < little
@@ -134,13 +134,21 @@ def observe(
     is_pushing = view.thrust_share * up_share > _PUSHES_SHARE and along_m_s < _STUCK_M_S
     return ContactSigns(
         height_m=still_height_m,
-        still_since_ns=signs.still_since_ns if is_still else now_ns,
-        light_since_ns=signs.light_since_ns if is_light else now_ns,
-        reported_since_ns=signs.reported_since_ns if view.is_on_ground else now_ns,
-        slow_since_ns=signs.slow_since_ns if is_slow else now_ns,
-        pushing_since_ns=signs.pushing_since_ns if is_pushing else now_ns,
+        still_since_ns=_since_ns(signs.still_since_ns, is_still, now_ns),
+        light_since_ns=_since_ns(signs.light_since_ns, is_light, now_ns),
+        reported_since_ns=_since_ns(signs.reported_since_ns, view.is_on_ground, now_ns),
+        slow_since_ns=_since_ns(signs.slow_since_ns, is_slow, now_ns),
+        pushing_since_ns=_since_ns(signs.pushing_since_ns, is_pushing, now_ns),
+        # how much longer a vehicle with little lift reserve takes to gain the same speed
         time_factor=(1.0 - _LIGHT_SHARE) / (1.0 - little),
     )
+
+
+def _since_ns(began_ns: int, holds: bool, now_ns: int) -> int:
+    """Return since when a sign holds: now while it does not hold."""
+    if holds:
+        return began_ns
+    return now_ns
 
 
 def has_ground_contact(

@@ -77,63 +77,77 @@ class DeadReckoning:
             self._flight_s = 0.0
         else:
             self._flight_s += dt_s
-        mean_bias = self._mean_bias_m_s2
+
         age_s = memory.last_age_s
-
         has_new_sample = age_s <= self._age_s
-        if has_new_sample:
-            miss = subtract(memory.bias_enu_m_s2, mean_bias)
-            mean_time_s = max(_MEAN_TIME_SHARE * self._flight_s, dt_s)
-            if mean_time_s > _MEAN_TIME_S:
-                mean_time_s = _MEAN_TIME_S
-                miss = bounded(miss, _LARGEST_MISS_M_S2)
-            self._mean_bias_m_s2 = add_scaled(mean_bias, dt_s / mean_time_s, miss)
-            self.std = (math.sqrt(memory.covariance.pp), math.sqrt(memory.covariance.vv))
         self._age_s = age_s
-
+        if has_new_sample:
+            self._learn_bias(memory, dt_s)
+            self.std = (math.sqrt(memory.covariance.pp), math.sqrt(memory.covariance.vv))
         if age_s <= POSITION_STALE_S:
             self.is_on = False
             return memory
-        position_std_m, velocity_std_m_s = self.std
+
         if not is_on_ground:
-            position_std_m = _grown_std_m(position_std_m, age_s, dt_s)
-        self.std = (position_std_m, velocity_std_m_s)
-
-        position = memory.position_enu_m
-        velocity = memory.velocity_enu_m_s
-
-        # When dead reckoning starts, correct the motion since the last sample, as if the mean bias
-        # had acted since then instead of the newest bias.
+            position_std_m, velocity_std_m_s = self.std
+            self.std = (_grown_std_m(position_std_m, age_s, dt_s), velocity_std_m_s)
         if not self.is_on:
             self.is_on = True
-            change = subtract(mean_bias, memory.bias_enu_m_s2)
-            position = add_scaled(position, 0.5 * age_s * age_s, change)
-            velocity = add_scaled(velocity, age_s, change)
-
-        # Follow PX4's height with a critically damped filter of bandwidth W: correct the height by
-        # 2 W dt, and the speed by W^2 dt, times the difference in height. Then correct the speed
-        # also by PX4's vertical speed.
+            memory = self._with_mean_bias_since(memory, age_s)
         if vertical is not None:
-            height_difference_m = vertical.height_m - position.z
-            speed_difference_m_s = vertical.climbing_m_s - velocity.z
-            step_m = _HEIGHT_RAD_S * dt_s * height_difference_m  # W dt times the difference
+            memory = _following_px4_height(memory, vertical, dt_s)
 
-            height_m = position.z + 2.0 * step_m
-            climbing_m_s = velocity.z + _HEIGHT_RAD_S * step_m
-            climbing_m_s += _CLIMB_RAD_S * dt_s * speed_difference_m_s
-
-            position = Vec3(position.x, position.y, height_m)
-            velocity = Vec3(velocity.x, velocity.y, climbing_m_s)
-
-        # A vehicle on the ground does not move. The memory keeps its mean bias, because a lift-off
+        # A vehicle on the ground does not move. This object keeps its mean bias, because a lift-off
         # counts as the ground, and in it the wind already pushes.
         if is_on_ground:
-            velocity = ZERO_3
-            mean_bias = ZERO_3
+            return memory._replace(velocity_enu_m_s=ZERO_3, bias_enu_m_s2=ZERO_3)
+        return memory._replace(bias_enu_m_s2=self._mean_bias_m_s2)
 
+    def _learn_bias(self, memory: KalmanMemory, dt_s: float) -> None:
+        """Let the mean bias approach the newest one."""
+        miss = subtract(memory.bias_enu_m_s2, self._mean_bias_m_s2)
+        mean_time_s = max(_MEAN_TIME_SHARE * self._flight_s, dt_s)
+        if mean_time_s > _MEAN_TIME_S:
+            mean_time_s = _MEAN_TIME_S
+            miss = bounded(miss, _LARGEST_MISS_M_S2)
+        self._mean_bias_m_s2 = add_scaled(self._mean_bias_m_s2, dt_s / mean_time_s, miss)
+
+    def _with_mean_bias_since(self, memory: KalmanMemory, age_s: float) -> KalmanMemory:
+        """Return the motion as if the mean bias had acted since the last sample.
+
+        The filter has used the newest bias, which contains noise.
+
+        Args:
+            memory: memory of the filter when dead reckoning starts.
+            age_s: age of the last sample.
+        """
+        change = subtract(self._mean_bias_m_s2, memory.bias_enu_m_s2)
         return memory._replace(
-            position_enu_m=position, velocity_enu_m_s=velocity, bias_enu_m_s2=mean_bias
+            position_enu_m=add_scaled(memory.position_enu_m, 0.5 * age_s * age_s, change),
+            velocity_enu_m_s=add_scaled(memory.velocity_enu_m_s, age_s, change),
         )
+
+
+def _following_px4_height(
+    memory: KalmanMemory, vertical: VerticalMotion, dt_s: float
+) -> KalmanMemory:
+    """Return the motion after one tick of a critically damped filter that follows PX4's height.
+
+    With the bandwidth W, the height is corrected by 2 W dt times the difference in height, and the
+    speed by W^2 dt times it. Then the speed is corrected by PX4's vertical speed.
+    """
+    position = memory.position_enu_m
+    velocity = memory.velocity_enu_m_s
+    speed_difference_m_s = vertical.climbing_m_s - velocity.z
+    step_m = _HEIGHT_RAD_S * dt_s * (vertical.height_m - position.z)  # W dt times the difference
+
+    height_m = position.z + 2.0 * step_m
+    climbing_m_s = velocity.z + _HEIGHT_RAD_S * step_m
+    climbing_m_s += _CLIMB_RAD_S * dt_s * speed_difference_m_s
+    return memory._replace(
+        position_enu_m=Vec3(position.x, position.y, height_m),
+        velocity_enu_m_s=Vec3(velocity.x, velocity.y, climbing_m_s),
+    )
 
 
 def _grown_std_m(std_m: float, age_s: float, dt_s: float) -> float:
