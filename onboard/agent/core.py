@@ -106,6 +106,13 @@ _LONGEST_S = 0.1
 _ZERO = (0.0, 0.0, 0.0)
 _IN_AIR = (Landed.IN_AIR, Landed.TAKING_OFF, Landed.LANDING)
 # the process may end in these situations: on the ground, and after it has given up a flight
+# steps in which a user's law decides how the vehicle flies
+_BY_OWN_LAW = frozenset(
+    step
+    for step in FlightStep
+    if step.control_mode in (ControlMode.FLYING, ControlMode.LANDING)
+    and step is not FlightStep.TAKEOVER
+)
 _MAY_END = (Situation.GROUND, Situation.SILENT)
 # steps in which the process waits for PX4 to report that it has disarmed
 _DISARMING_STEPS = (
@@ -280,7 +287,7 @@ class AgentCore:
             self._check_preflight(view)
 
         # Is a user's law at fault?
-        if self.control.flies_own_law and step_before.is_under_law:
+        if self.control.flies_own_law and step_before in _BY_OWN_LAW:
             self._replace_faulty_law(view)
 
         # What do we do?
@@ -476,13 +483,20 @@ class AgentCore:
 
     def _replace_faulty_law(self, view: FlightView) -> None:
         """Let Covey's law take over from a user's law that flies the vehicle into something."""
-        _, _, z_m = view.position_enu_m
+        x, y, z_m = view.position_enu_m
         _, _, climb_m_s = view.velocity_enu_m_s
-        height_m = math.inf  # a vehicle that lands does not stop above the ground
-        if self.flight.step.situation is Situation.FLYING:
-            height_m = z_m - self.flight.expected_ground.z_m
+        ground = self.flight.expected_ground
+        height_m = z_m - ground.z_of(float(ground_at_m(self.fleet, x, y)))
+        below_m = 0.0
+        # a vehicle that lands does not stop above the ground
+        if self.control.tick is not None and self.flight.step.control_mode is ControlMode.FLYING:
+            below_m = self.control.tick.setpoint.position_enu_m.z - z_m
         fault = fault_of_law(
-            self.failsafes.conditions, self._fence, height_m=height_m, climb_m_s=climb_m_s
+            self.failsafes.conditions,
+            self._fence,
+            height_m=height_m,
+            climb_m_s=climb_m_s,
+            below_m=below_m,
         )
         if fault:
             self.control.replace_own_law(fault)

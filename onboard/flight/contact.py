@@ -43,7 +43,7 @@ LOW_M = 0.06  # below this height above the ground, the landing gear may touch i
 _STANDS_BELOW_M = 0.03
 # This far below the expected ground a vehicle is not low, because it flies above lower ground. A
 # goal below that ground is reached to within 0.05 m in wind, so the limit is above it.
-_UNDER_GROUND_M = -0.02
+UNDER_GROUND_M = -0.02
 # A vehicle with more than this share of the hover thrust hovers. For instance, the law may keep a
 # landing vehicle a few centimetres above the ground.
 _HOVERS_SHARE = 0.97
@@ -73,7 +73,7 @@ _WITHOUT_POSES_SINKS_M_S = 0.25  # a vehicle that sinks more slowly than this st
 _WITHOUT_POSES_STANDS_S = 0.26  # a vehicle that stands for this time has landed
 _WITHOUT_POSES_TOUCHES_S = 0.06  # a vehicle that stands for this time may have landed
 # no error explains a height this low, so the vehicle has landed
-_WITHOUT_POSES_UNDER_GROUND_M = -1.0
+_WITHOUT_POSESUNDER_GROUND_M = -1.0
 
 
 class ContactSigns(Struct, frozen=True):
@@ -168,14 +168,14 @@ def has_ground_contact(
 
     _, _, z_m = view.position_enu_m
     height_m = z_m - ground_z_m
-    is_low = _UNDER_GROUND_M < height_m < _STANDS_BELOW_M and view.lift_share < _HOVERS_SHARE
+    is_low = UNDER_GROUND_M < height_m < _STANDS_BELOW_M and view.lift_share < _HOVERS_SHARE
     if is_low and (is_still or is_reported):
         return True
     if _is_light_at_rest(signs, view):
         return True
 
     has_stalled = view.now_ns - signs.still_since_ns > 1e9 * _STALLED_S
-    return is_late and _UNDER_GROUND_M < height_m < _STALLED_M and has_stalled
+    return is_late and UNDER_GROUND_M < height_m < _STALLED_M and has_stalled
 
 
 def has_ground_contact_by_thrust(signs: ContactSigns, view: FlightView) -> bool:
@@ -236,7 +236,7 @@ def has_ground_contact_without_poses(
         lowest_ground_m: height of the lowest ground that it may land on [m].
     """
     _, _, z_m = view.position_enu_m
-    if z_m - lowest_ground_m < _WITHOUT_POSES_UNDER_GROUND_M:
+    if z_m - lowest_ground_m < _WITHOUT_POSESUNDER_GROUND_M:
         return True
     return _has_stood_low(signs, view, z_m - ground_z_m, _WITHOUT_POSES_STANDS_S)
 

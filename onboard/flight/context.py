@@ -175,6 +175,10 @@ class FlightContext:
         if self.step not in _NEAR_THE_GROUND:
             return False
 
+        is_height_exact = self.vehicle.mocap_required and not view.is_dead_reckoned
+        if not is_height_exact:
+            return self._height_m(view) < LOW_M
+
         _, _, z_m = view.position_enu_m
         heights_m = (z_m - self.expected_ground.z_m, z_m - self.expected_ground.landing_z_m)
         return any(-_UNEVEN_M < height_m < LOW_M for height_m in heights_m)

@@ -355,7 +355,7 @@ def feels_for_ground(flight: FlightContext, view: FlightView) -> bool:
 
     _, _, z_m = view.position_enu_m
     if flight.vehicle.mocap_required:
-        lower_from_m = -contact.LOW_M
+        lower_from_m = contact.UNDER_GROUND_M
         if flight.expected_ground.may_be_lower:
             lower_from_m = contact.LOW_M
         is_lower = z_m - flight.expected_ground.z_m < lower_from_m

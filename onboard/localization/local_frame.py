@@ -59,6 +59,7 @@ _ON_SPOT_M = 0.5
 # After a gap, PX4's position fits dead reckoning if the two differ by at most _FITS_M plus
 # _FITS_M_S times the gap. Dead reckoning is wrong by 0.22 m after two seconds (95 %, calm air).
 _FITS_M = 0.3
+_LONGEST_GAP_S = 4.0  # in a longer one the vehicle lands, and then stands where it is
 _FITS_M_S = 0.15
 # standard deviation of a position that continues dead reckoning, per second of the gap
 _RECKONED_STD_M_S = 0.1
@@ -73,7 +74,6 @@ _HEIGHT_SIGMAS = 3.0
 _MIN_HEIGHT_ERROR_M = 2.5
 _MAX_HEIGHT_ERROR_M = 6.0
 
-_NO_JUMP: Xyz = (0.0, 0.0, 0.0)
 _RETURN_M_S = 0.2  # speed at which the offset returns to the true one after a horizontal jump
 
 
@@ -135,7 +135,7 @@ class LocalFrame:
             if self.displaced_m > 0.0:
                 return None
         elif has_restarted:
-            self._offset_enu_m = None  # it belonged to the earlier local frame
+            self._forget_offset()  # it belonged to the earlier local frame
             self._has_flown = False
 
         if snapshot.is_armed:
@@ -148,6 +148,13 @@ class LocalFrame:
             return None
         if self._offset_enu_m is None and not is_parked:
             return None  # an agent that starts in the air cannot know the height of the ground
+
+        came_back_parked = has_gap and is_parked and self._has_flown and self.origin is None
+        if came_back_parked and last is not None and reckoned_enu_m is not None:
+            gap_s = (local.stamp_ns - last.stamp_ns) * 1e-9
+            self._look_where_it_stands(local, reckoned_enu_m, gap_s)
+            if self.displaced_m > 0.0:
+                return None
 
         if self._offset_enu_m is None or is_parked:
             self._offset_enu_m = self._parked_offset_m(anchored_m, local, snapshot)
@@ -186,9 +193,10 @@ class LocalFrame:
         if newest is None or self._offset_enu_m is None:
             return
 
-        x, y, z = self._offset_enu_m
-        _, _, jump_z = _jump_m(newest, local)
-        self._offset_enu_m = (x, y, z - jump_z)
+        _, _, jump_z = _difference_m(newest, local)
+        if abs(jump_z) > _reach_m(newest, local):
+            x, y, z = self._offset_enu_m
+            self._offset_enu_m = (x, y, z - jump_z)
 
     def vertical(self, snapshot: Snapshot, now_ns: int) -> VerticalMotion | None:
         """Return the present height in the fleet frame, and the vertical speed.
@@ -221,16 +229,44 @@ class LocalFrame:
             gap_s: time since the last local position that was taken.
         """
         assert self._offset_enu_m is not None
-        x, y, z = self._offset_enu_m
+        if self._fits(local, reckoned_enu_m, gap_s):
+            return
+
+        self.jumps += 1
+        _, _, z = self._offset_enu_m
         local_x, local_y, _ = local.position_m
         reckoned_x, reckoned_y, _ = reckoned_enu_m
-
-        miss_m = math.hypot(local_x + x - reckoned_x, local_y + y - reckoned_y)
-        if miss_m <= _FITS_M + _FITS_M_S * gap_s:
-            return
-        self.jumps += 1
-        self.offset_std_m = max(self.offset_std_m, _RECKONED_STD_M_S * gap_s)
+        self.offset_std_m = math.hypot(self.offset_std_m, _RECKONED_STD_M_S * gap_s)
         self._offset_enu_m = (reckoned_x - local_x, reckoned_y - local_y, z)
+
+    def _look_where_it_stands(
+        self, local: _LocalPosition, reckoned_enu_m: Xyz, gap_s: float
+    ) -> None:
+        """Find out whether PX4's local frame has moved until a vehicle had landed.
+
+        Args:
+            local: first local position after the gap.
+            reckoned_enu_m: where it has landed by the agent's dead reckoning, in the fleet frame.
+            gap_s: time since the last local position that was taken.
+        """
+        if self._offset_enu_m is None or self._fits(local, reckoned_enu_m, gap_s):
+            return
+        self.displaced_m = math.dist(reckoned_enu_m[:2], self.start_enu_m[:2])
+        self._has_px4_lost_it = True
+        self._forget_offset()
+
+    def _fits(self, local: _LocalPosition, reckoned_enu_m: Xyz, gap_s: float) -> bool:
+        """Return whether a position after a gap is where dead reckoning expects it."""
+        assert self._offset_enu_m is not None
+        x, y, _ = self._offset_enu_m
+        local_x, local_y, _ = local.position_m
+        reckoned_x, reckoned_y, _ = reckoned_enu_m
+        miss_m = math.hypot(local_x + x - reckoned_x, local_y + y - reckoned_y)
+        return miss_m <= _FITS_M + _FITS_M_S * min(gap_s, _LONGEST_GAP_S)
+
+    def _forget_offset(self) -> None:
+        self._offset_enu_m = None
+        self.offset_std_m = 0.0
 
     def _look_where_it_began(
         self,
@@ -268,7 +304,7 @@ class LocalFrame:
         x, y, _ = last.position_m
         offset_x, offset_y, _ = self._offset_enu_m
         away_m = math.dist((x + offset_x, y + offset_y), self.start_enu_m[:2])
-        self._offset_enu_m = None
+        self._forget_offset()
         if away_m > _ON_SPOT_M + wandered_m:
             self.displaced_m = away_m
             self._has_px4_lost_it = True
@@ -359,16 +395,17 @@ class LocalFrame:
             last: previous local position.
             local: newest local position.
         """
-        jump_m = _jump_m(last, local)
-        if jump_m != _NO_JUMP:
-            self.jumps += 1
-        jump_x, jump_y, _ = jump_m
+        jump_x, jump_y, _ = _difference_m(last, local)
+        if math.hypot(jump_x, jump_y) <= _reach_m(last, local):
+            return offset_m
+
+        self.jumps += 1
         x, y, z = offset_m
         return x - jump_x, y - jump_y, z
 
 
-def _jump_m(last: _LocalPosition, local: _LocalPosition) -> Xyz:
-    """Return the jump of PX4's position between two local positions [m]; zero if it has moved.
+def _difference_m(last: _LocalPosition, local: _LocalPosition) -> Xyz:
+    """Return how far a local position is from where the last one's velocity leads [m].
 
     Args:
         last: previous local position.
@@ -381,13 +418,17 @@ def _jump_m(last: _LocalPosition, local: _LocalPosition) -> Xyz:
             local.position_m, last.position_m, last.velocity_m_s, strict=True
         )
     )
-
-    # An acceleration a moves the vehicle by 0.5 a t^2. The bound is more generous: a t^2, and a t
-    # within less than a second.
-    reach_m = _JUMP_M + _JUMP_M_S2 * dt_s * max(1.0, dt_s)
-    if math.hypot(x, y, z) <= reach_m:
-        return _NO_JUMP
     return x, y, z
+
+
+def _reach_m(last: _LocalPosition, local: _LocalPosition) -> float:
+    """Return the largest such difference [m] that is a motion; a larger one is a jump.
+
+    An acceleration a moves the vehicle by 0.5 a t^2. The bound is more generous: a t^2, and a t
+    within less than a second.
+    """
+    dt_s = (local.stamp_ns - last.stamp_ns) * 1e-9
+    return _JUMP_M + _JUMP_M_S2 * dt_s * max(1.0, dt_s)
 
 
 def _local_position(snapshot: Snapshot) -> _LocalPosition:

@@ -350,16 +350,24 @@ class OwnState:
         if self.uses_heights:
             std_m = max(std_m, snapshot.height_accuracy_m)
         least = ACCURACIES[self.vehicle.px4_position]
+        position_enu_m = self._local_frame.take(snapshot, self._reckoned_enu_m(snapshot))
         std_m = max(least.position_std_m, std_m, self._local_frame.offset_std_m)
         self._least_std = (std_m, least.velocity_std_m_s)
-
-        reckoned_enu_m = None
-        if self.is_flown and self._memory is not None:
-            reckoned_enu_m = self.position_enu_m
-        position_enu_m = self._local_frame.take(snapshot, reckoned_enu_m)
         if position_enu_m is not None:
             yaw_rad = yaw_from_quaternion(snapshot.quaternion_enu_flu_wxyz)
             self._queue.append(_Sample(vectors.Vec3(*position_enu_m), self._local_ns, yaw_rad))
+
+    def _reckoned_enu_m(self, snapshot: Snapshot) -> Xyz | None:
+        """Return the position that a camera's position is compared with after a gap.
+
+        It is None where dead reckoning may be worse than PX4's position: by satellites, which never
+        begin a frame anew, with late positions, and while somebody else flies the vehicle.
+        """
+        if self._memory is None or not self.vehicle.flies_by_vision or self.fit.is_late:
+            return None
+        if snapshot.is_armed and not self.is_flown:
+            return None
+        return self.position_enu_m
 
     def _px4_vertical(self, snapshot: Snapshot, now_ns: int) -> VerticalMotion | None:
         """Return PX4's height and vertical speed in the fleet frame; None if not known."""

@@ -201,10 +201,10 @@ def _corrections_age(facts: TickFacts) -> str:
 
 def _is_too_near(facts: TickFacts) -> bool:
     limit_m = facts.limits.safety_distance_m
-    if facts.is_airborne:
-        return facts.nearest_m < limit_m
-    # Vehicles may stand and land beside it, but nobody may be near its propellers.
-    return facts.is_taking_off and facts.nearest_person_m < limit_m
+    if facts.is_taking_off:
+        # other vehicles may stand, land and pass beside it, but nobody may be near its propellers
+        return facts.nearest_person_m < limit_m
+    return facts.is_airborne and facts.nearest_m < limit_m
 
 
 def _person_too_near(facts: TickFacts) -> str:
@@ -214,7 +214,8 @@ def _person_too_near(facts: TickFacts) -> str:
 
 
 def _has_touched(facts: TickFacts) -> bool:
-    return bool(facts.touched) and _is_too_near(facts)
+    is_near = facts.nearest_m < facts.limits.safety_distance_m
+    return bool(facts.touched) and is_near and facts.is_airborne
 
 
 def _is_law_infeasible(facts: TickFacts) -> bool:

@@ -18,7 +18,7 @@ from onboard.control.path import path_of
 from onboard.control.router import surroundings
 from onboard.flight import effects, state_machine
 from onboard.flight.context import FlightContext, Overdue
-from onboard.flight.expected_ground import ground_of_takeoff
+from onboard.flight.expected_ground import ExpectedGround, ground_of_takeoff
 from onboard.flight.path_flight import PathFlight
 from onboard.flight.types import FlightStep, FlightView
 from onboard.safety.failsafe_table import Situation
@@ -437,6 +437,27 @@ def test_how_long_a_step_has_lasted_and_been_steady() -> None:
     flight = _flight(steady_since_ns=_NOW_NS + 500_000_000)
     assert flight.seconds(_view(after_s=2.0)) == pytest.approx(2.0)
     assert flight.steady_s(_view(after_s=2.0)) == pytest.approx(1.5)
+
+
+@pytest.mark.parametrize(
+    ("z_m", "has_mocap", "may_touch"),
+    [
+        (2.05, True, True),
+        (2.07, True, False),
+        (1.5, True, False),  # between the take-off spot and lower ground it flies
+        (0.95, True, True),
+        (0.75, True, False),
+        (1.5, False, True),  # PX4's height is no sign
+        (2.07, False, False),
+    ],
+)
+def test_a_landing_vehicle_may_touch_the_ground_only_near_a_height_of_the_ground(
+    z_m: float, has_mocap: bool, may_touch: bool
+) -> None:
+    vehicle = _FLEET.vehicles["mav0"] if has_mocap else _BY_SATELLITES
+    lower = ExpectedGround(z_m=2.0, landing_z_m=0.9)
+    flight = _flight(step=FlightStep.DESCENT, vehicle=vehicle, expected_ground=lower)
+    assert flight.may_touch_the_ground(_view(z=z_m)) is may_touch
 
 
 # -- the lowest height, and steadiness, at each tick -----------------------------------------------

@@ -506,7 +506,7 @@ def test_only_a_height_that_may_read_wrong_is_felt_for(
 
 @pytest.mark.parametrize(
     ("now_s", "height_m", "feels"),
-    [(3.001, 1.939, True), (3.0, 1.939, False), (3.001, 1.941, False)],
+    [(3.001, 1.979, True), (3.0, 1.979, False), (3.001, 1.981, False)],
 )
 def test_with_a_mocap_it_sinks_on_slowly_where_it_ends_below_the_ground(
     now_s: float, height_m: float, feels: bool

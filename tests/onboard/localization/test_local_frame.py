@@ -347,3 +347,42 @@ def test_a_jump_of_the_height_moves_nothing_while_positions_are_not_taken() -> N
     assert vertical is not None
     assert vertical.height_m == pytest.approx(1.9)
     assert frame.take(flying(1.3, (0.0, 0.0, 0.0)), (0.0, 0.0, 1.9)) == pytest.approx((0, 0, 1.9))
+
+
+def test_a_height_that_comes_back_with_a_jump_across_is_not_a_jump_of_the_height() -> None:
+    """A PX4 that drifts for a second is 0.6 m beside and a quarter of a metre above the truth."""
+    frame = LocalFrame((0.0, 0.0, 0.0), None)
+    frame.take(parked(0.0, (0.0, 0.0, 0.0)))
+    frame.take(flying(1.0, (0.0, 0.0, -1.0)))
+    for tick in range(1, 11):
+        drifted = (0.06 * tick, 0.0, -1.0 - 0.025 * tick)
+        frame.skip(flying(1.0 + 0.1 * tick, drifted))
+    back = frame.take(flying(2.1, (0.0, 0.0, -1.0)), (0.0, 0.0, 1.2))
+    assert back == pytest.approx((0.0, 0.0, 1.0))
+
+
+@pytest.mark.parametrize(("moved_m", "knows_its_place"), [(0.2, True), (2.0, False)])
+def test_a_camera_that_begins_anew_after_the_landing_leaves_no_position(
+    moved_m: float, knows_its_place: bool
+) -> None:
+    frame = LocalFrame((0.0, 0.0, 0.0), None)
+    frame.take(parked(0.0, (0.0, 0.0, 0.0)))
+    frame.take(flying(1.0, (0.0, 2.0, -1.0)))
+    frame.skip(flying(1.1, (0.0, 2.0, -1.0)))
+    frame.skip(parked(4.0, (0.0, 2.0, 0.0)))
+    for time_s in (30.0, 31.0):
+        back = frame.take(parked(time_s, (0.0, 2.0 - moved_m, 0.0)), (2.0, 0.0, 0.0))
+        assert (back is not None) is knows_its_place
+        assert (frame.displaced_m > 0.0) is not knows_its_place
+
+
+def test_errors_of_several_gaps_add_up_until_px4_restarts_on_the_spot() -> None:
+    frame, _ = _after_a_gap(1.0)
+    once_m = frame.offset_std_m
+    frame.skip(flying(2.2, (1.0, 0.0, -1.0)))
+    frame.take(flying(3.2, (4.0, 0.0, -1.0)), (0.0, 0.0, 1.0))
+    assert frame.offset_std_m > 1.2 * once_m
+
+    frame.take(parked(5.0, (4.0, 0.0, 0.0)))
+    frame.take(parked(6.0, (0.0, 0.0, 0.0), restarts=1))
+    assert frame.offset_std_m == 0.0

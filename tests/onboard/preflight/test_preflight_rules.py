@@ -194,7 +194,7 @@ CASES: dict[tuple[str, str], tuple[dict[str, Any], str]] = {
     ),
     ("position", "displaced"): (
         {"position_age_s": 0.3, "vehicle": BARE, "displaced_m": 4.2},
-        "restarted 4.2 m from the take-off spot",
+        "begun anew 4.2 m from the take-off spot",
     ),
     ("position", "silent"): ({"position_age_s": 0.3, "vehicle": BARE}, "no local position"),
     ("clock", "wrong stamps"): (

@@ -336,6 +336,17 @@ JUST_NOT = [
         {"is_airborne": True, "nearest_m": LIMITS.safety_distance_m},
         {"is_airborne": True, "nearest_m": LIMITS.safety_distance_m - 0.001},
     ),
+    # while it takes off, only people count
+    (
+        Condition.SEPARATION_BREACHED,
+        {"is_taking_off": True, "is_airborne": True, "nearest_m": 0.1},
+        {"is_taking_off": True, "nearest_m": 0.1, "nearest_person_m": 0.1},
+    ),
+    (
+        Condition.SEPARATION_BREACHED,
+        {"is_taking_off": False, "nearest_person_m": 0.1},
+        {"is_taking_off": True, "nearest_person_m": 0.1},
+    ),
     # PX4 reports whole percents
     (
         Condition.BATTERY_WARNING,
