@@ -166,7 +166,26 @@ _MOCAP_ADVICE = (
 )
 
 # for a vehicle whose PX4 gets its position from a camera
-_VISION_ADVICE = (
+_CAMERA = (
+    RequiredParam(
+        "EKF2_EV_CTRL",
+        11,
+        "PX4 fuses position, height and heading of the odometry (bits 1 2 8; 4: its velocity too)",
+        accepts=(15,),
+    ),
+    RequiredParam(
+        "EKF2_GPS_CTRL",
+        0,
+        "PX4's position comes from the odometry alone (without bit 1: no position of satellites)",
+        without_bits=1,
+    ),
+    RequiredParam(
+        "EKF2_HGT_REF",
+        3,
+        "PX4's height follows the odometry (3), not a barometer or satellites",
+        needs_restart=True,
+        is_advice=True,
+    ),
     RequiredParam(
         "EKF2_EVP_NOISE",
         0.01,
@@ -178,8 +197,20 @@ _VISION_ADVICE = (
     *(param for param in _MOCAP_ADVICE if param.name in ("EKF2_TAU_VEL", "EKF2_TAU_POS")),
 )
 
-# all for a vehicle with a mocap; docs/deployment.md lists them
+# and for one whose camera gives PX4 its heading
+_CAMERA_HEADING = RequiredParam(
+    "EKF2_MAG_TYPE",
+    5,
+    "PX4's heading comes from the odometry, not from a compass near motors and steel (5: no "
+    "compass)",
+    needs_restart=True,
+    is_advice=True,
+)
+
+# all for a vehicle with a mocap, and what replaces the values about it for one with a camera;
+# docs/deployment.md lists both
 BUILT_IN = (*FAILSAFES, *_MOCAP, *_MOCAP_ADVICE)
+WITH_CAMERA = (*_CAMERA, _CAMERA_HEADING)
 
 
 def all_params(
@@ -208,7 +239,7 @@ def all_params(
     if vehicle.mocap_required:
         built_in = [*failsafes, *_MOCAP, *_MOCAP_ADVICE, hover_throttle]
     elif vehicle.flies_by_vision:
-        built_in = [*failsafes, *_VISION_ADVICE, hover_throttle]
+        built_in = [*failsafes, *_for_camera(vehicle), hover_throttle]
 
     of_file = dict(vehicle.px4_params)
     for param in _weakened_params(fleet, vehicle):
@@ -218,6 +249,17 @@ def all_params(
     for name, value in of_file.items():
         params.append(RequiredParam(name, value, "the fleet file's px4_params require it"))
     return tuple(params)
+
+
+def _for_camera(vehicle: Vehicle) -> tuple[RequiredParam, ...]:
+    """Return the values for a vehicle by vision.
+
+    If its fleet file has PX4 fuse no heading of the odometry, PX4 needs its compass.
+    """
+    fused = int(vehicle.px4_params.get("EKF2_EV_CTRL", FUSES_HEADING))
+    if fused & FUSES_HEADING:
+        return WITH_CAMERA
+    return _CAMERA
 
 
 def _bounded(param: RequiredParam, fleet: FleetConfig, vehicle: Vehicle) -> RequiredParam:

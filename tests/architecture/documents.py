@@ -30,6 +30,7 @@ PRINTED: dict[str, tuple[str, Callable[[], str]]] = {
     "alarms": ("alarms.md", tables.alarms),
     "preflight": ("preflight.md", tables.preflight),
     "parameters": ("deployment.md", tables.parameters),
+    "camera-parameters": ("deployment.md", tables.camera_parameters),
     "own-failsafes": ("px4.md", tables.own_failsafe_table),
     "emulated": ("emulator.md", tables.emulated),
     "roles": ("keys.md", tables.roles),

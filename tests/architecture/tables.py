@@ -138,8 +138,22 @@ def preflight() -> str:
 
 def parameters() -> str:
     """Return the built-in parameters for docs/deployment.md."""
+    lines = _parameter_table(required_params.BUILT_IN)
+    lines.append(
+        "| `MPC_THR_HOVER` | `hover_thrust_frac` | allowed | PX4's own hold and land begin with "
+        "this throttle. |"
+    )
+    return "\n".join(lines)
+
+
+def camera_parameters() -> str:
+    """Return the parameters of a vehicle with a camera for docs/deployment.md."""
+    return "\n".join(_parameter_table(required_params.WITH_CAMERA))
+
+
+def _parameter_table(params: tuple[RequiredParam, ...]) -> list[str]:
     lines = ["| parameter | value | take-off without it | why |", "|---|---|---|---|"]
-    for param in required_params.BUILT_IN:
+    for param in params:
         without = "allowed" if param.is_advice else "**refused**"
         restart = " Restart PX4 after it." if param.needs_restart else ""
         versions = _versions(param.since, param.before)
@@ -148,11 +162,7 @@ def parameters() -> str:
         lines.append(
             f"| `{param.name}` | {_value(param)} | {without} | {param.reason}.{versions}{restart} |"
         )
-    lines.append(
-        "| `MPC_THR_HOVER` | `hover_thrust_frac` | allowed | PX4's own hold and land begin with "
-        "this throttle. |"
-    )
-    return "\n".join(lines)
+    return lines
 
 
 def _versions(since: Version, before: Version) -> str:

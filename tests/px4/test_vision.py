@@ -21,15 +21,6 @@ from tests.px4.table import Table
 pytestmark = [pytest.mark.long, pytest.mark.timeout(900)]
 
 _PAPER = Path(__file__).parents[2] / "configs/missions/paper.toml"
-_BY_VISION = {
-    "EKF2_EV_CTRL": 11,  # position, height, heading
-    "EKF2_HGT_REF": 3,
-    "EKF2_GPS_CTRL": 0,
-    "EKF2_MAG_TYPE": 5,
-    "EKF2_EVP_NOISE": 0.01,
-    "EKF2_TAU_VEL": 0.02,
-    "EKF2_TAU_POS": 0.1,
-}
 _CROSSING_S = 3.0  # into the formation of the paper's mission
 _PROMISE_M = 0.80
 _ARRIVED_M = 0.6  # by truth, in all three axes: with the drift of odometry
@@ -48,7 +39,6 @@ def _by_vision(
     for table in data["types"].values():
         table["mocap_required"] = False
         table["px4_position"] = "vision"
-        table["px4_params"].update(_BY_VISION)
     return written(data, folder, instances)
 
 

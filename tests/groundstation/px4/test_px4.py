@@ -30,9 +30,15 @@ from groundstation.px4.vehicle_parameters import (
     read_one,
     set_all,
 )
-from onboard.config.fleet import FleetConfig, load_fleet
+from onboard.config.fleet import FleetConfig, Vehicle, load_fleet
 from onboard.px4.port_lock import PortClaim
-from onboard.px4.required_params import RequiredParam, all_params, differences, required_params
+from onboard.px4.required_params import (
+    RequiredParam,
+    all_params,
+    differences,
+    required_params,
+    weakened,
+)
 
 FLEET = """
 schema = 1
@@ -509,17 +515,40 @@ def test_a_fleet_files_own_parameters_replace_the_built_in_ones(fleet: FleetConf
     assert "did not send" in differences(silence, {})[0]
 
 
-@pytest.mark.parametrize(("source", "is_advised"), [("vision", True), ("gps", False)])
-def test_a_vehicle_by_vision_is_advised_to_believe_its_odometry(
-    fleet: FleetConfig, source: Any, is_advised: bool
+def _by_vision(fleet: FleetConfig, **px4_params: int) -> Vehicle:
+    return replace(
+        fleet.vehicles["solo"], mocap_required=False, px4_position="vision", px4_params=px4_params
+    )
+
+
+def test_a_vehicle_by_vision_is_advised_to_believe_its_odometry(fleet: FleetConfig) -> None:
+    params = all_params(fleet, _by_vision(fleet))
+    advice = {param.name: param for param in params if param.is_advice}
+    assert advice["EKF2_EVP_NOISE"].is_met(0.02)
+    assert not advice["EKF2_EVP_NOISE"].is_met(0.1)
+    assert {"EKF2_HGT_REF", "EKF2_MAG_TYPE"} <= set(advice)
+
+    by_satellites = replace(fleet.vehicles["solo"], mocap_required=False)
+    assert not [one for one in all_params(fleet, by_satellites) if one.name.startswith("EKF2_")]
+
+
+def test_a_vehicle_by_vision_takes_off_only_if_its_px4_flies_by_the_odometry(
+    fleet: FleetConfig,
 ) -> None:
-    vehicle = replace(fleet.vehicles["solo"], mocap_required=False, px4_position=source)
-    advice = {param.name: param for param in all_params(fleet, vehicle) if param.is_advice}
-    assert ("EKF2_EVP_NOISE" in advice) is is_advised
-    if is_advised:
-        assert advice["EKF2_EVP_NOISE"].is_met(0.02)
-        assert not advice["EKF2_EVP_NOISE"].is_met(0.1)
-        assert "EKF2_EV_CTRL" not in {param.name for param in all_params(fleet, vehicle)}
+    required = required_params(fleet, _by_vision(fleet))
+    fused = required["EKF2_EV_CTRL"]
+    assert [value for value in range(16) if fused.is_met(value)] == [0b1011, 0b1111]
+    satellites = required["EKF2_GPS_CTRL"]
+    assert [value for value in range(16) if satellites.is_met(value)] == list(range(0, 16, 2))
+
+
+def test_a_camera_that_knows_no_heading_leaves_px4_its_compass(fleet: FleetConfig) -> None:
+    vehicle = _by_vision(fleet, EKF2_EV_CTRL=0b0011)
+    params = {param.name: param for param in all_params(fleet, vehicle)}
+    assert params["EKF2_EV_CTRL"].is_met(0b0011)
+    assert not params["EKF2_EV_CTRL"].is_met(0b1011)
+    assert "EKF2_MAG_TYPE" not in params
+    assert weakened(fleet, vehicle) == ()
 
 
 def test_a_stick_that_is_bumped_takes_no_vehicle_out_of_offboard_on_any_version() -> None:
