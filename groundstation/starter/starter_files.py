@@ -25,13 +25,15 @@ from onboard.config.fleet import ConfigError, FleetConfig, fleet_from_mapping, r
 from onboard.config.mocap import SystemType
 
 Position = Literal["optitrack", "vicon", "qualisys", "vrpn", "motionanalysis", "bus", "gps"]
-# sources of positions that Covey does not read, each with what to do instead
+_CAMERAS = (
+    "Take --position bus. Where a program of yours knows each vehicle's pose in one common frame, "
+    "publish the poses: docs/mocap.md. Where each vehicle's camera sends its own PX4 odometry, "
+    'write mocap_required = false and px4_position = "vision" into the type of the fleet file: '
+    "docs/px4-sitl.md."
+)
+# sources of positions that are not asked for, each with what to do instead
 NOT_POSITIONS = {
-    "vision": (
-        "No camera on a vehicle is read by Covey. Where another program of yours knows each "
-        "vehicle's pose in one common frame, take --position bus, and publish the poses: "
-        "docs/mocap.md."
-    ),
+    "vision": _CAMERAS,
     "uwb": (
         "No radio beacons are read by Covey. Where a program of yours knows each vehicle's pose, "
         "take --position bus, and publish the poses: docs/mocap.md."
@@ -39,7 +41,7 @@ NOT_POSITIONS = {
     "mocap": "Take the name of your motion capture, or --position bus for poses of your own.",
     "rtk": "RTK is satellites for PX4: take --position gps.",
     "gnss": "Take --position gps.",
-    "vio": "No camera on a vehicle is read by Covey: docs/mocap.md says how poses come by the bus.",
+    "vio": _CAMERAS,
 }
 HERE = "here"  # answer for the companions if agents and PX4s run on this machine
 MOST = 200  # vehicles; MAVLink has 255 system ids, and other programs use some of them

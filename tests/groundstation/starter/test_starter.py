@@ -269,12 +269,26 @@ def test_the_demo_flies_no_more_than_the_machine_can(
 def test_a_position_that_is_not_flown_is_refused_with_what_to_do_instead(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    for word, instead in (("vision", "--position bus"), ("rtk", "--position gps"), ("gsp", "")):
+    for word, instead in (
+        ("vision", 'px4_position = "vision"'),
+        ("vio", 'px4_position = "vision"'),
+        ("rtk", "--position gps"),
+        ("gsp", ""),
+    ):
         assert main(["init", str(tmp_path / "lab"), "--position", word]) == 2
         said = capsys.readouterr().err
         assert f"'{word}' is none of optitrack, vicon" in said
         assert instead in said
         assert "Did you mean" not in said
+
+
+def test_what_init_writes_is_flown_by_cameras_once_its_type_says_so() -> None:
+    text = starter(Answers(vehicles=3, position="bus")).fleet_text
+    by_vision = text.replace(
+        "mocap_required = true", 'mocap_required = false\npx4_position = "vision"'
+    )
+    fleet = fleet_from_mapping(tomllib.loads(by_vision), path="fleet.toml", text=by_vision)
+    assert all(vehicle.flies_by_vision for vehicle in fleet.vehicles.values())
 
 
 def test_a_fleet_outdoors_has_corrections_that_count_once_the_signs_are_taken_away() -> None:
