@@ -20,6 +20,7 @@ Value = float | int
 # Bits of EKF2_EV_CTRL.
 FUSES_POSITION = 1
 FUSES_HEADING = 8
+_FUSES_PLACE = 3  # position and height
 
 # charge at which PX4's simulated battery stops emptying [%]; it is read, but no value is required
 BATTERY_FLOOR = "SIM_BAT_MIN_PCT"
@@ -299,7 +300,22 @@ def _weakened_params(fleet: FleetConfig, vehicle: Vehicle) -> list[RequiredParam
         bounded = _bounded(param, fleet, vehicle)
         if value is not None and not _may_replace(bounded, value):
             weak.append(bounded)
+
+    if vehicle.flies_by_vision:
+        for param in _CAMERA:
+            value = vehicle.px4_params.get(param.name)
+            if value is not None and not _flies_by_camera(param, value):
+                weak.append(param)
     return weak
+
+
+def _flies_by_camera(param: RequiredParam, value: Value) -> bool:
+    """Return whether PX4 takes its position from the odometry with this value of the fleet file."""
+    if param.is_advice:
+        return True
+    if param.name == "EKF2_EV_CTRL":
+        return int(value) & _FUSES_PLACE == _FUSES_PLACE
+    return param.is_met(value)
 
 
 def weakened(fleet: FleetConfig, vehicle: Vehicle) -> tuple[str, ...]:

@@ -551,6 +551,18 @@ def test_a_camera_that_knows_no_heading_leaves_px4_its_compass(fleet: FleetConfi
     assert weakened(fleet, vehicle) == ()
 
 
+@pytest.mark.parametrize(
+    ("name", "value"), [("EKF2_EV_CTRL", 0), ("EKF2_EV_CTRL", 9), ("EKF2_GPS_CTRL", 7)]
+)
+def test_px4_params_do_not_take_the_odometry_from_a_vehicle_by_vision(
+    fleet: FleetConfig, name: str, value: int
+) -> None:
+    vehicle = _by_vision(fleet, **{name: value})
+    (sentence,) = weakened(fleet, vehicle)
+    assert f"px4_params set {name} = {value}" in sentence
+    assert not required_params(fleet, vehicle)[name].is_met(value)
+
+
 def test_a_stick_that_is_bumped_takes_no_vehicle_out_of_offboard_on_any_version() -> None:
     paper = load_fleet("paper")
     vehicle = paper.vehicles["mav0"]
