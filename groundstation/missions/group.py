@@ -925,10 +925,11 @@ class Group:
             look_ns = client.now_ns()
             if await client.wait_for(holds, min(left_s, _LOOK_S)):
                 return
-            if not self.ground.is_paused:
-                left_s -= (client.now_ns() - look_ns) * 1e-9
             await link.wait_while_lost()
-            left_s += link.lost_s - lost_before_s  # wait exactly this time once more
+            if not self.ground.is_paused:
+                # A loss is noticed late: it may give back more time than this look has taken.
+                lost_s = link.lost_s - lost_before_s
+                left_s -= (client.now_ns() - look_ns) * 1e-9 - lost_s
 
         value = condition.value(moment(client.state))
         raise ConditionTimeout(f"Not {condition.words} within {timeout_s:g} s: {value}.")

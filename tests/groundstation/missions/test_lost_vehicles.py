@@ -66,6 +66,29 @@ async def test_time_in_which_an_operator_pauses_does_not_count_for_a_wait(
         await moving
 
 
+async def test_a_loss_in_the_middle_of_a_wait_makes_it_exactly_as_much_longer(
+    group: Group, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    link = group.ground.link
+    clock = asyncio.get_running_loop()
+    begin_s = clock.time()
+    lost_s = 0.0
+
+    async def wait_while_lost() -> bool:
+        nonlocal lost_s
+        if lost_s or clock.time() < begin_s + 0.8:
+            return False
+        await asyncio.sleep(0.5)
+        lost_s = 0.7  # 0.2 s of it before it was noticed
+        return True
+
+    monkeypatch.setattr(link, "wait_while_lost", wait_while_lost)
+    monkeypatch.setattr(type(link), "lost_s", property(lambda _: lost_s))
+    with pytest.raises(ConditionTimeout):
+        await group.until(landed(), 1.2)
+    assert clock.time() - begin_s == pytest.approx(1.9, abs=0.2)
+
+
 async def test_a_reaction_says_who_fails_and_all_means_the_others_until_it_flies_again(
     group: Group, bus: Any
 ) -> None:
