@@ -84,6 +84,7 @@ class MissionGround:
 
         # Step by step: each order waits for the operator, one after the other.
         self._is_stepping = False
+        self._is_pause_ordered = False  # from `pause` until the operator lets an order begin
         self._turn = asyncio.Lock()  # held by the order that waits
         self._next = asyncio.Event()  # set by `go_on` and `leave_out_order`
         self._waiting: Intent | None = None  # the order that waits
@@ -326,8 +327,8 @@ class MissionGround:
 
     @property
     def is_paused(self) -> bool:
-        """Whether an operator's pause stops an order of the mission, or its paths."""
-        return self._waiting is not None or bool(self.pause_line)
+        """Whether an operator pauses the mission or its paths, or an order waits for him."""
+        return self._is_pause_ordered or self._waiting is not None or bool(self.pause_line)
 
     @property
     def live_line(self) -> str:
@@ -414,11 +415,13 @@ class MissionGround:
                 again. Orders that stop vehicles or bring them down never wait.
         """
         self._is_stepping = is_stepping
+        self._is_pause_ordered = False
         self._next.set()
 
     def pause(self) -> None:
         """Let the next order that starts or moves vehicles wait; the present order goes on."""
         self._is_stepping = True
+        self._is_pause_ordered = True
         self.say("Paused: the next order to start or to move waits for step, skip or continue.")
 
     def leave_out_order(self) -> str:
@@ -437,6 +440,7 @@ class MissionGround:
                 "step cannot go on without it."
             )
         self._is_left_out = True
+        self._is_pause_ordered = False
         self._next.set()
         return ""
 

@@ -42,16 +42,17 @@ async def group(fleet: FleetConfig, client: Any, bus: Any) -> Group:
     return Group(ground, fleet.enabled_names)
 
 
-@pytest.mark.parametrize("is_of_paths", [False, True])
+@pytest.mark.parametrize("paused", ["the paths", "an order beside it", "the wait alone"])
 async def test_time_in_which_an_operator_pauses_does_not_count_for_a_wait(
-    group: Group, is_of_paths: bool
+    group: Group, paused: str
 ) -> None:
     ground = group.ground
     moving = None
-    if is_of_paths:
+    if paused == "the paths":
         ground.pause_line = "paused"
     else:
         ground.pause()
+    if paused == "an order beside it":
         moving = asyncio.create_task(group.move((0.5, 0.0, 1.0)))
         await asyncio.sleep(0.05)
     waiting = asyncio.create_task(group.until(landed(), 0.3))
