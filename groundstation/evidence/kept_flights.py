@@ -48,16 +48,12 @@ class FlownCase(msgspec.Struct, frozen=True, kw_only=True):
     hull_m: tuple[tuple[float, float], ...]  # convex hull of positions in the air, east and north
     highest_m: float
     fastest_m_s: float  # horizontal
+    had_pair: bool = False  # whether two vehicles were in the air at the same time
 
     @property
     def is_right(self) -> bool:
         """Whether nothing happened that must not happen."""
         return not self.wrong
-
-    @property
-    def had_pair(self) -> bool:
-        """Whether two vehicles were in the air at the same time."""
-        return self.smallest_m is not None or self.smallest_silenced_m is not None
 
 
 class KeptFlights:

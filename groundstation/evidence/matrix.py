@@ -71,12 +71,17 @@ def _row(
     hazard: Hazard, flights: Sequence[FlownCase], tests: Mapping[str, Sequence[str]]
 ) -> MatrixRow:
     own_flights = [flight for flight in flights if flight.case.fault in hazard.faults]
+    wrong_alone: list[FlownCase] = []  # named, but in no number of the row
     if hazard.needs_pair:
-        own_flights = [flight for flight in own_flights if flight.had_pair or not flight.is_right]
+        wrong_alone = [
+            flight for flight in own_flights if not flight.had_pair and not flight.is_right
+        ]
+        own_flights = [flight for flight in own_flights if flight.had_pair]
     rows = tuple(_failsafe_rows(hazard, own_flights, tests))
     wrong_flights = [flight for flight in own_flights if not flight.is_right]
     reasons = [f"{row.condition}: {row.wrong}" for row in rows if row.wrong]
-    reasons += [reason for flight in wrong_flights for reason in _reasons(flight)]
+    for flight in (*wrong_flights, *wrong_alone):
+        reasons += _reasons(flight)
 
     status = SHOWN
     if not own_flights:

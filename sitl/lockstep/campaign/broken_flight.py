@@ -50,6 +50,7 @@ class BrokenFlight(NamedTuple):
     seen: dict[str, int]  # name of a condition -> ticks of all vehicles in which it held
     # smallest distance [m] of pairs in which no vehicle, one, or both are silenced
     smallest_m: tuple[float, float, float]
+    had_pair: bool  # whether two vehicles were in the air at the same time
     verdict: Verdict
     is_injected: bool  # whether the flight has reached the time of the fault
 
@@ -179,6 +180,7 @@ def fly_broken(
         wrong=wrong,
         seen=seen,
         smallest_m=(free_m, one_silenced_m, both_silenced_m),
+        had_pair=judge.had_pair,
         verdict=verdict,
         is_injected=judge.is_injected,
     )

@@ -283,6 +283,7 @@ def fly_case(fleet_path: str, mission_path: str, case: FlightCase) -> FlownCase:
     wrong: list[str] = []
     seen: dict[str, int] = {}
     smallest_m = (math.inf, math.inf, math.inf)  # for pairs with 0, 1 or 2 silenced vehicles
+    had_pair = False
     try:
         flown = fly_broken(
             mission,
@@ -299,6 +300,7 @@ def fly_case(fleet_path: str, mission_path: str, case: FlightCase) -> FlownCase:
         wrong += flown.wrong
         seen = flown.seen
         smallest_m = flown.smallest_m
+        had_pair = flown.had_pair
         if case.fault == NOTHING and not flown.verdict.passed:
             wrong.append(flown.verdict.sentences[-1])
         if case.fault != NOTHING and not flown.is_injected:
@@ -320,6 +322,7 @@ def fly_case(fleet_path: str, mission_path: str, case: FlightCase) -> FlownCase:
         hull_m=extent.hull_m,
         highest_m=round(extent.highest_m, 2),
         fastest_m_s=round(extent.fastest_m_s, 2),
+        had_pair=had_pair,
     )
 
 

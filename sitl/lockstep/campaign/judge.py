@@ -96,6 +96,7 @@ class Judge:
 
         # smallest distance [m] of pairs with 0, 1 or 2 silenced vehicles
         self.smallest = [math.inf, math.inf, math.inf]
+        self.had_pair = False  # whether two vehicles were in the air at the same time
 
         self.is_injected = False
         self.was_flying = False  # whether all vehicles flew when the fault was injected
@@ -174,6 +175,8 @@ class Judge:
         for first, second in itertools.combinations(self.truths.values(), 2):
             if first.is_on_ground and second.is_on_ground:
                 continue
+            if not first.is_on_ground and not second.is_on_ground:
+                self.had_pair = True
             distance_m = separation_m(
                 first.position_enu_m, second.position_enu_m, self.height_share
             )

@@ -38,6 +38,7 @@ def flown(fault: str = "nothing", number: int = 0, **changes: Any) -> FlownCase:
         hull_m=SQUARE,
         highest_m=1.0,
         fastest_m_s=1.0,
+        had_pair=True,
     )
     return msgspec.structs.replace(one, **changes)
 

@@ -41,7 +41,7 @@ def test_a_wrong_flight_makes_its_rows_red_and_says_how_to_find_it() -> None:
 
 def test_a_question_about_others_is_not_shown_by_vehicles_that_were_alone_in_the_air() -> None:
     alone = [
-        flown(fault, smallest_m=None) for fault in ("nothing", "motor dead", "a pilot takes over")
+        flown(fault, had_pair=False) for fault in ("nothing", "motor dead", "a pilot takes over")
     ]
     for key in ("distances", "one-among-others", "pilot-among-others"):
         found = row(key, *alone)
@@ -56,9 +56,13 @@ def test_a_question_about_others_is_not_shown_by_vehicles_that_were_alone_in_the
     assert result_words(found).startswith("evidence for, in part: 6 faults not flown with two")
 
 
-def test_a_wrong_flight_of_a_vehicle_alone_counts_against_the_question_about_others() -> None:
-    bad = flown("one lies: stands", smallest_m=None, wrong=("mav0 leaves the fence",))
-    assert row("not-cooperating", bad).status == WRONG
+def test_a_wrong_flight_of_a_vehicle_alone_is_named_and_is_in_no_share_of_such_flights() -> None:
+    right = flown("one lies: stands")
+    bad = flown("one lies: stands", 1, had_pair=False, wrong=("mav0 leaves the fence",))
+    found = row("not-cooperating", right, bad)
+    assert found.status == WRONG
+    assert found.reasons[0].endswith("mav0 leaves the fence")
+    assert (found.flights, found.wrong_flights, found.faults) == (1, 0, {"one lies: stands": 1})
 
 
 def test_a_row_taken_out_of_the_failsafe_table_shows_red(monkeypatch) -> None:

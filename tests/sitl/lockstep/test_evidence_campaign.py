@@ -197,6 +197,23 @@ def idle(tmp_path: Path) -> str:
     return str(mission)
 
 
+@pytest.mark.parametrize("is_alone", [True, False])
+def test_a_vehicle_that_flies_beside_parked_ones_is_no_pair_in_the_air(
+    tmp_path: Path, is_alone: bool
+) -> None:
+    text = HOP
+    if is_alone:
+        text = text.replace("height_m", 'vehicles = ["mav0"]\nheight_m')
+        text = text.replace('"land"', '"land"\nvehicles = ["mav0"]')
+    mission = tmp_path / "hop.toml"
+    mission.write_text(text, encoding="utf-8")
+    case = FlightCase(fault=NOTHING, round=0)
+    flight = evidence_campaign.fly_case("paper", str(mission), case)
+    assert (flight.took_off, flight.wrong) == (True, ())
+    assert flight.smallest_m is not None
+    assert flight.had_pair is not is_alone
+
+
 def test_a_flight_whose_fault_was_never_injected_is_wrong(idle: str) -> None:
     case = FlightCase(fault=FAULT, round=0, victim="mav0", at_s=90.5)
     flight = evidence_campaign.fly_case("paper", idle, case)
