@@ -475,7 +475,8 @@ def _call_off_if_taken(ground: PathGround, order: OrderResult) -> None:
     """Order all to hold if somebody has taken the fleet before the start of their paths.
 
     Else the others would begin to fly around a vehicle that somebody has just stopped. Vehicles
-    that have taken an order of somebody else keep it.
+    that have taken an order of somebody else keep it, and so do those that the mission has ordered
+    since: each is held once only.
 
     Args:
         ground: gives the mission's orders.
@@ -488,7 +489,9 @@ def _call_off_if_taken(ground: PathGround, order: OrderResult) -> None:
         return
 
     names = []
-    for name in order.results:
+    for name, result in order.results.items():
+        if not client.is_newest_of_mission(name, result.order_id):
+            continue
         telemetry = client.state.vehicles[name].telemetry
         if telemetry is None or client.is_of_mission(telemetry.taken_order_id):
             names.append(name)

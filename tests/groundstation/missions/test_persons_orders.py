@@ -6,12 +6,17 @@ import asyncio
 import functools
 from typing import Any
 
+import numpy as np
 import pytest
 
 from groundstation.missions.api import Fleet
+from groundstation.missions.ground import MissionGround
+from groundstation.missions.path_following import follow_paths
 from groundstation.missions.taken import FleetTaken
 from groundstation.orders.result import OrderFailed
+from groundstation.paths.pieces import fitted
 from onboard.bus.schema import Order
+from onboard.config.fleet import FleetConfig
 
 
 def end(bus: Any, name: str, outcome: str) -> None:
@@ -75,3 +80,32 @@ async def test_an_order_to_a_disabled_vehicle_alone_fails(client: Any, bus: Any)
     await asyncio.sleep(0.1)
     with pytest.raises(OrderFailed, match="mav1 refused"):
         await script["mav1"].takeoff(1.0)
+
+
+async def test_a_start_of_paths_is_called_off_once_however_often_it_is_looked_at(
+    fleet: FleetConfig, client: Any, bus: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    lines: list[str] = []
+    ground: Any = MissionGround(client, say=lines.append)
+    paths = {}
+    for name in fleet.enabled_names:
+        x, y, _ = fleet.vehicles[name].start_enu_m
+        paths[name] = fitted(np.arange(5.0), np.array([[x, y, 1.0, 0.0]] * 5))
+        bus.tell(name, state="flying", is_airborne=True, is_armed=True,
+                 position_enu_m=(x, y, 1.0), goal_position_enu_m=(x, y, 1.0))  # fmt: skip
+    bus.accept_only = {"follow_path"}  # it goes on until it is replaced
+    following = asyncio.create_task(
+        follow_paths(ground, paths, lights={}, on_lag="land", timeout_s=20.0)
+    )
+    await client.wait_for(lambda _: any(one.kind == "follow_path" for _, one in bus.orders), 5.0)
+    await asyncio.sleep(0.3)
+
+    monkeypatch.setattr(ground.watch, "takeover", lambda: "somebody")
+    for name, order in bus.orders:
+        bus.tell(name, taken_order_id=order.order_id)
+    await asyncio.sleep(1.5)
+    following.cancel()
+    await asyncio.gather(following, return_exceptions=True)
+    assert [line for line in lines if "nobody starts" in line] == [
+        "  mav0, mav1, mav2 hold, and nobody starts."
+    ]

@@ -80,7 +80,8 @@ def test_a_hold_just_before_the_start_of_the_paths_lets_nobody_start(
         {"do": "land"},
     ]
     mission = mission_from_mapping({"schema": 1, "step": steps}, path="show.toml", fleet=paper)
-    flight = lockstep(paper, seed=3)
+    said: list[str] = []
+    flight = lockstep(paper, seed=3, say=said.append)
     ada = second_ground(flight)
     before: dict[str, float] = {}
 
@@ -98,6 +99,8 @@ def test_a_hold_just_before_the_start_of_the_paths_lets_nobody_start(
     flight.at(1.0, look)
     verdict = flight.fly(mission)
     assert "ada (ground-2) has ordered hold mav1" in verdict.summary
+    called_off = [line for line in said if "nobody starts" in line]
+    assert called_off == ["  mav0, mav2 hold, and nobody starts."]
     flight.run(8.0)
     for name in NAMES:
         assert _north_m(flight, name) == pytest.approx(before[name], abs=0.15)
