@@ -227,14 +227,17 @@ def _free_spot_owners(flying: Sequence[str], standing: Mapping[str, str]) -> dic
 
 def _vehicles_on_spots(facts: GoalFacts) -> dict[str, str]:
     """Return the owner of each take-off spot that is not free -> the vehicle that stands on it."""
+    if facts.state is None:
+        return {}
+
     resting = {}
-    for name in facts.fleet.enabled_names:
+    for name in facts.state.vehicles:  # with those that are heard although the file disables them
         position_enu_m = _resting_enu_m(facts, name)
         if position_enu_m is not None:
             resting[name] = position_enu_m
 
     standing: dict[str, str] = {}
-    for owner in facts.fleet.enabled_names:
+    for owner in dict.fromkeys([*facts.fleet.enabled_names, *resting]):
         spot_enu_m = facts.spot_enu_m(owner)
         for name, position_enu_m in resting.items():
             apart_m = math.dist(position_enu_m[:2], spot_enu_m[:2])
@@ -247,11 +250,19 @@ def _vehicles_on_spots(facts: GoalFacts) -> dict[str, str]:
 def _resting_enu_m(facts: GoalFacts, name: str) -> Xyz | None:
     """Return where a vehicle stands on the ground [m], ENU; None if it may move.
 
-    A silent one stands where it was heard last, once its PX4 has reported that it is disarmed.
+    A silent one stands where it was heard last, once its PX4 has reported that it is disarmed. One
+    that does not know where it is, as after a blind landing, stands where it was last seen.
     """
     if facts.state is None:
         return None
-    return facts.state.vehicles[name].resting_enu_m
+
+    view = facts.state.vehicles[name]
+    sighting = view.sighting
+    if view.resting_enu_m is not None or view.telemetry is None or sighting is None:
+        return view.resting_enu_m
+    if sighting.is_flying:
+        return None
+    return sighting.position_enu_m
 
 
 def _goal_above_spot(

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import asyncio
+import math
 from typing import Any
 
 import pytest
@@ -65,6 +67,23 @@ async def test_a_vehicle_that_a_pause_brings_home_gets_the_time_of_its_way(
     reserve = Reserve(name="mav1", has_pct=20.0, needs_pct=20.0, left_s=0.0)
     await PauseWatch(ground).bring_home(["mav1"], reserve, 120.0)
     assert timeouts_s == [pytest.approx(120.0 + way_s, abs=2.0)]
+
+
+async def test_a_spot_on_which_another_vehicle_has_landed_blind_is_no_goal(
+    fleet: FleetConfig, bus: FakeBus, client: Any
+) -> None:
+    x, y, _ = fleet.vehicles["mav0"].start_enu_m
+    own_x, own_y, _ = fleet.vehicles["mav1"].start_enu_m
+    for name in ("mav0", "mav2"):
+        bus.tell(name, state="flying", is_airborne=True, is_armed=True)
+    bus.tell("mav1", state="landed", position_enu_m=(x, y, 0.0))
+    await asyncio.sleep(0.1)
+    bus.tell("mav1", position_enu_m=(math.nan, 0.0, 0.0), is_position_valid=False)
+    await asyncio.sleep(0.1)
+
+    planned = client.plan("bring home mav0,mav2")
+    assert not planned.refusals
+    assert planned.orders["mav0"].position_enu_m[:2] == pytest.approx((own_x, own_y))
 
 
 @pytest.mark.parametrize("is_script", [False, True])
