@@ -54,6 +54,9 @@ class OrderingClient(ConsoleClient, Protocol):
     def is_own(self, order_id: str) -> bool:
         """Whether this ground has given an order."""
 
+    def newest_order(self, vehicle: str) -> OrderResult | None:
+        """Return the newest order that this ground has given a vehicle."""
+
     def send(self, planned: PlannedOrder) -> OrderResult:
         """Send a planned order from any thread; its results are filled in later."""
 

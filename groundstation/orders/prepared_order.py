@@ -21,6 +21,7 @@ from groundstation.orders.forecast_process import ForecastFailed
 from groundstation.orders.intents import Intent, Takeoff
 from groundstation.orders.plan import PlannedOrder
 from groundstation.orders.preview import OrderPreview, changed, preview_order
+from groundstation.orders.result import OrderResult
 from onboard.bus.control_token import EMERGENCY
 from onboard.config.fleet import FleetConfig
 from onboard.plain_text import listed
@@ -49,6 +50,9 @@ class PlansOrders(Protocol):
 
     def is_own(self, order_id: str) -> bool:
         """Whether this ground has given an order."""
+
+    def newest_order(self, vehicle: str) -> OrderResult | None:
+        """Return the newest order that this ground has given a vehicle."""
 
 
 class FliesAhead(Protocol):
@@ -98,12 +102,17 @@ class PreparedOrder:
         self._on_change = on_change
 
         self._prepared_ns = client.now_ns()
-        # vehicle -> newest order that it had taken when this one was prepared
-        self._earlier_order_ids = {
-            name: view.telemetry.taken_order_id
-            for name, view in client.state.vehicles.items()
-            if view.telemetry is not None
-        }
+        self._stops: list[str] = []  # who has stopped vehicles since; once found, it stays
+        # vehicle -> newest order that it had taken when this one was prepared, and the newest one
+        # that this ground had sent it, which may still be on its way
+        self._earlier_order_ids: dict[str, set[str]] = {}
+        for name, view in client.state.vehicles.items():
+            if view.telemetry is None:
+                continue
+            self._earlier_order_ids[name] = {view.telemetry.taken_order_id}
+            sent = client.newest_order(name)
+            if sent is not None:
+                self._earlier_order_ids[name].add(sent.planned.orders[name].order_id)
 
     @property
     def is_sendable(self) -> bool:
@@ -178,7 +187,8 @@ class PreparedOrder:
         """Return who has stopped vehicles of this order since it was prepared, in sentences.
 
         A person's order to land, to hold or to kill stays until somebody who knows of it orders
-        anew. An order of this ground's own mission is no such order.
+        anew, however often this order is computed meanwhile. An order of this ground's own mission
+        is no such order.
         """
         stopped: dict[tuple[str, str], list[str]] = {}  # author and verb -> vehicles
         for name in self.intent.names:
@@ -188,7 +198,7 @@ class PreparedOrder:
                 continue
 
             order_id = telemetry.taken_order_id
-            is_earlier = order_id == self._earlier_order_ids.get(name, order_id)
+            is_earlier = order_id in self._earlier_order_ids.get(name, {order_id})
             if not is_earlier and not self.client.is_of_mission(order_id):
                 order = (telemetry.taken_order_from, telemetry.taken_order_kind)
                 stopped.setdefault(order, []).append(name)
@@ -202,7 +212,11 @@ class PreparedOrder:
         )
         if answered and not stops:
             stops = [answered]
-        return [f"{words} meanwhile: look at the vehicles, then order again." for words in stops]
+        if stops:
+            self._stops = [
+                f"{words} meanwhile: look at the vehicles, then order again." for words in stops
+            ]
+        return self._stops
 
     def figures(self) -> list[str]:
         """Return smallest distance, limit and duration, one line each."""

@@ -157,6 +157,10 @@ class FakeClient:
     def is_own(self, order_id: str) -> bool:
         return order_id.startswith("ground-1-")
 
+    def newest_order(self, vehicle: str) -> OrderResult | None:
+        given = [handle for handle in self.handles if vehicle in handle.planned.orders]
+        return given[-1] if given else None
+
     def send(self, planned: PlannedOrder) -> OrderResult:
         self.handles.append(OrderResult(planned))
         return self.handles[-1]
