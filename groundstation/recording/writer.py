@@ -332,14 +332,20 @@ class RecordFiles:
         self._refuse_removed_file()
 
     def _refuse_removed_file(self) -> None:
-        """Raise FileNotFoundError if the record's file was removed.
+        """Raise FileNotFoundError if the record's file was removed or renamed.
 
         The disk goes on to take what is written into it, and loses it when the file is closed.
         """
         with contextlib.suppress(io.UnsupportedOperation):
-            has_no_name = os.fstat(self._stream.fileno()).st_nlink == 0
-            # some network disks count no names at all
-            if has_no_name and not self._path.exists():
+            try:
+                named = os.stat(self._path)
+            except FileNotFoundError:
+                named = None
+            except OSError:  # whether it is there is not known
+                return
+            own = os.fstat(self._stream.fileno())
+            # another file may have its name now; some disks do not number their files
+            if named is None or (own.st_ino and named.st_ino and not os.path.samestat(named, own)):
                 raise FileNotFoundError(errno.ENOENT, f"somebody has removed {RECORD_NAME}")
 
     def _files(self) -> tuple[IO[Any], ...]:

@@ -177,7 +177,10 @@ def test_a_full_disk_ends_the_record_with_one_sentence_and_hurts_nobody(tmp_path
     assert "No space left" in told[0]
 
 
-def test_a_record_whose_folder_is_removed_ends_at_once_with_its_reason(tmp_path: Path) -> None:
+@pytest.mark.parametrize("how", ["removed", "renamed", "made anew"])
+def test_a_record_whose_folder_is_removed_ends_at_once_with_its_reason(
+    tmp_path: Path, how: str
+) -> None:
     folder = tmp_path / "flight"
     told: list[str] = []
     writer = RecordWriter(folder, on_failure=told.append)
@@ -185,8 +188,14 @@ def test_a_record_whose_folder_is_removed_ends_at_once_with_its_reason(tmp_path:
     writer.put(Topic.TRUTH, "mav0", truth("mav0", 1, 0.0), 0)
     assert writer.end_so_far().failure is None
 
-    shutil.rmtree(folder)
-    deadline_s = time.monotonic() + 30.0
+    if how == "renamed":
+        folder.rename(tmp_path / "another")
+    else:
+        shutil.rmtree(folder)
+    if how == "made anew":
+        folder.mkdir()
+        (folder / "flight.mcap").write_bytes(b"of somebody else")
+    deadline_s = time.monotonic() + 5.0
     while writer.failure is None and time.monotonic() < deadline_s:
         time.sleep(0.05)
     writer.stop()
