@@ -227,7 +227,7 @@ class PreflightReporter:
             has_landed_report=view.has_landed_report,
             is_armed=snapshot.is_armed and self._flight.step is not FlightStep.ARMED,
             is_failsafe=snapshot.is_failsafe,
-            unhealthy=unhealthy(snapshot, self._vehicle.mocap_required),
+            unhealthy=unhealthy(snapshot, self._vehicle.flies_by_satellites),
             has_rc=has_rc(snapshot),
             battery_frac=battery_frac,
             battery_voltage_v=battery_voltage_v,

@@ -6,10 +6,10 @@ from onboard.autopilot import Snapshot
 
 _RC_RECEIVER = 0x10000
 
-# Each row: bit of MAV_SYS_STATUS_SENSOR, name, whether a flight with a mocap requires the sensor,
-# whether a flight without a mocap requires it. None: the sensor is not even reported. The prearm
-# bit is left out, because PX4 keeps it low in HOLD without satellites, but still arms when
-# setpoints arrive.
+# Each row: bit of MAV_SYS_STATUS_SENSOR, name, whether a flight with poses (of a mocap or a camera)
+# requires the sensor, whether a flight by satellites requires it. None: the sensor is not even
+# reported. The prearm bit is left out, because PX4 keeps it low in HOLD without satellites, but
+# still arms when setpoints arrive.
 _SENSORS: tuple[tuple[int, str, bool | None, bool], ...] = (
     (0x1, "gyroscope", True, True),
     (0x2, "accelerometer", True, True),
@@ -28,12 +28,12 @@ _SENSORS: tuple[tuple[int, str, bool | None, bool], ...] = (
 )
 
 
-def unhealthy(snapshot: Snapshot, has_mocap: bool) -> tuple[tuple[str, bool], ...]:
+def unhealthy(snapshot: Snapshot, by_satellites: bool) -> tuple[tuple[str, bool], ...]:
     """Return the sensors that are enabled and not healthy.
 
     Args:
         snapshot: newest snapshot of PX4.
-        has_mocap: whether the vehicle flies with a mocap.
+        by_satellites: whether the vehicle flies by satellites.
     Returns:
         Each sensor's name, and whether this flight requires the sensor.
     """
@@ -42,8 +42,8 @@ def unhealthy(snapshot: Snapshot, has_mocap: bool) -> tuple[tuple[str, bool], ..
 
     unhealthy_bits = snapshot.sensors_enabled & ~snapshot.sensors_healthy
     reported: list[tuple[str, bool]] = []
-    for bit, name, with_mocap, without_mocap in _SENSORS:
-        is_required = with_mocap if has_mocap else without_mocap
+    for bit, name, with_poses, with_satellites in _SENSORS:
+        is_required = with_satellites if by_satellites else with_poses
         if unhealthy_bits & bit and is_required is not None:
             reported.append((name, is_required))
     return tuple(reported)
