@@ -415,7 +415,6 @@ class AgentCore:
         law_status = 0
         active_neighbour = router.NOBODY
         is_law_active = False
-        below_m = 0.0  # height of the setpoint above the vehicle
         setpoint_miss_m = 0.0  # horizontal distance from the setpoint to the predicted position
 
         if last_pass is not None:
@@ -427,8 +426,6 @@ class AgentCore:
             if control.waits_for != router.NOBODY:
                 active_neighbour = control.waits_for
 
-            _, _, z_m = view.position_enu_m
-            below_m = setpoint_enu_m.z - z_m
             miss = subtract(setpoint_enu_m, law.predicted_position_enu_m)
             setpoint_miss_m = math.hypot(miss.x, miss.y)
 
@@ -462,7 +459,7 @@ class AgentCore:
             active_neighbour=active_neighbour,
             commanded_wxyz=self._setpoints.quaternion_wxyz,
             thrust_frac=self._setpoints.sent_thrust_frac,
-            below_m=below_m,
+            below_m=self._below_trajectory_m(view),
             is_law_active=is_law_active,
             setpoint_miss_m=setpoint_miss_m,
             disturbance_enu_m_s2=control.observer.disturbance_enu_m_s2,
@@ -487,10 +484,9 @@ class AgentCore:
         _, _, climb_m_s = view.velocity_enu_m_s
         ground = self.flight.expected_ground
         height_m = z_m - ground.z_of(float(ground_at_m(self.fleet, x, y)))
-        below_m = 0.0
-        # a vehicle that lands does not stop above the ground
-        if self.control.tick is not None and self.flight.step.control_mode is ControlMode.FLYING:
-            below_m = self.control.tick.setpoint.position_enu_m.z - z_m
+        below_m = 0.0  # a vehicle that lands does not stop above the ground
+        if self.flight.step.control_mode is ControlMode.FLYING:
+            below_m = self._below_trajectory_m(view)
         fault = fault_of_law(
             self.failsafes.conditions,
             self._fence,
@@ -500,6 +496,13 @@ class AgentCore:
         )
         if fault:
             self.control.replace_own_law(fault)
+
+    def _below_trajectory_m(self, view: FlightView) -> float:
+        """Return how far the vehicle is below its trajectory; 0 before the first pass."""
+        if self.control.tick is None:
+            return 0.0
+        _, _, z_m = view.position_enu_m
+        return self.control.tick.setpoint.position_enu_m.z - z_m
 
     def _report_mismatch(self, view: FlightView) -> None:
         """Report differences between the vehicle's response and its fleet file."""

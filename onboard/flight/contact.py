@@ -73,7 +73,7 @@ _WITHOUT_POSES_SINKS_M_S = 0.25  # a vehicle that sinks more slowly than this st
 _WITHOUT_POSES_STANDS_S = 0.26  # a vehicle that stands for this time has landed
 _WITHOUT_POSES_TOUCHES_S = 0.06  # a vehicle that stands for this time may have landed
 # no error explains a height this low, so the vehicle has landed
-_WITHOUT_POSESUNDER_GROUND_M = -1.0
+_WITHOUT_POSES_UNDER_GROUND_M = -1.0
 
 
 class ContactSigns(Struct, frozen=True):
@@ -236,7 +236,7 @@ def has_ground_contact_without_poses(
         lowest_ground_m: height of the lowest ground that it may land on [m].
     """
     _, _, z_m = view.position_enu_m
-    if z_m - lowest_ground_m < _WITHOUT_POSESUNDER_GROUND_M:
+    if z_m - lowest_ground_m < _WITHOUT_POSES_UNDER_GROUND_M:
         return True
     return _has_stood_low(signs, view, z_m - ground_z_m, _WITHOUT_POSES_STANDS_S)
 

@@ -216,13 +216,19 @@ async def test_an_operator_stops_all_countdowns_of_parallel_steps(client: Any) -
     assert not ground.stop_countdown()
 
 
-async def test_a_vehicle_that_is_not_ready_any_more_when_the_time_comes_starts_nobody(
-    fleet: FleetConfig, client: Any, bus: Any
-) -> None:
+async def _counted_down(fleet: FleetConfig, client: Any) -> asyncio.Task[Any]:
+    """Return a mission whose countdown has begun and ends in less than half a second."""
     clock = client.wall_clock = MovableClock(client.now_ns)
     run = MissionRun(make(fleet, HOP), client, at=clock.after(0.4))
     flown = asyncio.create_task(run.run())
     assert await client.wait_for(lambda _: run.fleet.ground.countdown is not None, 5.0)
+    return flown
+
+
+async def test_a_vehicle_that_is_not_ready_any_more_when_the_time_comes_starts_nobody(
+    fleet: FleetConfig, client: Any, bus: Any
+) -> None:
+    flown = await _counted_down(fleet, client)
     bus.tell("mav1", not_ready=("Its battery is low.",))
     verdict = await asyncio.wait_for(flown, 20.0)
     assert "mav1 is ready: Its battery is low" in verdict.summary
@@ -232,10 +238,7 @@ async def test_a_vehicle_that_is_not_ready_any_more_when_the_time_comes_starts_n
 async def test_a_vehicle_that_falls_silent_just_before_the_time_starts_nobody(
     fleet: FleetConfig, client: Any, bus: Any
 ) -> None:
-    clock = client.wall_clock = MovableClock(client.now_ns)
-    run = MissionRun(make(fleet, HOP), client, at=clock.after(0.4))
-    flown = asyncio.create_task(run.run())
-    assert await client.wait_for(lambda _: run.fleet.ground.countdown is not None, 5.0)
+    flown = await _counted_down(fleet, client)
     del bus.vehicles["mav1"]
     verdict = await asyncio.wait_for(flown, 20.0)
     assert "mav1 does not answer" in verdict.summary
@@ -245,10 +248,7 @@ async def test_a_vehicle_that_falls_silent_just_before_the_time_starts_nobody(
 async def test_a_vehicle_that_flies_when_the_time_comes_starts_nobody(
     fleet: FleetConfig, client: Any, bus: Any
 ) -> None:
-    clock = client.wall_clock = MovableClock(client.now_ns)
-    run = MissionRun(make(fleet, HOP), client, at=clock.after(0.4))
-    flown = asyncio.create_task(run.run())
-    assert await client.wait_for(lambda _: run.fleet.ground.countdown is not None, 5.0)
+    flown = await _counted_down(fleet, client)
     bus.tell("mav1", state="flying", is_airborne=True, is_armed=True)
     verdict = await asyncio.wait_for(flown, 20.0)
     assert verdict.exit_status == 2
