@@ -30,7 +30,6 @@ from sitl.px4.commander import EmulatedPx4
 from sitl.px4.estimator import (
     ESTIMATE_EVERY_STEPS,
     GPS_ACCURACIES_M,
-    GPS_ACCURACY_M,
     GPS_LEVELS,
     Estimator,
 )
@@ -42,6 +41,7 @@ from sitl.px4.parameters import Parameters
 from sitl.px4.satellite_receiver import SatelliteReceiver
 from sitl.px4.signals import Actuation, AutopilotInputs, Setpoint
 from sitl.px4.signing import KeyStore
+from sitl.px4.vehicle_estimate import GPS_ACCURACY_M
 from sitl.px4.versions import DEFAULT, Version
 
 _TICK_STEPS = round(TICK_S / STEP_S)
@@ -324,7 +324,7 @@ class Emulator:
             if self.disturbances.is_hung[index]:
                 continue
 
-            source = self.estimator.source[index]
+            source = self.estimator.source(index)
             inputs = AutopilotInputs(
                 time_s=self.clock_s(index),
                 position_ned_m=positions[index],
@@ -351,7 +351,7 @@ class Emulator:
             return
 
         self.has_global_origin[index] = True
-        if not self.estimator.has_gps[index]:
+        if not self.estimator.sensors[index].has_gps:
             self.local_origins[index] = received._replace(altitude_m=self.origin.altitude_m)
         if _LOWEST_ORIGIN_M < received.altitude_m < _HIGHEST_ORIGIN_M:
             self.estimator.set_origin_altitude(index, received.altitude_m)
@@ -450,8 +450,9 @@ class Emulator:
         estimator = self.estimator
         for index, receiver in enumerate(self.receivers):
             fix_type = self.fix_type(index)
-            estimator.gps_levels[index] = GPS_LEVELS.get(fix_type, GPS)
-            estimator.gps_accuracy_m[index] = GPS_ACCURACIES_M.get(fix_type, GPS_ACCURACY_M)
+            sensors = estimator.sensors[index]
+            sensors.gps_level = GPS_LEVELS.get(fix_type, GPS)
+            sensors.gps_accuracy_m = GPS_ACCURACIES_M.get(fix_type, GPS_ACCURACY_M)
 
             # The direction of the shift does not matter here, so every shift is to the north.
             shift_m = receiver.shift_m(self.time_s)
@@ -538,7 +539,7 @@ class Emulator:
     def _set_vision_level(self, index: int, *, has_velocity: bool) -> None:
         params = self.autopilots[index].params
         uses_velocity = bool(params.integer("EKF2_EV_CTRL") & _USES_VELOCITY)
-        self.estimator.vision_levels[index] = vision_level(
+        self.estimator.sensors[index].vision_level = vision_level(
             params["EKF2_EVP_NOISE"],
             params["EKF2_TAU_VEL"],
             has_velocity=has_velocity and uses_velocity,
@@ -558,9 +559,10 @@ class Emulator:
         has_receiver = params.integer("SYS_HAS_GPS") != 0
         uses_vision_yaw = bool(params.integer("EKF2_EV_CTRL") & _USES_YAW)
 
-        self.estimator.has_gps[index] = uses_satellites and has_receiver
-        self.estimator.uses_vision_yaw[index] = uses_vision_yaw
-        self.estimator.vision_noise_m[index] = params["EKF2_EVP_NOISE"]
+        sensors = self.estimator.sensors[index]
+        sensors.has_gps = uses_satellites and has_receiver
+        sensors.uses_vision_yaw = uses_vision_yaw
+        sensors.vision_noise_m = params["EKF2_EVP_NOISE"]
         self._set_vision_level(index, has_velocity=False)
         self._attitude_control_changed(index)
 

@@ -222,21 +222,23 @@ def _battery_cell(emulator: FaultyEmulator, index: int, fault: Fault, is_on: boo
 
 
 def _gps_loss(emulator: FaultyEmulator, index: int, fault: Fault, is_on: bool) -> None:
-    emulator.estimator.gps_blocked[index] = is_on
+    emulator.estimator.sensors[index].gps_blocked = is_on
 
 
 def _gps_late(emulator: FaultyEmulator, index: int, fault: Fault, is_on: bool) -> None:
     delay_s = 0.0
     if is_on:
         delay_s = fault.number("delay_s")
-    emulator.estimator.gps_delay_s[index] = delay_s
+    emulator.estimator.sensors[index].gps_delay_s = delay_s
 
 
 def _gps_drift(emulator: FaultyEmulator, index: int, fault: Fault, is_on: bool) -> None:
-    drift = np.zeros(3)
+    drift_ned_m_s = np.zeros(3)
     if is_on:
-        drift[:] = fault.number("north_m_s"), fault.number("east_m_s"), -fault.number("up_m_s")
-    emulator.estimator.gps_drift_ned_m_s[index] = drift
+        drift_ned_m_s[0] = fault.number("north_m_s")
+        drift_ned_m_s[1] = fault.number("east_m_s")
+        drift_ned_m_s[2] = -fault.number("up_m_s")
+    emulator.estimator.sensors[index].gps_drift_ned_m_s = drift_ned_m_s
 
 
 def _corrections_lost(emulator: FaultyEmulator, index: int, fault: Fault, is_on: bool) -> None:

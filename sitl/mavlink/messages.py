@@ -113,7 +113,8 @@ def sys_status(v: View) -> Values:
     present = _SENSOR_BITS | _PREARM_BIT | _EXTENSION_BIT
 
     health = _SENSOR_BITS | _EXTENSION_BIT
-    receives_satellites = estimator.has_gps[v.index] and not estimator.gps_blocked[v.index]
+    sensors = estimator.sensors[v.index]
+    receives_satellites = sensors.has_gps and not sensors.gps_blocked
     if not receives_satellites:
         health &= ~_GPS_BIT
     if px4.is_armed or not px4.arming_obstacles(v.now_s):

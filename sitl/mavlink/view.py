@@ -185,7 +185,7 @@ class View:
     @property
     def origin_altitude_m(self) -> float:
         """Altitude of the local frame's origin above the sea."""
-        altitude_m = self.emulator.estimator.origin_altitude_m[self.index]
+        altitude_m = self.emulator.estimator.origin_altitude_m(self.index)
         if altitude_m is None:
             return self.ground_altitude_m
         return altitude_m

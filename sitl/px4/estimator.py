@@ -13,7 +13,6 @@ Each vehicle has its own local origin. Position and velocity carry the slow erro
 from __future__ import annotations
 
 import math
-from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -27,15 +26,14 @@ from sitl.physics.random_streams import Stream
 from sitl.physics.step import STEP_S
 from sitl.px4 import estimator_errors
 from sitl.px4.estimator_errors import (
-    GPS,
     RECKONING,
     RESTING,
     RESTING_WITH_VISION,
-    VISION_DEFAULT,
     ErrorLevel,
     Source,
 )
 from sitl.px4.satellite_receiver import RTK_FIXED, RTK_FLOAT
+from sitl.px4.vehicle_estimate import GPS_ACCURACY_M, SensorSettings, VehicleEstimate
 
 ESTIMATE_EVERY_STEPS = 2  # 125 Hz, the rate of PX4's estimator
 PERIOD_S = ESTIMATE_EVERY_STEPS * STEP_S
@@ -77,17 +75,16 @@ XY, VXY, Z, VZ, HEADING = range(5)
 # Counters of PX4's filter before its first position. The first position brings the sum to 13.
 _RESETS_AT_START = (2, 2, 2, 2, 1)
 
-# The horizontal error in ESTIMATOR_STATUS, measured on PX4 v1.18 (SIH) that lost its satellites in
-# flight: 0.3 m with a source; 0.37, 0.53, 0.74, 1.0, 1.3 m one to five seconds after the loss; then
-# 5 m and more. The growth is fitted by a parabola.
-GPS_ACCURACY_M = 0.3
-# The error with corrections, not measured.
+# The horizontal error in ESTIMATOR_STATUS with corrections, not measured.
 GPS_ACCURACIES_M = {RTK_FLOAT: 0.2, RTK_FIXED: 0.1}
 # Error level of the estimate by the type of the fix.
 GPS_LEVELS = {RTK_FLOAT: estimator_errors.RTK_FLOAT, RTK_FIXED: estimator_errors.RTK_FIXED}
 # With vision: a share of EKF2_EVP_NOISE, and at least this, as measured.
 _VISION_ACCURACY_SHARE = 0.4
 _LEAST_VISION_ACCURACY_M = 0.006
+# That error without a source, measured on PX4 v1.18 (SIH) that lost its satellites in flight: 0.37,
+# 0.53, 0.74, 1.0, 1.3 m one to five seconds after the loss; then 5 m and more. The growth is fitted
+# by a parabola.
 _ACCURACY_M_S = 0.185
 _ACCURACY_M_S2 = 0.012
 _ACCURACY_KNOWN_S = 5.7  # time after the loss for which the parabola holds
@@ -128,19 +125,8 @@ class Estimator:
         compass_error_rad: mean error (n,) of a heading that comes from the compass.
         tilt_error_rad: turn (n, 2) about north and east that takes the estimated attitude to the
             true one.
-        source: source of each estimate.
-        has_gps: whether the parameters allow satellites, per vehicle.
-        uses_vision_yaw: whether the parameters take the heading from vision, per vehicle.
-        vision_levels: error level of the estimate with vision, per vehicle.
-        vision_noise_m: EKF2_EVP_NOISE, per vehicle.
-        gps_blocked: whether a fault prevents the reception of satellites, per vehicle.
-        gps_levels: error level of the estimate with satellites, per vehicle.
-        gps_accuracy_m: horizontal error in ESTIMATOR_STATUS with satellites, per vehicle.
-        gps_delay_s: delay of horizontal position and velocity by satellites, per vehicle.
-        gps_drift_ned_m_s: drift (n, 3) of positions by satellites, which velocities do not show.
+        sensors: settings of each vehicle's sensors, which its emulator changes.
         resets: counters (n, 5) XY, VXY, Z, VZ, HEADING.
-        origin_altitude_m: altitude of the origin of the local frame above the sea, per vehicle, as
-            received or from satellites; None before either.
         jumps: index and shift of each position that has jumped; the emulator clears the list.
     """
 
@@ -179,42 +165,17 @@ class Estimator:
         self.compass_error_rad = self._errors["yaw_mean"]
         self.tilt_error_rad = self._errors["tilt_error"]
 
-        # Times of the newest event of each kind, per vehicle.
-        self._vision_time_s = [-math.inf] * n  # newest external position
-        self._height_time_s = [-math.inf] * n  # newest external position whose height was fused
-        self._lost_time_s = [-math.inf] * n  # loss of the last source
-        self._start_time_s = [0.0] * n
+        # One of each per vehicle.
+        self.sensors = [SensorSettings() for _ in range(n)]
+        self._vehicles = [VehicleEstimate() for _ in range(n)]
 
-        # Vision can be delayed, and can have another frame than the estimate.
-        self._vision_frame: list[Array | None] = [None] * n  # offset to the frame of satellites
+        # The past positions are needed because vision can be delayed.
         self._history = np.zeros((_HISTORY, n, 3))
         self._history_index = 0
-
-        # Satellites.
-        self.source = [Source.NONE] * n
-        self.has_gps = [True] * n
-        self.gps_blocked = [False] * n
-        self.gps_levels = [GPS] * n
-        self.gps_accuracy_m = [GPS_ACCURACY_M] * n
-        self.gps_delay_s = [0.0] * n
-        self.gps_drift_ned_m_s = np.zeros((n, 3))
-        # Positions and velocities during the delay of each vehicle, oldest first.
-        self._late: list[deque[tuple[Array, Array]]] = [deque() for _ in range(n)]
-
-        # Vision.
-        self.uses_vision_yaw = [True] * n
-        self.vision_levels = [VISION_DEFAULT] * n
-        self.vision_noise_m = [0.1] * n
 
         # Reported values besides the estimate.
         self.resets = np.tile(np.array(_RESETS_AT_START, dtype=np.int64), (n, 1))
         self.jumps: list[tuple[int, Array]] = []
-        self.origin_altitude_m: list[float | None] = [None] * n
-
-        # State at the last selection of the sources.
-        self._levels: list[ErrorLevel | None] = [None] * n
-        self._is_resting = [True] * n
-        self._rest_begin_s = [-math.inf] * n  # last time in the air
 
     def _begin_errors(self) -> None:
         """Draw the errors at the start."""
@@ -265,22 +226,22 @@ class Estimator:
         )
         self._history_index = (self._history_index + 1) % _HISTORY
         self._history[self._history_index] = self._errors["base"]
-        for index, delay_s in enumerate(self.gps_delay_s):
-            if delay_s or self._late[index]:
-                self._delay(index, delay_s)
-        if self.gps_drift_ned_m_s.any():
-            self._drift_by_satellites()
+        for index, (sensors, vehicle) in enumerate(zip(self.sensors, self._vehicles, strict=True)):
+            if sensors.gps_delay_s or vehicle.late:
+                self._delay(index, sensors.gps_delay_s)
+            if vehicle.source is Source.GPS:
+                self.offset_ned_m[index] += PERIOD_S * sensors.gps_drift_ned_m_s
 
     def _delay(self, index: int, delay_s: float) -> None:
         """Replace the horizontal estimate by the one from ``delay_s`` ago.
 
         The height does not change, because it comes from the barometer.
         """
-        if self.source[index] is not Source.GPS:
-            self._late[index].clear()
+        late = self._vehicles[index].late
+        if self.source(index) is not Source.GPS:
+            late.clear()
             return
 
-        late = self._late[index]
         position = self.position_ned_m[index, :2]
         velocity = self.velocity_ned_m_s[index, :2]
         late.append((position.copy(), velocity.copy()))
@@ -291,12 +252,6 @@ class Estimator:
             late.clear()
             return
         position[:], velocity[:] = late[0]
-
-    def _drift_by_satellites(self) -> None:
-        """Shift the positions that come from satellites by their drift."""
-        for index, source in enumerate(self.source):
-            if source is Source.GPS:
-                self.offset_ned_m[index] += PERIOD_S * self.gps_drift_ned_m_s[index]
 
     # -- fusion ------------------------------------------------------------------------------------
 
@@ -325,8 +280,9 @@ class Estimator:
         if not math.isfinite(x + y + z):
             return
 
-        is_first = time_s - self._vision_time_s[index] >= _VISION_TIMEOUT_S
-        self._vision_time_s[index] = time_s
+        vehicle = self._vehicles[index]
+        is_first = time_s - vehicle.vision_time_s >= _VISION_TIMEOUT_S
+        vehicle.vision_time_s = time_s
         self._fuse_vision_yaw(index, yaw_error_rad, is_first=is_first)
 
         # the estimated position at the time of the pose
@@ -369,16 +325,17 @@ class Estimator:
         x, y, z = vision_ned_m
         estimated_x, estimated_y, estimated_z = estimated_ned_m
 
-        frame = self._vision_frame[index]
+        vehicle = self._vehicles[index]
+        frame = vehicle.vision_frame_ned_m
         if frame is None or is_first:
             frame = np.array([estimated_x - x, estimated_y - y, estimated_z - z])
-            self._vision_frame[index] = frame
+            vehicle.vision_frame_ned_m = frame
         frame_x, frame_y, frame_z = frame.tolist()
         x += frame_x
         y += frame_y
         z += frame_z
 
-        self._height_time_s[index] = time_s
+        vehicle.height_time_s = time_s
         correction = (
             _FUSE_GAIN * (x - estimated_x),
             _FUSE_GAIN * (y - estimated_y),
@@ -409,7 +366,7 @@ class Estimator:
         error_x = x - estimated_x
         error_y = y - estimated_y
         error_z = z - estimated_z
-        gate_m = max(_SMALLEST_GATE_M, _GATE_SIGMAS * self.vision_noise_m[index])
+        gate_m = max(_SMALLEST_GATE_M, _GATE_SIGMAS * self.sensors[index].vision_noise_m)
 
         # PX4 follows a horizontal jump at once.
         jumps_sideways = is_first or math.hypot(error_x, error_y) > gate_m
@@ -418,15 +375,16 @@ class Estimator:
             error_y = _FUSE_GAIN * error_y
 
         # PX4 refuses a jump in height at first.
+        vehicle = self._vehicles[index]
         is_refused = abs(error_z) > gate_m and not is_first
-        refused_for_s = time_s - self._height_time_s[index]
+        refused_for_s = time_s - vehicle.height_time_s
         jumps_in_height = is_first or (is_refused and refused_for_s >= _HEIGHT_REFUSAL_S)
         if jumps_in_height:
-            self._height_time_s[index] = time_s
+            vehicle.height_time_s = time_s
         elif is_refused:
             error_z = 0.0
         else:
-            self._height_time_s[index] = time_s
+            vehicle.height_time_s = time_s
             error_z = _FUSE_GAIN * error_z
 
         self._correct(index, (error_x, error_y, error_z))
@@ -443,9 +401,10 @@ class Estimator:
 
     def set_origin_altitude(self, index: int, altitude_m: float) -> None:
         """Set the altitude of the local frame's origin, and shift the height by the change."""
+        vehicle = self._vehicles[index]
         shift_m = altitude_m - self._known_origin_m(index)
-        self.origin_altitude_m[index] = altitude_m
-        if not shift_m or self.source[index] is Source.NONE:
+        vehicle.origin_altitude_m = altitude_m
+        if not shift_m or vehicle.source is Source.NONE:
             return
 
         self._correct(index, (0.0, 0.0, shift_m))
@@ -453,20 +412,19 @@ class Estimator:
         shift_ned_m = np.array([0.0, 0.0, shift_m])
         self.jumps.append((index, shift_ned_m))
 
-        frame = self._vision_frame[index]
-        if frame is not None:
-            self._vision_frame[index] = frame + shift_ned_m
+        if vehicle.vision_frame_ned_m is not None:
+            vehicle.vision_frame_ned_m = vehicle.vision_frame_ned_m + shift_ned_m
 
     def _known_origin_m(self, index: int) -> float:
         """Return the altitude of the local frame's origin, 0 while it is not known."""
-        altitude_m = self.origin_altitude_m[index]
+        altitude_m = self.origin_altitude_m(index)
         if altitude_m is None:
             return 0.0
         return altitude_m
 
     def begin_vision_anew(self, index: int) -> None:
         """Let the estimate jump to the next external position, as the sender has requested."""
-        self._vision_time_s[index] = -math.inf
+        self._vehicles[index].vision_time_s = -math.inf
 
     def restart(self, index: int, time_s: float, position_ned_m: Array) -> None:
         """Restart the estimate of a vehicle, as a reboot does.
@@ -483,14 +441,7 @@ class Estimator:
         self._errors["turned_position"][index] = 0.0
 
         self._history[:, index] = 0.0
-        self._vision_time_s[index] = -math.inf
-        self._height_time_s[index] = -math.inf
-        self._lost_time_s[index] = -math.inf
-        self._start_time_s[index] = time_s
-        self._vision_frame[index] = None
-        self._levels[index] = None
-        self.origin_altitude_m[index] = None
-        self.source[index] = Source.NONE
+        self._vehicles[index] = VehicleEstimate(start_time_s=time_s)
         self.resets[index] = _RESETS_AT_START
 
     # -- reported values ---------------------------------------------------------------------------
@@ -516,6 +467,17 @@ class Estimator:
         """Estimated velocities (n, 3): a view, not a copy."""
         return self._errors["velocity"]
 
+    def source(self, index: int) -> Source:
+        """Return the source of one vehicle's estimate."""
+        return self._vehicles[index].source
+
+    def origin_altitude_m(self, index: int) -> float | None:
+        """Return the altitude of the local frame's origin above the sea, None while not known.
+
+        The altitude is the one that was set or, before that, the one by satellites.
+        """
+        return self._vehicles[index].origin_altitude_m
+
     def reset_counter(self, index: int) -> int:
         """Return ODOMETRY.reset_counter: the number of jumps of the estimate, modulo 256."""
         return int(self.resets[index].sum()) & 0xFF
@@ -526,14 +488,15 @@ class Estimator:
         When the last source is lost, some flags are cleared at once, and more after 5 s of dead
         reckoning.
         """
+        vehicle = self._vehicles[index]
         absolute = 0
-        if self.origin_altitude_m[index] is not None:
+        if vehicle.origin_altitude_m is not None:
             absolute = _FLAG_ABSOLUTE
 
-        flags = _FLAGS.get(self.source[index])
+        flags = _FLAGS.get(vehicle.source)
         if flags is not None:
             return flags | absolute
-        if time_s - self._lost_time_s[index] < _RECKONING_S:
+        if time_s - vehicle.lost_time_s < _RECKONING_S:
             return _FLAGS_RECKONING | absolute
         return _FLAGS_LOST
 
@@ -543,57 +506,63 @@ class Estimator:
 
     def accuracy_m(self, index: int, time_s: float) -> float:
         """Return ESTIMATOR_STATUS.pos_horiz_accuracy, which grows without a source."""
-        if self.source[index] is Source.GPS:
-            return self.gps_accuracy_m[index]
-        if self.source[index] is Source.VISION:
-            of_noise_m = _VISION_ACCURACY_SHARE * self.vision_noise_m[index]
+        vehicle = self._vehicles[index]
+        sensors = self.sensors[index]
+        if vehicle.source is Source.GPS:
+            return sensors.gps_accuracy_m
+        if vehicle.source is Source.VISION:
+            of_noise_m = _VISION_ACCURACY_SHARE * sensors.vision_noise_m
             return max(of_noise_m, _LEAST_VISION_ACCURACY_M)
-        if not math.isfinite(self._lost_time_s[index]):
+        if not math.isfinite(vehicle.lost_time_s):
             return GPS_ACCURACY_M
 
-        lost_s = time_s - self._lost_time_s[index]
+        lost_s = time_s - vehicle.lost_time_s
         if lost_s > _ACCURACY_KNOWN_S:
             return _ACCURACY_LOST_M
         return math.hypot(GPS_ACCURACY_M, _ACCURACY_M_S * lost_s + _ACCURACY_M_S2 * lost_s**2)
 
     def sees_satellites(self, index: int, time_s: float) -> bool:
         """Return whether satellites are allowed, are received and give a fix."""
-        has_fix = time_s - self._start_time_s[index] >= GPS_FIX_S
-        return self.has_gps[index] and has_fix and not self.gps_blocked[index]
+        sensors = self.sensors[index]
+        has_fix = time_s - self._vehicles[index].start_time_s >= GPS_FIX_S
+        return sensors.has_gps and has_fix and not sensors.gps_blocked
 
     # -- sources -----------------------------------------------------------------------------------
 
     def _select_source(self, index: int, time_s: float, is_resting: bool) -> None:
         """Select the source of one vehicle's estimate, and with it the error level."""
+        vehicle = self._vehicles[index]
+        sensors = self.sensors[index]
+
         source = Source.NONE
-        if time_s - self._vision_time_s[index] < _VISION_TIMEOUT_S:
+        if time_s - vehicle.vision_time_s < _VISION_TIMEOUT_S:
             source = Source.VISION
         elif self.sees_satellites(index, time_s):
             source = Source.GPS
 
         if source is Source.VISION:
-            level = self.vision_levels[index]
+            level = sensors.vision_level
             if is_resting:
                 level = RESTING_WITH_VISION
         elif is_resting:
             level = RESTING
-        elif source is Source.NONE and not self.has_gps[index]:
+        elif source is Source.NONE and not sensors.has_gps:
             level = RECKONING
         else:
-            level = self.gps_levels[index]
+            level = sensors.gps_level
 
         self._watch_drift(index, time_s, is_resting=is_resting)
 
-        before = self.source[index]
-        is_same_level = level is self._levels[index]
-        if source is before and is_same_level and is_resting is self._is_resting[index]:
+        is_same_source = source is vehicle.source
+        is_same_level = level is vehicle.level
+        if is_same_source and is_same_level and is_resting is vehicle.is_resting:
             return
 
-        self._is_resting[index] = is_resting
+        vehicle.is_resting = is_resting
         self._errors["is_flying"][index] = not is_resting
         if not is_same_level:
             self._set_level(index, level)
-        if source is not before:
+        if not is_same_source:
             self._change_source(index, time_s, source)
 
     def _watch_drift(self, index: int, time_s: float, *, is_resting: bool) -> None:
@@ -603,15 +572,16 @@ class Estimator:
         source again. After a landing it keeps drifting until PX4 detects that the vehicle is at
         rest.
         """
+        vehicle = self._vehicles[index]
         if not is_resting:
-            self._rest_begin_s[index] = time_s
-        rested_s = time_s - self._rest_begin_s[index]
+            vehicle.flight_time_s = time_s
+        rested_s = time_s - vehicle.flight_time_s
         is_rest_detected = rested_s >= _REST_DETECTION_S
 
-        has_vision = time_s - self._vision_time_s[index] < _VISION_GAP_S
+        has_vision = time_s - vehicle.vision_time_s < _VISION_GAP_S
         is_aided = has_vision or self.sees_satellites(index, time_s)
 
-        had_source = self.source[index] is not Source.NONE
+        had_source = vehicle.source is not Source.NONE
         was_drifting = bool(self._errors["is_drifting"][index])
         can_drift = not is_rest_detected and not is_aided
         is_drifting = can_drift and (was_drifting or had_source)
@@ -620,7 +590,7 @@ class Estimator:
         self._errors["is_drifting"][index] = is_drifting
 
     def _set_level(self, index: int, level: ErrorLevel) -> None:
-        self._levels[index] = level
+        self._vehicles[index].level = level
         estimator_errors.set_level(self._errors[index], level, self._bias_draw[index], PERIOD_S)
         if self._scale != 1.0:
             self._errors["std_position_goal"][index] *= self._scale
@@ -628,18 +598,19 @@ class Estimator:
 
     def _change_source(self, index: int, time_s: float, source: Source) -> None:
         """Note the new source of one vehicle's estimate, with all that depends on the source."""
-        before = self.source[index]
-        self.source[index] = source
+        vehicle = self._vehicles[index]
+        before = vehicle.source
+        vehicle.source = source
         self._errors["has_satellites"][index] = source is Source.GPS
 
-        if source is Source.GPS and self.origin_altitude_m[index] is None:
-            self.origin_altitude_m[index] = self._ground_altitude_m
+        if source is Source.GPS and vehicle.origin_altitude_m is None:
+            vehicle.origin_altitude_m = self._ground_altitude_m
         if source is not Source.VISION:
-            self._vision_frame[index] = None
+            vehicle.vision_frame_ned_m = None
 
         # The heading comes from vision (share 0 of the compass) or from the compass (share 1).
         # Without a source the gyros keep the heading, with its present error.
-        has_vision_yaw = source is Source.VISION and self.uses_vision_yaw[index]
+        has_vision_yaw = source is Source.VISION and self.sensors[index].uses_vision_yaw
         if has_vision_yaw:
             self._errors["yaw_share_goal"][index] = 0.0
             self.resets[index, HEADING] += 1
@@ -647,7 +618,7 @@ class Estimator:
             self._errors["yaw_share_goal"][index] = 1.0
 
         if source is Source.NONE:
-            self._lost_time_s[index] = time_s
+            vehicle.lost_time_s = time_s
         elif before is Source.NONE:
             # The first position is a jump of position and velocity. With vision, the fusion has
             # already counted the jump of the position (XY and Z).

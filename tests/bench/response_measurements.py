@@ -190,8 +190,9 @@ def estimate_errors(
 ) -> ErrorFigures:
     """Let vehicles hover on a source and look at what they believe."""
     estimator = Estimator(np.zeros((vehicles, 3)), seed=4)
-    estimator.has_gps = [level is GPS] * vehicles
-    estimator.vision_levels = [level] * vehicles
+    for sensors in estimator.sensors:
+        sensors.has_gps = level is GPS
+        sensors.vision_level = level
     still = np.zeros((vehicles, 3))
     flies = np.zeros(vehicles, dtype=np.bool_)
     position = []

@@ -154,11 +154,11 @@ def test_a_fault_begins_and_ends_on_the_step_of_its_time() -> None:
     emu = emulator()
     emu.inject(parse("v0 gps_loss at=4 duration=1"))
     run_for(emu, 4.0)
-    assert emu.estimator.source[0] is Source.GPS
+    assert emu.estimator.source(0) is Source.GPS
     run_for(emu, 0.05)
-    assert emu.estimator.source[0] is Source.NONE
+    assert emu.estimator.source(0) is Source.NONE
     run_for(emu, 1.0)
-    assert emu.estimator.source[0] is Source.GPS
+    assert emu.estimator.source(0) is Source.GPS
 
 
 def test_a_dead_motor_brings_the_vehicle_down() -> None:
@@ -358,7 +358,7 @@ def test_external_positions_can_freeze_jump_be_swapped_late_or_lost() -> None:
     lost = emulator()
     lost.inject(parse("v0 vision_lost"))
     run_for(lost, 2.0, lambda: vision_follower(lost, 0, (1.0, 0.0, 0.0)))
-    assert lost.estimator.source[0] is Source.NONE
+    assert lost.estimator.source(0) is Source.NONE
 
 
 @pytest.mark.parametrize("line", ["v0 vision_lost at=3", "v0 vision_late at=3 delay_s=0.4"])
@@ -371,7 +371,7 @@ def test_a_reset_of_vision_takes_effect_when_its_message_arrives(line: str) -> N
 
     emu.vision(0, np.array([1.05, 0.0, 0.0]), reset_count=1)
     run_for(emu, 0.3)
-    assert emu.estimator.source[0] is Source.VISION
+    assert emu.estimator.source(0) is Source.VISION
     assert emu.estimator.reset_counter(0) == resets
     run_for(emu, 0.3)
     jumps = 2 if "late" in line else 0  # in the plane and in height

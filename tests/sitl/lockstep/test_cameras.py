@@ -58,7 +58,7 @@ def test_a_fleet_by_visual_odometry_flies_a_mission(lockstep: Any, by_vision: Fl
     assert verdict.passed, verdict.sentences
 
     estimator = flight.simulation.emulator.estimator
-    assert not any(estimator.has_gps)
+    assert not any(sensors.has_gps for sensors in estimator.sensors)
 
     # the odometry drifts, and each PX4 follows its own
     errors_m = [flight.px4_position_error_m(name) for name in by_vision.enabled_names]

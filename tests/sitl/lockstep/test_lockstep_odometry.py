@@ -51,7 +51,7 @@ def test_px4_knows_where_it_is_and_where_it_heads_by_the_forwarded_mocap(lockste
     flight.run(2.0)
     estimator = flight.simulation.emulator.estimator
     for index, name in enumerate(flight.simulation.names):
-        assert estimator.source[index] is Source.VISION
+        assert estimator.source(index) is Source.VISION
         assert _miss_m(flight, name) < 0.4  # its estimate errs by 4 to 10 cm with PX4 as it comes
         assert abs(math.degrees(estimator.yaw_error_rad[index])) < 2.0
         assert _resets(flight, name) == 0

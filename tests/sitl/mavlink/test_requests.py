@@ -329,7 +329,7 @@ def test_parameters_are_reset_on_command_except_those_of_the_simulation(
     )
     assert [m.fields["result"] for m in answers] == results
     assert (params["COM_OF_LOSS_T"] == params.defaults["COM_OF_LOSS_T"]) is is_reset
-    assert bool(emu.estimator.has_gps[1]) is is_reset
+    assert emu.estimator.sensors[1].has_gps is is_reset
     assert params["MAV_SYS_ID"] == 2
 
 

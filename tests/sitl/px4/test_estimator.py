@@ -59,8 +59,9 @@ class Hovering:
 
 def on_vision(count: int, level: ErrorLevel = VISION_TUNED, **options: object) -> Hovering:
     hovering = Hovering(count, **options)
-    hovering.estimator.has_gps = [False] * count
-    hovering.estimator.vision_levels = [level] * count
+    for sensors in hovering.estimator.sensors:
+        sensors.has_gps = False
+        sensors.vision_level = level
     return hovering
 
 
@@ -175,8 +176,8 @@ def _flown_to_and_fro(
     (time, 2).
     """
     estimator = Estimator(np.zeros((1, 3)), seed=3, scale=0.0)
-    estimator.has_gps = [not vision]
-    estimator.uses_vision_yaw = [False]
+    estimator.sensors[0].has_gps = not vision
+    estimator.sensors[0].uses_vision_yaw = False
     estimator.compass_error_rad[:] = np.radians(mean_deg)
     position = np.zeros((1, 3))
     flies = np.zeros(1, dtype=np.bool_)
@@ -245,7 +246,7 @@ def test_the_heading_stays_where_vision_left_it_when_vision_stops() -> None:
     hovering = on_vision(1)
     hovering.fly(4.0, (0.0, 0.0, 0.0))
     hovering.fly(6.0)
-    assert hovering.estimator.source[0] is Source.NONE
+    assert hovering.estimator.source(0) is Source.NONE
     assert abs(hovering.estimator.yaw_error_rad[0]) < 0.005
 
 
@@ -253,9 +254,9 @@ def test_the_first_position_counts_the_resets_up_to_13_on_the_pad() -> None:
     hovering = Hovering(1)
     hovering.on_ground[:] = True
     hovering.fly(2.0)
-    assert hovering.estimator.source[0] is Source.NONE
+    assert hovering.estimator.source(0) is Source.NONE
     hovering.fly(1.0)
-    assert hovering.estimator.source[0] is Source.GPS
+    assert hovering.estimator.source(0) is Source.GPS
     assert hovering.estimator.reset_counter(0) == 13
 
 
@@ -299,7 +300,7 @@ def test_small_steps_of_vision_are_followed_smoothly_and_without_a_reset() -> No
 
 def test_unmatched_delay_of_vision_is_a_lag_of_the_position() -> None:
     estimator = Estimator(np.zeros((1, 3)), seed=1, scale=0.0)
-    estimator.has_gps = [False]
+    estimator.sensors[0].has_gps = False
     flies = np.zeros(1, dtype=np.bool_)
     speed = np.array([[1.0, 0.0, 0.0]])
     for k in range(1000):
@@ -360,7 +361,7 @@ def test_a_restart_begins_a_new_origin_where_the_vehicle_is_and_counts_anew() ->
     assert estimator.reset_counter(0) == 13
     estimator.restart(0, 4.0, there[0])
     estimator.step(4.0, there, still, flies)
-    assert estimator.source[0] is Source.NONE
+    assert estimator.source(0) is Source.NONE
     assert estimator.reset_counter(0) == 9
     np.testing.assert_allclose(estimator.position_ned_m[0], 0.0, atol=1e-9)
 
@@ -378,13 +379,13 @@ def test_the_reported_accuracy_grows_without_satellites_and_recovers_with_them()
     hovering.fly(5.0)
     told_m = hovering.estimator.accuracy_m
     assert told_m(0, hovering.time_s) == 0.3
-    hovering.estimator.gps_blocked[0] = True
+    hovering.estimator.sensors[0].gps_blocked = True
     hovering.fly(0.1)
     for measured_m in (0.37, 0.53, 0.74, 1.0, 1.32):  # PX4 v1.18, SIH, a second apart
         hovering.fly(1.0)
         assert told_m(0, hovering.time_s) == pytest.approx(measured_m, rel=0.12)
     hovering.fly(1.0)
     assert told_m(0, hovering.time_s) > 4.0
-    hovering.estimator.gps_blocked[0] = False
+    hovering.estimator.sensors[0].gps_blocked = False
     hovering.fly(0.2)
     assert told_m(0, hovering.time_s) == 0.3
