@@ -8,7 +8,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields, replace
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -84,8 +85,73 @@ class FlightOutcome:
         return math.isfinite(self.makespan_s)
 
 
+@dataclass(slots=True)
+class _Roles:
+    """Properties of flights, vehicles and pairs, by the plans."""
+
+    flight: IntArray  # (F,) index of the plan
+    earliest_s: Array  # (F,) the flight does not end before
+    longest_s: Array  # (F,) time after which the flight has failed
+    straight_m: Array  # (F,) length of all straight lines from goal to goal
+
+    is_counted: BoolArray  # (F, N) whether a vehicle's arrival counts
+    is_lost: BoolArray  # (F, N)
+    # (F, N) whether a vehicle flies by its commands; an intruder or a person does not
+    is_controlled: BoolArray
+
+    is_judged: BoolArray  # (F, P) whether the distance is judged; that from a liar is not
+    radius_m: Array  # (F, P) radius of the circle around a person; 0 for a pair of vehicles
+    touching_m: Array  # (F, P) distance below which the two touch
+
+
+@dataclass(slots=True)
+class _Course:
+    """Positions of the vehicles on the ways to their goals, at the last tick."""
+
+    goal_enu_m: Array  # (F, N, 3)
+    is_last_goal: BoolArray  # (F, N)
+    is_at_goal: BoolArray  # (F, N) whether a vehicle is near its goal, and slow
+    ticks_there: Array  # (F,) ticks since all reached their last goals
+
+    position_enu_m: Array  # (F, N, 3)
+    command_m_s2: Array  # (F, N, 2)
+    distance_m: Array  # (F, P), from a person's circle or between centres
+    away_m: Array  # (F, N) distance from the goal
+    recent_speed_m_s: Array  # (F, N) smoothed
+    recent_gain_m_s: Array  # (F, N) smoothed speed towards the goal
+
+
+@dataclass(slots=True)
+class _Totals:
+    """Sums over the ticks of each flight, and extremes, (F,)."""
+
+    violation_s: Array
+    path_m: Array  # of all vehicles
+
+    # means over the vehicles, summed over the ticks
+    relaxed: Array
+    squared_slew: Array  # (m/s^3)^2
+    intervention_m_s2: Array
+    energy_hover_s: Array
+
+    largest_speed_m_s: Array
+    least_separation_m: Array
+    least_clearance_m: Array
+    has_touched: BoolArray
+    contact_m_s: Array  # closing speed at the first touch; NaN: none
+
+
+_Rows = TypeVar("_Rows", _Roles, _Course, _Totals)
+
+
+def _only(arrays: _Rows, rows: IntArray) -> _Rows:
+    """Return the arrays with only these rows."""
+    kept = {field.name: getattr(arrays, field.name)[rows] for field in fields(arrays)}
+    return replace(arrays, **kept)
+
+
 class FlightMetrics:
-    """Sums of the flights under way (F rows), and the outcomes of those that have ended."""
+    """Measures of the flights under way, and the outcomes of those that have ended."""
 
     def __init__(
         self,
@@ -110,7 +176,7 @@ class FlightMetrics:
             start_enu_m: starts (F, N, 3).
             has_trace: whether the outcomes hold samples.
         """
-        flights, count = start_enu_m.shape[:2]
+        count = start_enu_m.shape[1]
         moved = [moved_by_gusts(gust_m_s2) for gust_m_s2 in gusts_m_s2]
         self._near_m = errors.arrival_m + np.array([moved_m for moved_m, _ in moved])
         self._slow_m_s = errors.slow_m_s + np.array([moved_m_s for _, moved_m_s in moved])
@@ -125,94 +191,73 @@ class FlightMetrics:
         if vertical_m is not None:
             self._height_share = self._limit_m / vertical_m
 
-        self.ticks = 0
-        self._done: dict[int, FlightOutcome] = {}  # by index of the plan
-        self._pairs = np.triu_indices(count, 1)
-        pair_count = count * (count - 1) // 2
-
         # least distance that vehicles keep from a vehicle that does not avoid
         least_lag_s = min(vehicle.lag_s for vehicle in fleet.vehicles.values())
         margin_m = fleet.law.margin_m(least_lag_s) + fleet.law.uncooperative_margin_m
         self._kept_from_lost_m = self._limit_m + margin_m
 
-        # From here on: rows (F, ...) of the flights under way; keep() drops those that have ended.
-        self._flights = np.arange(flights)
-        self._goal = np.stack([plan.goal_enu_m for plan in plans])
-        self._earliest = np.array([plan.earliest_s for plan in plans])
-        self._longest = np.array(longest_s, dtype=np.float64)
+        self.ticks = 0
+        self._done: dict[int, FlightOutcome] = {}  # by index of the plan
+        self._pairs = np.triu_indices(count, 1)
 
-        self._counts = np.ones((flights, count), bool)  # whether a vehicle's arrival counts
-        self._is_lost = np.zeros((flights, count), bool)
-        # whether a vehicle flies by its commands; an intruder or a person does not
-        self._is_controlled = np.ones((flights, count), bool)
-        for f, plan in enumerate(plans):
-            if plan.intruder_m_s is not None:
-                self._counts[f, -1] = False
-                self._is_controlled[f, -1] = False
-            if plan.lost is not None:
-                lost_index, _, _ = plan.lost
-                self._counts[f, lost_index] = False
-                self._is_lost[f, lost_index] = True
-            if plan.lie is not None:
-                self._counts[f, plan.lie.member] = False
-        self._is_judged = self._judged_pairs(plans)
-        self._radius_m = self._pair_radii_m(plans)
-        # in a pair of a person and a vehicle, only the vehicle has half a body around its point
-        bodies = np.where(self._radius_m > 0.0, 0.5, 1.0)
-        self._touching_m = bodies * self._body_m
-
-        self._position = start_enu_m
-        self._command = np.zeros((flights, count, 2))
-        self._away = np.sqrt(((start_enu_m - self._goal) ** 2).sum(-1))  # (F, N) distance from goal
-        self._straight = np.where(self._counts, self._away, 0.0).sum(-1)
-        for f, plan in enumerate(plans):
-            if plan.later_goals_enu_m is not None:
-                self._straight[f] = plan.legs_m.sum(axis=0)[self._counts[f]].sum()
-        # (F, N): whether a vehicle is at the goal that it flies to, and whether that is its last
-        self.is_at_goal = np.zeros((flights, count), bool)
-        has_one_goal = np.array([plan.later_goals_enu_m is None for plan in plans])
-        self._is_last = np.repeat(has_one_goal[:, None], count, axis=1)
-        self._ticks_there = np.zeros(flights)  # ticks since all reached their goals
-        self._recent_speed = np.zeros((flights, count))
-        self._recent_gain = np.zeros((flights, count))  # smoothed speed towards the goal
-
-        self._sums = {
-            "violation": np.zeros(flights),
-            "relaxed": np.zeros(flights),
-            "slew": np.zeros(flights),
-            "speed": np.zeros(flights),  # the greatest speed, which is not a sum
-            "intervention": np.zeros(flights),
-            "path": np.zeros(flights),
-            "energy": np.zeros(flights),
-        }
-        self._nearest = np.full(flights, np.inf)
-        self._has_touched = np.zeros(flights, bool)
-        self._contact_m_s = np.full(flights, np.nan)  # closing speed at the first touch
-        self._apart_m = np.full((flights, pair_count), np.inf)  # at the last tick
-        self._clearance = np.full(flights, np.inf)
+        # rows of the flights under way; keep() drops those that have ended
+        self._roles = self._roles_of(plans, longest_s)
+        self._course = _course_at_start(plans, start_enu_m)
+        self._totals = _totals_at_start(len(plans))
 
         self._measure_separation(start_enu_m)
         self._trace: _TraceBuffer | None = None
         if has_trace:
             self._trace = _TraceBuffer(start_enu_m)
 
-    def _judged_pairs(self, plans: Sequence[FlightPlan]) -> BoolArray:
-        """Return the pairs (F, P) whose distance is judged: all but those of a liar."""
+    def _roles_of(self, plans: Sequence[FlightPlan], longest_s: Sequence[float]) -> _Roles:
+        """Return what the plans say; ``longest_s`` as at the start."""
+        flights = len(plans)
+        count = plans[0].count
         first, second = self._pairs
-        is_judged = np.ones((len(plans), len(first)), bool)
+
+        is_counted = np.ones((flights, count), bool)
+        is_lost = np.zeros((flights, count), bool)
+        is_controlled = np.ones((flights, count), bool)
+        is_judged = np.ones((flights, len(first)), bool)
         for f, plan in enumerate(plans):
+            if plan.intruder_m_s is not None:
+                is_counted[f, -1] = False
+                is_controlled[f, -1] = False
+            if plan.lost is not None:
+                lost_index, _, _ = plan.lost
+                is_counted[f, lost_index] = False
+                is_lost[f, lost_index] = True
             if plan.lie is not None:
+                is_counted[f, plan.lie.member] = False
                 is_judged[f] = (first != plan.lie.member) & (second != plan.lie.member)
-        return is_judged
 
-    def _pair_radii_m(self, plans: Sequence[FlightPlan]) -> Array:
-        """Return the radii (F, P) of the circles around persons, to which distances are measured.
+        straight_m = np.zeros(flights)
+        for f, plan in enumerate(plans):
+            straight_m[f] = plan.legs_m[:, is_counted[f]].sum()
 
-        They are 0 for pairs of vehicles.
-        """
-        radii_m = person_radii_m(plans)
-        first, second = self._pairs
-        return np.asarray(np.maximum(radii_m[:, first], radii_m[:, second]))
+        of_vehicle_m = person_radii_m(plans)
+        radius_m = np.maximum(of_vehicle_m[:, first], of_vehicle_m[:, second])
+        # in a pair of a person and a vehicle, only the vehicle has half a body around its point
+        bodies = np.where(radius_m > 0.0, 0.5, 1.0)
+
+        return _Roles(
+            flight=np.arange(flights),
+            earliest_s=np.array([plan.earliest_s for plan in plans]),
+            longest_s=np.array(longest_s, dtype=np.float64),
+            straight_m=straight_m,
+            is_counted=is_counted,
+            is_lost=is_lost,
+            is_controlled=is_controlled,
+            is_judged=is_judged,
+            radius_m=radius_m,
+            touching_m=bodies * self._body_m,
+        )
+
+    @property
+    def is_at_goal(self) -> BoolArray:
+        """Whether each vehicle (F, N) is at the goal that it flies to."""
+        return self._course.is_at_goal
 
     @property
     def time_s(self) -> float:
@@ -242,12 +287,13 @@ class FlightMetrics:
         self._measure_law(law)
         self._measure_motion(position, speed)
         if self._trace is not None:
-            self._trace.add(self._flights, self.ticks, position, law["status"], active)
+            self._trace.add(self._roles.flight, self.ticks, position, law["status"], active)
 
-        is_near = self._away < self._near_m
+        course = self._course
+        is_near = course.away_m < self._near_m
         is_slow = speed < self._slow_m_s
-        self.is_at_goal = is_near & is_slow
-        is_there = (self.is_at_goal & self._is_last) | ~self._counts
+        course.is_at_goal = is_near & is_slow
+        is_there = (course.is_at_goal & course.is_last_goal) | ~self._roles.is_counted
         return self._end_flights(is_there)
 
     def change_goals(self, goal_enu_m: Array, is_last: BoolArray) -> None:
@@ -257,54 +303,59 @@ class FlightMetrics:
             goal_enu_m: (F, N, 3) where each vehicle flies to.
             is_last: (F, N) whether that is the last of its goals.
         """
-        self._goal = goal_enu_m
-        self._is_last = is_last
-        offset = self._position - goal_enu_m
-        self._away = np.sqrt(np.einsum("fnc,fnc->fn", offset, offset))
+        course = self._course
+        course.goal_enu_m = goal_enu_m
+        course.is_last_goal = is_last
+        offset = course.position_enu_m - goal_enu_m
+        course.away_m = np.sqrt(np.einsum("fnc,fnc->fn", offset, offset))
 
     def _measure_separation(self, position_enu_m: Array) -> None:
         """Note the distances of vehicles from each other and from obstacles."""
+        roles = self._roles
+        course = self._course
+        totals = self._totals
         first, second = self._pairs
         offset = position_enu_m[:, first] - position_enu_m[:, second]  # (F, P, 3)
         horizontal = offset[..., :2]
-        distance = np.sqrt(np.einsum("fpc,fpc->fp", horizontal, horizontal)) - self._radius_m
+        distance = np.sqrt(np.einsum("fpc,fpc->fp", horizontal, horizontal)) - roles.radius_m
 
         # the distance from a liar is not promised, so only the others are judged
-        distance = np.where(self._is_judged, distance, np.inf)
-        touches = distance < self._touching_m
-        before_m = self._apart_m
-        self._apart_m = distance
+        distance = np.where(roles.is_judged, distance, np.inf)
+        touches = distance < roles.touching_m
+        before_m = course.distance_m
+        course.distance_m = distance
         if self._height_share > 0.0:
             height = np.abs(offset[..., 2])
             distance = np.maximum(distance, self._height_share * height)
             touches &= height < HEIGHT_OF_DIAMETER * self._body_m
 
-        has_touched_now = touches.any(-1) & np.isnan(self._contact_m_s)
+        has_touched_now = touches.any(-1) & np.isnan(totals.contact_m_s)
         if has_touched_now.any():
             closing_m_s = np.full_like(before_m, -np.inf)
-            np.subtract(before_m, self._apart_m, out=closing_m_s, where=touches)
+            np.subtract(before_m, course.distance_m, out=closing_m_s, where=touches)
             closing_m_s /= TICK_S
-            self._contact_m_s[has_touched_now] = closing_m_s.max(-1)[has_touched_now]
+            totals.contact_m_s[has_touched_now] = closing_m_s.max(-1)[has_touched_now]
 
         nearest_gap_m = self._outlines.gaps_m(position_enu_m[..., :2]).min(-1)
-        self._clearance = np.minimum(self._clearance, nearest_gap_m - 0.5 * self._body_m)
-        self._has_touched |= np.asarray(touches.any(-1)) | (self._clearance < 0.0)
+        clearance_m = nearest_gap_m - 0.5 * self._body_m
+        totals.least_clearance_m = np.minimum(totals.least_clearance_m, clearance_m)
+        totals.has_touched |= np.asarray(touches.any(-1)) | (totals.least_clearance_m < 0.0)
 
-        nearest = distance.min(-1, initial=np.inf)
-        self._nearest = np.minimum(self._nearest, nearest)
-        self._sums["violation"] += np.where(nearest < self._limit_m, TICK_S, 0.0)
+        nearest_m = distance.min(-1, initial=np.inf)
+        totals.least_separation_m = np.minimum(totals.least_separation_m, nearest_m)
+        totals.violation_s += np.where(nearest_m < self._limit_m, TICK_S, 0.0)
 
     def _measure_law(self, law: Rows) -> None:
         """Note how the law changed the vehicles' commands."""
         command = law["commanded_acceleration_enu_m_s2"][..., :2]
         if self.ticks > 1:
-            slew = (command - self._command) / TICK_S
-            self._sums["slew"] += self._mean(np.einsum("fnc,fnc->fn", slew, slew))
-        self._command = command
+            slew = (command - self._course.command_m_s2) / TICK_S
+            self._totals.squared_slew += self._mean(np.einsum("fnc,fnc->fn", slew, slew))
+        self._course.command_m_s2 = command
 
         is_relaxed = law["status"] == int(LawStatus.RELAXED)
-        self._sums["relaxed"] += self._mean(is_relaxed)
-        self._sums["intervention"] += self._mean(law["intervention_m_s2"])
+        self._totals.relaxed += self._mean(is_relaxed)
+        self._totals.intervention_m_s2 += self._mean(law["intervention_m_s2"])
         self._measure_energy(law["commanded_acceleration_enu_m_s2"])
 
     def _measure_energy(self, command_m_s2: Array) -> None:
@@ -317,31 +368,36 @@ class FlightMetrics:
         thrust_g[..., 2] += 1.0  # the weight
         thrust_squared = np.einsum("fnc,fnc->fn", thrust_g, thrust_g)
         power = thrust_squared**0.75  # relative to hovering
-        self._sums["energy"] += TICK_S * self._mean(power)
+        self._totals.energy_hover_s += TICK_S * self._mean(power)
 
     def _mean(self, values: Array | BoolArray) -> Array:
         """Return the means (F,) of values (F, N) over the vehicles that fly by their commands."""
-        total = np.where(self._is_controlled, values, 0.0).sum(-1)
-        return np.asarray(total / self._is_controlled.sum(-1))
+        is_controlled = self._roles.is_controlled
+        total = np.where(is_controlled, values, 0.0).sum(-1)
+        return np.asarray(total / is_controlled.sum(-1))
 
     def _measure_motion(self, position: Array, speed: Array) -> None:
         """Note the lengths of the paths, the speeds, and the progress towards the goals."""
-        fastest = np.where(self._counts, speed, 0.0).max(-1)
-        self._sums["speed"] = np.maximum(self._sums["speed"], fastest)
+        course = self._course
+        totals = self._totals
+        is_counted = self._roles.is_counted
 
-        step = position - self._position
+        fastest = np.where(is_counted, speed, 0.0).max(-1)
+        totals.largest_speed_m_s = np.maximum(totals.largest_speed_m_s, fastest)
+
+        step = position - course.position_enu_m
         step_length = np.sqrt(np.einsum("fnc,fnc->fn", step, step))
-        self._sums["path"] += np.where(self._counts, step_length, 0.0).sum(-1)
-        self._position = position
+        totals.path_m += np.where(is_counted, step_length, 0.0).sum(-1)
+        course.position_enu_m = position
 
-        offset = position - self._goal
+        offset = position - course.goal_enu_m
         away = np.sqrt(np.einsum("fnc,fnc->fn", offset, offset))
-        gain = (self._away - away) / TICK_S
-        self._away = away
+        gain = (course.away_m - away) / TICK_S
+        course.away_m = away
 
         blend = TICK_S / _RECENT_S
-        self._recent_speed += blend * (speed - self._recent_speed)
-        self._recent_gain += blend * (gain - self._recent_gain)
+        course.recent_speed_m_s += blend * (speed - course.recent_speed_m_s)
+        course.recent_gain_m_s += blend * (gain - course.recent_gain_m_s)
 
     def _end_flights(self, is_there: BoolArray) -> IntArray:
         """Keep the outcomes of the flights that are over; return the rows of the others.
@@ -349,57 +405,59 @@ class FlightMetrics:
         Args:
             is_there: (F, N) whether a vehicle is at its goal, or its arrival does not count.
         """
-        is_all_there = np.asarray(is_there.all(-1)) & (self.time_s >= self._earliest)
-        self._ticks_there = np.where(is_all_there, self._ticks_there + 1.0, 0.0)
+        roles = self._roles
+        course = self._course
+        is_all_there = np.asarray(is_there.all(-1)) & (self.time_s >= roles.earliest_s)
+        course.ticks_there = np.where(is_all_there, course.ticks_there + 1.0, 0.0)
 
-        has_arrived = self._ticks_there * TICK_S > HOLD_S
-        is_late = self.time_s >= self._longest + HOLD_S
+        has_arrived = course.ticks_there * TICK_S > HOLD_S
+        is_late = self.time_s >= roles.longest_s + HOLD_S
         is_over = has_arrived | is_late
 
         for row in np.flatnonzero(is_over):
-            flight = int(self._flights[row])
+            flight = int(roles.flight[row])
             self._done[flight] = self._outcome(int(row), bool(has_arrived[row]), is_there[row])
         return np.flatnonzero(~is_over)
 
     def _outcome(self, row: int, has_arrived: bool, is_there: BoolArray) -> FlightOutcome:
         """Return the outcome of the flight in a row."""
-        flight = int(self._flights[row])
-        sums = {name: float(values[row]) for name, values in self._sums.items()}
-        nearest_m = float(self._nearest[row])
+        roles = self._roles
+        totals = self._totals
+        nearest_m = float(totals.least_separation_m[row])
 
         makespan_s = math.inf
         reason = None
         if has_arrived:
             # the time of the first tick in which all were there
-            makespan_s = self.time_s - (self._ticks_there[row] - 1.0) * TICK_S
+            makespan_s = self.time_s - (self._course.ticks_there[row] - 1.0) * TICK_S
         else:
             reason = self._reason(row, missing=~is_there)
 
         # there is no ratio if the goals are at the starts
         path_ratio = math.nan
-        if self._straight[row] > 0.1:
-            path_ratio = sums["path"] / float(self._straight[row])
+        if roles.straight_m[row] > 0.1:
+            path_ratio = float(totals.path_m[row]) / float(roles.straight_m[row])
 
         trace = None
         if self._trace is not None:
-            trace = self._trace.of(flight, self.ticks)
+            trace = self._trace.of(int(roles.flight[row]), self.ticks)
 
         return FlightOutcome(
             min_separation_m=nearest_m,
-            violation_s=sums["violation"],
+            violation_s=float(totals.violation_s[row]),
             violation_depth_m=max(0.0, self._limit_m - nearest_m),
-            is_collision=bool(self._has_touched[row]),
-            contact_m_s=float(self._contact_m_s[row]),
+            is_collision=bool(totals.has_touched[row]),
+            contact_m_s=float(totals.contact_m_s[row]),
             makespan_s=makespan_s,
             duration_s=self.time_s,
             reason=reason,
-            relaxed_share=sums["relaxed"] / self.ticks,
-            slew_rms_m_s3=math.sqrt(sums["slew"] / self.ticks),
-            max_speed_m_s=sums["speed"],
-            intervention_m_s2=sums["intervention"] / self.ticks,
+            relaxed_share=float(totals.relaxed[row]) / self.ticks,
+            slew_rms_m_s3=math.sqrt(float(totals.squared_slew[row]) / self.ticks),
+            max_speed_m_s=float(totals.largest_speed_m_s[row]),
+            intervention_m_s2=float(totals.intervention_m_s2[row]) / self.ticks,
             path_ratio=path_ratio,
-            min_clearance_m=float(self._clearance[row]),
-            energy_hover_s=sums["energy"],
+            min_clearance_m=float(totals.least_clearance_m[row]),
+            energy_hover_s=float(totals.energy_hover_s[row]),
             trace=trace,
         )
 
@@ -414,9 +472,9 @@ class FlightMetrics:
             return "time"
         if self._is_blocked(row, missing):
             return "blocked"
-        if (self._recent_gain[row, missing] > _APPROACHING_M_S).any():
+        if (self._course.recent_gain_m_s[row, missing] > _APPROACHING_M_S).any():
             return "time"
-        if (self._recent_speed[row, missing] < _STUCK_M_S).all():
+        if (self._course.recent_speed_m_s[row, missing] < _STUCK_M_S).all():
             return "deadlock"
         return "livelock"
 
@@ -427,41 +485,52 @@ class FlightMetrics:
             row: row of the flight.
             missing: (N,) whether a vehicle is not at its goal.
         """
-        lost = self._position[row, self._is_lost[row], :2]  # (L, 2)
-        goals = self._goal[row, missing, :2]  # (M, 2)
+        lost = self._course.position_enu_m[row, self._roles.is_lost[row], :2]  # (L, 2)
+        goals = self._course.goal_enu_m[row, missing, :2]  # (M, 2)
         gaps_m = np.hypot(*(goals[:, None] - lost[None, :]).transpose(2, 0, 1))  # (M, L)
         is_goal_blocked = (gaps_m < self._kept_from_lost_m).any(axis=1)
         return bool(is_goal_blocked.all())
 
     def keep(self, flights: IntArray) -> None:
         """Keep only these rows (flights), and drop the others."""
-        self._flights = self._flights[flights]
-        self._goal = self._goal[flights]
-        self._is_last = self._is_last[flights]
-        self.is_at_goal = self.is_at_goal[flights]
-        self._earliest = self._earliest[flights]
-        self._longest = self._longest[flights]
-        self._counts = self._counts[flights]
-        self._is_lost = self._is_lost[flights]
-        self._is_controlled = self._is_controlled[flights]
-        self._is_judged = self._is_judged[flights]
-        self._radius_m = self._radius_m[flights]
-        self._touching_m = self._touching_m[flights]
+        self._roles = _only(self._roles, flights)
+        self._course = _only(self._course, flights)
+        self._totals = _only(self._totals, flights)
 
-        self._position = self._position[flights]
-        self._command = self._command[flights]
-        self._away = self._away[flights]
-        self._straight = self._straight[flights]
-        self._ticks_there = self._ticks_there[flights]
-        self._recent_speed = self._recent_speed[flights]
-        self._recent_gain = self._recent_gain[flights]
 
-        self._sums = {name: values[flights] for name, values in self._sums.items()}
-        self._nearest = self._nearest[flights]
-        self._has_touched = self._has_touched[flights]
-        self._contact_m_s = self._contact_m_s[flights]
-        self._apart_m = self._apart_m[flights]
-        self._clearance = self._clearance[flights]
+def _course_at_start(plans: Sequence[FlightPlan], start_enu_m: Array) -> _Course:
+    flights, count = start_enu_m.shape[:2]
+    goal_enu_m = np.stack([plan.goal_enu_m for plan in plans])
+    has_one_goal = np.array([plan.later_goals_enu_m is None for plan in plans])
+
+    return _Course(
+        goal_enu_m=goal_enu_m,
+        is_last_goal=np.repeat(has_one_goal[:, None], count, axis=1),
+        is_at_goal=np.zeros((flights, count), bool),
+        ticks_there=np.zeros(flights),
+        position_enu_m=start_enu_m,
+        command_m_s2=np.zeros((flights, count, 2)),
+        distance_m=np.full((flights, count * (count - 1) // 2), np.inf),
+        away_m=np.sqrt(((start_enu_m - goal_enu_m) ** 2).sum(-1)),
+        recent_speed_m_s=np.zeros((flights, count)),
+        recent_gain_m_s=np.zeros((flights, count)),
+    )
+
+
+def _totals_at_start(flights: int) -> _Totals:
+    return _Totals(
+        violation_s=np.zeros(flights),
+        path_m=np.zeros(flights),
+        relaxed=np.zeros(flights),
+        squared_slew=np.zeros(flights),
+        intervention_m_s2=np.zeros(flights),
+        energy_hover_s=np.zeros(flights),
+        largest_speed_m_s=np.zeros(flights),
+        least_separation_m=np.full(flights, np.inf),
+        least_clearance_m=np.full(flights, np.inf),
+        has_touched=np.zeros(flights, bool),
+        contact_m_s=np.full(flights, np.nan),
+    )
 
 
 class _TraceBuffer:
