@@ -16,7 +16,7 @@ import math
 from collections import defaultdict
 from collections.abc import Callable, Iterable
 from heapq import heappop, heappush
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -49,6 +49,22 @@ Arguments = tuple[object, ...]
 
 # stands for "no connection of the bus": a call with this pair is never cut
 _NO_PAIR: Pair = ("", "")
+
+
+class _Arrival(NamedTuple):
+    """When a message reaches its receiver, and whether it comes twice."""
+
+    due_ns: int
+    is_duplicated: bool = False
+
+
+class _HeldCall(NamedTuple):
+    """A call that waits in its sender's buffer for the end of a cut."""
+
+    since_ns: int
+    pair: Pair
+    function: Call
+    args: Arguments
 
 
 class SimBus:
@@ -97,9 +113,7 @@ class SimBus:
 
         self._cut: dict[Pair, int] = {}  # pair -> time [ns] at which it was cut
 
-        # calls that wait in their senders' buffers for the end of a cut, each with the time [ns] at
-        # which it began to wait
-        self._held: list[tuple[int, Pair, Call, Arguments]] = []
+        self._held: list[_HeldCall] = []
         # pairs that have noticed their cut, because it has lasted longer than the lease
         self._noticed_cuts: set[Pair] = set()
 
@@ -156,13 +170,12 @@ class SimBus:
         # messages that the senders have kept arrive, unless the lease has ended meanwhile
         held = self._held
         self._held = []
-        for entry in held:
-            held_since_ns, pair, function, args = entry
-            if pair not in healed:
-                self._held.append(entry)
-            elif now_ns - held_since_ns < _LEASE_NS:
-                delay_ns = round(self.quality(pair).delay_s * 1e9)
-                self._push(now_ns + delay_ns, pair, function, args)
+        for call in held:
+            if call.pair not in healed:
+                self._held.append(call)
+            elif now_ns - call.since_ns < _LEASE_NS:
+                delay_ns = round(self.quality(call.pair).delay_s * 1e9)
+                self._push(now_ns + delay_ns, call.pair, call.function, call.args)
 
         for pair in healed:
             self._cut.pop(pair, None)
@@ -197,7 +210,7 @@ class SimBus:
                 break
             heappop(queue)
             if cut and pair in cut:
-                self._held.append((now_ns, pair, function, args))
+                self._held.append(_HeldCall(now_ns, pair, function, args))
             else:
                 function(*args)
 
@@ -211,7 +224,6 @@ class SimBus:
             args: arguments of that call.
         """
         now_ns = self.now_ns()
-        settings = self.quality(pair)
         is_latest = delivery is Delivery.LATEST
         is_cut = bool(self._cut) and pair in self._cut
 
@@ -219,49 +231,61 @@ class SimBus:
         if is_cut and is_latest:
             return
 
-        due_ns = now_ns + round(settings.delay_s * 1e9)
-
-        is_duplicated = False
-        if settings.is_random:
-            # every message draws four numbers, so that a change of one fault (loss, say) leaves
-            # the random numbers of the other faults as they are
-            jitter_draw, loss_draw, reorder_draw, duplicate_draw = self._rng.random(4)
-            is_duplicated = is_latest and duplicate_draw < settings.duplicate
-
-            # an exponential distribution from a uniform number
-            due_ns += round(-math.log1p(-jitter_draw) * settings.jitter_s * 1e9)
-
-            if is_latest and self._losses.takes(pair, settings, loss_draw, now_ns):
-                self.lost += 1
-                return
-
-            if is_latest and reorder_draw < settings.reorder:
-                self._push(due_ns + round(settings.reorder_s * 1e9), pair, function, args)
-                return
-
-            if not is_latest:
-                due_ns += _RESEND_NS * self._resends(settings.loss)
-
-            # messages that are not reordered above keep their order
-            due_ns = max(due_ns, self._newest_ns.get((pair, is_latest), 0))
-            self._newest_ns[pair, is_latest] = due_ns
+        arrival = self._arrival(pair, now_ns, is_latest=is_latest)
+        if arrival is None:
+            self.lost += 1
+            return
 
         if is_cut:
-            self._held.append((now_ns, pair, function, args))
+            self._held.append(_HeldCall(now_ns, pair, function, args))
             return
 
         if self.channel is not None:
 
             def leave_channel(end_ns: int) -> None:
                 """Add the delay of the connection to the time on the channel."""
-                self._push(end_ns + due_ns - now_ns, pair, function, args)
+                self._push(end_ns + arrival.due_ns - now_ns, pair, function, args)
 
             self.channel.send(pair, args, leave_channel, is_latest)
             return
 
-        self._push(due_ns, pair, function, args)
-        if is_duplicated:
-            self._push(due_ns + _DUPLICATE_AFTER_NS, pair, function, args)
+        self._push(arrival.due_ns, pair, function, args)
+        if arrival.is_duplicated:
+            self._push(arrival.due_ns + _DUPLICATE_AFTER_NS, pair, function, args)
+
+    def _arrival(self, pair: Pair, now_ns: int, *, is_latest: bool) -> _Arrival | None:
+        """Return the arrival of a message that is sent now; None if it is lost."""
+        settings = self.quality(pair)
+        due_ns = now_ns + round(settings.delay_s * 1e9)
+        if not settings.is_random:
+            return _Arrival(due_ns)
+
+        # every message draws four numbers, so that a change of one fault (loss, say) leaves the
+        # random numbers of the other faults as they are
+        jitter_draw, loss_draw, reorder_draw, duplicate_draw = self._rng.random(4)
+
+        # an exponential distribution from a uniform number
+        due_ns += round(-math.log1p(-jitter_draw) * settings.jitter_s * 1e9)
+
+        if not is_latest:
+            due_ns += _RESEND_NS * self._resends(settings.loss)
+            return _Arrival(self._due_in_order(pair, due_ns, is_latest=False))
+
+        if self._losses.takes(pair, settings, loss_draw, now_ns):
+            return None
+        if reorder_draw < settings.reorder:
+            return _Arrival(due_ns + round(settings.reorder_s * 1e9))
+
+        return _Arrival(
+            due_ns=self._due_in_order(pair, due_ns, is_latest=True),
+            is_duplicated=duplicate_draw < settings.duplicate,
+        )
+
+    def _due_in_order(self, pair: Pair, due_ns: int, *, is_latest: bool) -> int:
+        """Return the time at which a message arrives after the earlier ones of its kind."""
+        newest_ns = max(due_ns, self._newest_ns.get((pair, is_latest), 0))
+        self._newest_ns[pair, is_latest] = newest_ns
+        return newest_ns
 
     @property
     def is_quiet(self) -> bool:
@@ -298,7 +322,7 @@ class SimBus:
 
             # the pair may have been cut while the message was on its way
             if cut and (sender, node.name) in cut:
-                self._held.append((self.now_ns(), (sender, node.name), on_message, args))
+                self._held.append(_HeldCall(self.now_ns(), (sender, node.name), on_message, args))
             else:
                 on_message(topic, name, message)
 
