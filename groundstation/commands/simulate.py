@@ -56,6 +56,15 @@ _DEFAULT_SCALE = 1.0
 _MAP_FILE = Path("law-map.jsonl")
 _FLIGHTS_OF_CELL = 500
 
+# Names of the options that each way of flying takes, besides --jobs.
+_SUITE_OPTIONS = frozenset(
+    {"--suite", "--law", "--seeds", "--physics", "--scheduler", "--keep", "--anew"}
+)
+_MAP_OPTIONS = frozenset({"--map", "--map-file", "--cells", "--flights", "--scheduler", "--anew"})
+_NOT_FOR_SCENARIOS = frozenset({"--map-file", "--cells", "--flights", "--scheduler", "--anew"})
+
+_KEEP_IS_FOR_SUITE = "--keep is for --suite; --json prints the flights of scenarios."
+
 
 def simulate(
     *scenario: Annotated[str, Parameter(name="SCENARIO")],
@@ -112,97 +121,63 @@ def simulate(
     if jobs < 1:
         raise ConfigError(f"--jobs is {jobs}; it must be 1 or more.")
 
-    # options that only one way of flying takes
-    of_scenarios = {
-        "--errors": errors,
-        "--type": type,
-        "--fleet": fleet,
-        "--scale": scale,
-        "--set": set,
-        "--json": json,
-        "--trace": trace,
-        "--plot": plot,
-    }
-    of_map = {"--map-file": map_file, "--cells": cells, "--flights": flights}
-
+    given = _given(
+        {
+            "--seeds": seeds,
+            "--law": law,
+            "--errors": errors,
+            "--type": type,
+            "--fleet": fleet,
+            "--scale": scale,
+            "--set": set,
+            "--physics": physics,
+            "--json": json,
+            "--trace": trace,
+            "--plot": plot,
+            "--map": map,
+            "--map-file": map_file,
+            "--cells": cells,
+            "--flights": flights,
+            "--scheduler": scheduler,
+            "--suite": suite,
+            "--keep": keep,
+            "--anew": anew,
+        }
+    )
     physics_name = worlds.DEFAULT
     if physics is not None:
         physics_name = physics
 
-    # First way: the suite of the open benchmark.
-    if keep is not None and suite is None:
-        raise ConfigError("--keep is for --suite; --json prints the flights of scenarios.")
     if suite is not None:
-        if suite != "open":
-            raise ConfigError(f"--suite is '{suite}'; there is only the suite 'open'.")
-        extra = [*scenario, *_given({**of_scenarios, "--map": map, **of_map})]
-        if extra:
-            raise ConfigError(
-                f"--suite flies its own scenes and values: leave out {', '.join(extra)}. Of the "
-                "other options it takes --law, --seeds, --physics, --jobs, --scheduler, --keep and "
-                "--anew."
-            )
-        if anew and keep is None:
-            raise ConfigError(
-                "--anew begins the file of --keep anew, and no file is named. Add --keep FILE, or "
-                "leave --anew out."
-            )
-        suite_seeds = _SUITE_SEEDS
-        if seeds is not None:
-            suite_seeds = seeds
-        are_flawless = suite_command.judge(
-            law or "covey",
-            _seeds(suite_seeds),
+        _check_suite_options(suite, scenario, given)
+        return _fly_suite(
+            law=law,
+            seeds=seeds,
             physics=physics_name,
             jobs=jobs,
             scheduler=scheduler,
             keep=keep,
             is_anew=anew,
         )
-        return EXIT_OK if are_flawless else EXIT_FAILED
 
-    # Second way: the map of the law.
     if map:
-        options = {"--seeds": seeds, "--law": law, "--physics": physics, **of_scenarios}
-        extra = [*scenario, *_given(options)]
-        if extra:
-            raise ConfigError(
-                f"--map flies its own scenarios and values: leave out {', '.join(extra)}. Of the "
-                "other options it takes --map-file, --cells, --flights, --jobs, --scheduler and "
-                "--anew. Its cells are chosen with --cells, for instance --cells errors=vision."
-            )
-
-        least_flights = _FLIGHTS_OF_CELL
-        if flights is not None:
-            least_flights = flights
-        has_no_failure = fly_map(
-            map_file or _MAP_FILE,
-            selection=cells,
-            least_flights=least_flights,
+        _check_map_options(scenario, given)
+        return _fly_map(
+            map_file,
+            cells=cells,
+            flights=flights,
             jobs=jobs,
             scheduler=scheduler,
             is_anew=anew,
         )
-        return EXIT_OK if has_no_failure else EXIT_FAILED
 
-    # Third way: one scene from a file, or scenarios by their names.
-    if _given({**of_map, "--scheduler": scheduler, "--anew": anew}):
-        raise ConfigError(
-            "--map-file, --cells and --flights are for --map; --scheduler and --anew are for --map "
-            "and --suite."
-        )
-    if not scenario:
-        raise ConfigError(f"name a scenario, or --map. Known: {scenarios.KNOWN}.")
-    flown_seeds = _seeds(_DEFAULT_SEEDS)
-    if seeds is not None:
-        flown_seeds = _seeds(seeds)
-
+    _check_scenario_options(scenario, given)
     subjects, setup = _flown_subjects(
         scenario, law=law, types=type, fleet_path=fleet, errors=errors, scale=scale, changes=set
     )
     records = run(
         subjects,
-        flown_seeds,
+        _seeds(_DEFAULT_SEEDS if seeds is None else seeds),
         setup,
         jobs=jobs,
         is_json=json,
@@ -214,6 +189,9 @@ def simulate(
     return EXIT_OK if is_flawless else EXIT_FAILED
 
 
+# -- what goes together ----------------------------------------------------------------------------
+
+
 def _given(options: Mapping[str, object]) -> list[str]:
     """Return the names of the options that the command line has, with whatever value."""
     names = []
@@ -222,6 +200,100 @@ def _given(options: Mapping[str, object]) -> list[str]:
         if not is_missing:
             names.append(name)
     return names
+
+
+def _check_suite_options(suite: str, scenario: Sequence[str], given: Sequence[str]) -> None:
+    """Refuse another suite, and what the suite does not take."""
+    if suite != "open":
+        raise ConfigError(f"--suite is '{suite}'; there is only the suite 'open'.")
+
+    extra = [*scenario, *(name for name in given if name not in _SUITE_OPTIONS)]
+    if extra:
+        raise ConfigError(
+            f"--suite flies its own scenes and values: leave out {', '.join(extra)}. Of the "
+            "other options it takes --law, --seeds, --physics, --jobs, --scheduler, --keep and "
+            "--anew."
+        )
+    if "--anew" in given and "--keep" not in given:
+        raise ConfigError(
+            "--anew begins the file of --keep anew, and no file is named. Add --keep FILE, or "
+            "leave --anew out."
+        )
+
+
+def _check_map_options(scenario: Sequence[str], given: Sequence[str]) -> None:
+    """Refuse what the map of the law does not take."""
+    if "--keep" in given:
+        raise ConfigError(_KEEP_IS_FOR_SUITE)
+
+    extra = [*scenario, *(name for name in given if name not in _MAP_OPTIONS)]
+    if extra:
+        raise ConfigError(
+            f"--map flies its own scenarios and values: leave out {', '.join(extra)}. Of the "
+            "other options it takes --map-file, --cells, --flights, --jobs, --scheduler and "
+            "--anew. Its cells are chosen with --cells, for instance --cells errors=vision."
+        )
+
+
+def _check_scenario_options(scenario: Sequence[str], given: Sequence[str]) -> None:
+    """Refuse what only the suite and the map take, and a command line without a scenario."""
+    if "--keep" in given:
+        raise ConfigError(_KEEP_IS_FOR_SUITE)
+    if any(name in _NOT_FOR_SCENARIOS for name in given):
+        raise ConfigError(
+            "--map-file, --cells and --flights are for --map; --scheduler and --anew are for --map "
+            "and --suite."
+        )
+    if not scenario:
+        raise ConfigError(f"name a scenario, or --map. Known: {scenarios.KNOWN}.")
+
+
+# -- the suite and the map -------------------------------------------------------------------------
+
+
+def _fly_suite(
+    *,
+    law: str | None,
+    seeds: str | None,
+    physics: str,
+    jobs: int,
+    scheduler: str | None,
+    keep: Path | None,
+    is_anew: bool,
+) -> int:
+    are_flawless = suite_command.judge(
+        law or "covey",
+        _seeds(_SUITE_SEEDS if seeds is None else seeds),
+        physics=physics,
+        jobs=jobs,
+        scheduler=scheduler,
+        keep=keep,
+        is_anew=is_anew,
+    )
+    return EXIT_OK if are_flawless else EXIT_FAILED
+
+
+def _fly_map(
+    map_file: Path | None,
+    *,
+    cells: Sequence[str],
+    flights: int | None,
+    jobs: int,
+    scheduler: str | None,
+    is_anew: bool,
+) -> int:
+    has_no_failure = fly_map(
+        map_file or _MAP_FILE,
+        selection=cells,
+        least_flights=_FLIGHTS_OF_CELL if flights is None else flights,
+        jobs=jobs,
+        scheduler=scheduler,
+        is_anew=is_anew,
+    )
+    return EXIT_OK if has_no_failure else EXIT_FAILED
+
+
+# -- scenarios and scenes --------------------------------------------------------------------------
 
 
 def _flown_subjects(
