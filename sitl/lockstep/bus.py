@@ -52,7 +52,7 @@ _NO_PAIR: Pair = ("", "")
 
 
 class _Arrival(NamedTuple):
-    """When a message reaches its receiver, and whether it comes twice."""
+    """The arrival of a message at its receiver."""
 
     due_ns: int
     is_duplicated: bool = False
