@@ -237,6 +237,24 @@ def test_a_mission_in_which_vehicles_touched_each_other_has_not_passed(
     assert verdict.summary.endswith(words)
 
 
+def test_vehicles_that_passed_above_each_other_in_emulation_have_not_collided(
+    fleet: FleetConfig,
+) -> None:
+    """The distance is horizontal, and the emulator knows that nobody touched."""
+    above = Separation("mav0", "mav2", 0.01, 0, is_truth=True)
+    report = FlightReport(
+        smallest=above,
+        pairs={"mav0-mav2": above},
+        collided=(),
+        loops={},
+        begin_ns=0,
+        duration_s=1.0,
+    )
+    verdict = judge(_observed(fleet), Expect(), report)
+    assert not verdict.is_collision
+    assert "COLLIDED" not in "\n".join(describe(verdict)).upper()
+
+
 def test_a_flight_in_which_an_own_law_was_replaced_has_not_passed(fleet: FleetConfig) -> None:
     state = initial(fleet)
     for name in ("mav2", "mav1"):
