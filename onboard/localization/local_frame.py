@@ -56,13 +56,19 @@ _BEGAN_SIGMAS = 3.0
 # on it.
 _ON_SPOT_M = 0.5
 
-# After a gap, PX4's position fits dead reckoning if the two differ by at most _FITS_M plus
-# _FITS_M_S times the gap. Dead reckoning is wrong by 0.22 m after two seconds (95 %, calm air).
+# After a gap of t, PX4's position fits dead reckoning if the two differ by at most _FITS_M plus
+# _FITS_M_S times t plus a share of the distance that the wind's push would move the vehicle.
+# In emulation dead reckoning was wrong by 0.31 m after two seconds and 0.72 m after three in calm
+# air, in a wind of 3.6 m/s (push of 1.1 m/s^2) by 0.78 and 1.53 m, and in one of 6.7 m/s by 1.28
+# and 2.49 m (the worst of four to eight flights each).
 _FITS_M = 0.3
-_LONGEST_GAP_S = 4.0  # in a longer one the vehicle lands, and then stands where it is
 _FITS_M_S = 0.15
+_FITS_OF_PUSH = 0.2
+_LONGEST_GAP_S = 3.5  # in a longer one the vehicle lands, and then stands where it is
 # standard deviation of a position that continues dead reckoning, per second of the gap
 _RECKONED_STD_M_S = 0.1
+# After a landing, a position that continues dead reckoning with a larger one is not used.
+_STANDS_STD_M = 0.15
 
 _SAME_ORIGIN_M = 1.0  # a new origin fits a jump if the two differ by less
 
@@ -83,6 +89,13 @@ class _LocalPosition(NamedTuple):
     stamp_ns: int
     position_m: Xyz
     velocity_m_s: Xyz
+
+
+class ReckonedPosition(NamedTuple):
+    """Position by the agent's dead reckoning."""
+
+    position_enu_m: Xyz  # in the fleet frame
+    push_m_s2: float  # of the wind, horizontally
 
 
 @dataclass(slots=True)
@@ -111,15 +124,14 @@ class LocalFrame:
     _restarts: int = 0  # how often PX4 had restarted at the newest local position
     _has_px4_lost_it: bool = False  # whether PX4 has restarted away from the take-off spot
 
-    def take(self, snapshot: Snapshot, reckoned_enu_m: Xyz | None = None) -> Xyz | None:
+    def take(self, snapshot: Snapshot, reckoned: ReckonedPosition | None = None) -> Xyz | None:
         """Return the newest local position in the fleet frame; None if no offset is known.
 
         An offset is found on the ground only.
 
         Args:
             snapshot: newest snapshot of PX4, with a new local position.
-            reckoned_enu_m: position by the agent's dead reckoning, in the fleet frame; None if it
-                is not known.
+            reckoned: position by the agent's dead reckoning; None if it is not known.
         """
         self._follow_height(snapshot)
         local = _local_position(snapshot)
@@ -150,19 +162,22 @@ class LocalFrame:
             return None  # an agent that starts in the air cannot know the height of the ground
 
         came_back_parked = has_gap and is_parked and self._has_flown and self.origin is None
-        if came_back_parked and last is not None and reckoned_enu_m is not None:
+        if came_back_parked and last is not None and reckoned is not None:
             gap_s = (local.stamp_ns - last.stamp_ns) * 1e-9
-            self._look_where_it_stands(local, reckoned_enu_m, gap_s)
+            self._look_where_it_stands(local, reckoned, gap_s)
             if self.displaced_m > 0.0:
                 return None
+        if is_parked and self.offset_std_m > _STANDS_STD_M:
+            self._lose_place(self._fleet_position_m(local))
+            return None
 
         if self._offset_enu_m is None or is_parked:
             self._offset_enu_m = self._parked_offset_m(anchored_m, local, snapshot)
             self._px4_origin = snapshot.global_origin
-        elif has_gap and last is not None and reckoned_enu_m is not None and self.origin is None:
+        elif has_gap and last is not None and reckoned is not None and self.origin is None:
             # with an origin on Earth PX4 knows itself where it is
             gap_s = (local.stamp_ns - last.stamp_ns) * 1e-9
-            self._continue_after_gap(local, reckoned_enu_m, gap_s)
+            self._continue_after_gap(local, reckoned, gap_s)
         elif last is not None:
             offset_m = self._absorbed_m(self._offset_enu_m, last, local)
             if self._is_origin_right(offset_m, anchored_m, snapshot):
@@ -170,9 +185,7 @@ class LocalFrame:
                 offset_m = _returned_m(offset_m, anchored_m, last, local)
             self._offset_enu_m = offset_m
 
-        x, y, z = self._offset_enu_m
-        local_x, local_y, local_z = local.position_m
-        return local_x + x, local_y + y, local_z + z
+        return self._fleet_position_m(local)
 
     def skip(self, snapshot: Snapshot) -> None:
         """Note a local position that nothing corrects; only its height is followed.
@@ -220,49 +233,66 @@ class LocalFrame:
             climbing_m_s=climbing_m_s,
         )
 
-    def _continue_after_gap(self, local: _LocalPosition, reckoned_enu_m: Xyz, gap_s: float) -> None:
+    def _continue_after_gap(
+        self, local: _LocalPosition, reckoned: ReckonedPosition, gap_s: float
+    ) -> None:
         """Keep the offset if it fits dead reckoning; otherwise continue at the reckoned position.
 
         Args:
             local: first local position after the gap.
-            reckoned_enu_m: position by the agent's dead reckoning, in the fleet frame.
+            reckoned: position by the agent's dead reckoning.
             gap_s: time since the last local position that was taken.
         """
         assert self._offset_enu_m is not None
-        if self._fits(local, reckoned_enu_m, gap_s):
+        if self._fits(local, reckoned, gap_s):
             return
 
         self.jumps += 1
         _, _, z = self._offset_enu_m
         local_x, local_y, _ = local.position_m
-        reckoned_x, reckoned_y, _ = reckoned_enu_m
+        reckoned_x, reckoned_y, _ = reckoned.position_enu_m
         self.offset_std_m = math.hypot(self.offset_std_m, _RECKONED_STD_M_S * gap_s)
         self._offset_enu_m = (reckoned_x - local_x, reckoned_y - local_y, z)
 
     def _look_where_it_stands(
-        self, local: _LocalPosition, reckoned_enu_m: Xyz, gap_s: float
+        self, local: _LocalPosition, reckoned: ReckonedPosition, gap_s: float
     ) -> None:
         """Find out whether PX4's local frame has moved until a vehicle had landed.
 
         Args:
             local: first local position after the gap.
-            reckoned_enu_m: where it has landed by the agent's dead reckoning, in the fleet frame.
+            reckoned: where it has landed by the agent's dead reckoning.
             gap_s: time since the last local position that was taken.
         """
-        if self._offset_enu_m is None or self._fits(local, reckoned_enu_m, gap_s):
+        if self._offset_enu_m is None or self._fits(local, reckoned, gap_s):
             return
-        self.displaced_m = math.dist(reckoned_enu_m[:2], self.start_enu_m[:2])
+        self._lose_place(reckoned.position_enu_m)
+
+    def _lose_place(self, likely_enu_m: Xyz) -> None:
+        """Give up the place of a vehicle that stands, until it is put on its spot.
+
+        Args:
+            likely_enu_m: where it likely stands, in the fleet frame.
+        """
+        self.displaced_m = math.dist(likely_enu_m[:2], self.start_enu_m[:2])
         self._has_px4_lost_it = True
         self._forget_offset()
 
-    def _fits(self, local: _LocalPosition, reckoned_enu_m: Xyz, gap_s: float) -> bool:
+    def _fits(self, local: _LocalPosition, reckoned: ReckonedPosition, gap_s: float) -> bool:
         """Return whether a position after a gap is where dead reckoning expects it."""
+        here_m = self._fleet_position_m(local)
+        miss_m = math.dist(here_m[:2], reckoned.position_enu_m[:2])
+
+        reckoned_s = min(gap_s, _LONGEST_GAP_S)
+        pushed_m = 0.5 * reckoned.push_m_s2 * reckoned_s * reckoned_s
+        return miss_m <= _FITS_M + _FITS_M_S * reckoned_s + _FITS_OF_PUSH * pushed_m
+
+    def _fleet_position_m(self, local: _LocalPosition) -> Xyz:
+        """Return a local position in the fleet frame; the offset must be known."""
         assert self._offset_enu_m is not None
-        x, y, _ = self._offset_enu_m
-        local_x, local_y, _ = local.position_m
-        reckoned_x, reckoned_y, _ = reckoned_enu_m
-        miss_m = math.hypot(local_x + x - reckoned_x, local_y + y - reckoned_y)
-        return miss_m <= _FITS_M + _FITS_M_S * min(gap_s, _LONGEST_GAP_S)
+        x, y, z = self._offset_enu_m
+        local_x, local_y, local_z = local.position_m
+        return local_x + x, local_y + y, local_z + z
 
     def _forget_offset(self) -> None:
         self._offset_enu_m = None

@@ -30,7 +30,7 @@ from onboard.estimation.accuracies import ACCURACIES
 from onboard.estimation.kalman import KalmanParams
 from onboard.frames import enu_from_ned, turned_about_up, wrap_rad, yaw_from_quaternion
 from onboard.localization.dead_reckoning import DeadReckoning, VerticalMotion
-from onboard.localization.local_frame import LocalFrame
+from onboard.localization.local_frame import LocalFrame, ReckonedPosition
 from onboard.localization.motion_fit import LATE_BY_S, MotionFit
 from onboard.localization.pose_validator import PoseValidator, PoseVerdict
 from onboard.localization.px4_position_check import Px4PositionCheck
@@ -350,14 +350,14 @@ class OwnState:
         if self.uses_heights:
             std_m = max(std_m, snapshot.height_accuracy_m)
         least = ACCURACIES[self.vehicle.px4_position]
-        position_enu_m = self._local_frame.take(snapshot, self._reckoned_enu_m(snapshot))
+        position_enu_m = self._local_frame.take(snapshot, self._reckoned_position(snapshot))
         std_m = max(least.position_std_m, std_m, self._local_frame.offset_std_m)
         self._least_std = (std_m, least.velocity_std_m_s)
         if position_enu_m is not None:
             yaw_rad = yaw_from_quaternion(snapshot.quaternion_enu_flu_wxyz)
             self._queue.append(_Sample(vectors.Vec3(*position_enu_m), self._local_ns, yaw_rad))
 
-    def _reckoned_enu_m(self, snapshot: Snapshot) -> Xyz | None:
+    def _reckoned_position(self, snapshot: Snapshot) -> ReckonedPosition | None:
         """Return the position that a camera's position is compared with after a gap.
 
         It is None where dead reckoning may be worse than PX4's position: by satellites, which never
@@ -367,7 +367,8 @@ class OwnState:
             return None
         if snapshot.is_armed and not self.is_flown:
             return None
-        return self.position_enu_m
+        push_m_s2 = vectors.length_xy(vectors.horizontal(self._wind.push_enu_m_s2))
+        return ReckonedPosition(self.position_enu_m, push_m_s2=push_m_s2)
 
     def _px4_vertical(self, snapshot: Snapshot, now_ns: int) -> VerticalMotion | None:
         """Return PX4's height and vertical speed in the fleet frame; None if not known."""

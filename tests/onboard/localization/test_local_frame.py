@@ -13,7 +13,7 @@ from msgspec.structs import replace
 
 from onboard.autopilot import Landed, Snapshot
 from onboard.config.fleet import Origin
-from onboard.localization.local_frame import LocalFrame
+from onboard.localization.local_frame import LocalFrame, ReckonedPosition
 
 ORIGIN = Origin(latitude_deg=47.397742, longitude_deg=8.545594, altitude_m=489.4)
 DEGREE_M = math.radians(1.0) * 6_371_000.0
@@ -302,6 +302,12 @@ def test_poses_of_another_program_in_the_fleets_frame_are_no_restart_away_from_t
     assert frame.displaced_m == 0.0
 
 
+def _reckoned(
+    east_m: float, north_m: float, up_m: float, *, push_m_s2: float = 0.0
+) -> ReckonedPosition:
+    return ReckonedPosition((east_m, north_m, up_m), push_m_s2=push_m_s2)
+
+
 def _after_a_gap(moved_m: float, reckoned_north_m: float = 0.0) -> tuple[LocalFrame, float]:
     """A vehicle hovers, nothing corrects PX4's position for a second, then it comes back.
 
@@ -314,7 +320,7 @@ def _after_a_gap(moved_m: float, reckoned_north_m: float = 0.0) -> tuple[LocalFr
     for tick in range(10):  # PX4's own position drifts away meanwhile
         frame.skip(flying(1.1 + 0.1 * tick, (0.08 * tick, 0.0, -1.0)))
     back = flying(2.1, (moved_m, 0.0, -1.0))
-    position_enu_m = frame.take(back, (0.0, reckoned_north_m, 1.0))
+    position_enu_m = frame.take(back, _reckoned(0.0, reckoned_north_m, 1.0))
     assert position_enu_m is not None
     return frame, position_enu_m[1]
 
@@ -346,7 +352,9 @@ def test_a_jump_of_the_height_moves_nothing_while_positions_are_not_taken() -> N
     vertical = frame.vertical(anew, anew.local_position_ns)
     assert vertical is not None
     assert vertical.height_m == pytest.approx(1.9)
-    assert frame.take(flying(1.3, (0.0, 0.0, 0.0)), (0.0, 0.0, 1.9)) == pytest.approx((0, 0, 1.9))
+    assert frame.take(flying(1.3, (0.0, 0.0, 0.0)), _reckoned(0.0, 0.0, 1.9)) == pytest.approx(
+        (0.0, 0.0, 1.9)
+    )
 
 
 def test_a_height_that_comes_back_with_a_jump_across_is_not_a_jump_of_the_height() -> None:
@@ -357,7 +365,7 @@ def test_a_height_that_comes_back_with_a_jump_across_is_not_a_jump_of_the_height
     for tick in range(1, 11):
         drifted = (0.06 * tick, 0.0, -1.0 - 0.025 * tick)
         frame.skip(flying(1.0 + 0.1 * tick, drifted))
-    back = frame.take(flying(2.1, (0.0, 0.0, -1.0)), (0.0, 0.0, 1.2))
+    back = frame.take(flying(2.1, (0.0, 0.0, -1.0)), _reckoned(0.0, 0.0, 1.2))
     assert back == pytest.approx((0.0, 0.0, 1.0))
 
 
@@ -371,7 +379,7 @@ def test_a_camera_that_begins_anew_after_the_landing_leaves_no_position(
     frame.skip(flying(1.1, (0.0, 2.0, -1.0)))
     frame.skip(parked(4.0, (0.0, 2.0, 0.0)))
     for time_s in (30.0, 31.0):
-        back = frame.take(parked(time_s, (0.0, 2.0 - moved_m, 0.0)), (2.0, 0.0, 0.0))
+        back = frame.take(parked(time_s, (0.0, 2.0 - moved_m, 0.0)), _reckoned(2.0, 0.0, 0.0))
         assert (back is not None) is knows_its_place
         assert (frame.displaced_m > 0.0) is not knows_its_place
 
@@ -380,9 +388,38 @@ def test_errors_of_several_gaps_add_up_until_px4_restarts_on_the_spot() -> None:
     frame, _ = _after_a_gap(1.0)
     once_m = frame.offset_std_m
     frame.skip(flying(2.2, (1.0, 0.0, -1.0)))
-    frame.take(flying(3.2, (4.0, 0.0, -1.0)), (0.0, 0.0, 1.0))
+    frame.take(flying(3.2, (4.0, 0.0, -1.0)), _reckoned(0.0, 0.0, 1.0))
     assert frame.offset_std_m > 1.2 * once_m
 
     frame.take(parked(5.0, (4.0, 0.0, 0.0)))
     frame.take(parked(6.0, (0.0, 0.0, 0.0), restarts=1))
     assert frame.offset_std_m == 0.0
+
+
+@pytest.mark.parametrize(("push_m_s2", "is_believed"), [(0.0, False), (2.0, True)])
+def test_the_wind_makes_dead_reckoning_worse_and_a_camera_more_credible(
+    push_m_s2: float, is_believed: bool
+) -> None:
+    """Two seconds in a wind of 6.7 m/s; the camera has not moved."""
+    frame = LocalFrame((0.0, 0.0, 0.0), None)
+    frame.take(parked(0.0, (0.0, 0.0, 0.0)))
+    frame.take(flying(1.0, (0.0, 0.0, -1.0)))
+    frame.skip(flying(1.1, (0.0, 0.0, -1.0)))
+    reckoned = _reckoned(0.0, 1.28, 1.0, push_m_s2=push_m_s2)
+    position_enu_m = frame.take(flying(3.0, (0.0, 0.0, -1.0)), reckoned)
+    assert position_enu_m is not None
+    assert (position_enu_m[1] == pytest.approx(0.0)) is is_believed
+
+
+@pytest.mark.parametrize(("gap_s", "knows_its_place"), [(1.0, True), (2.0, False)])
+def test_a_place_by_dead_reckoning_is_given_up_after_the_landing(
+    gap_s: float, knows_its_place: bool
+) -> None:
+    frame = LocalFrame((0.0, 0.0, 0.0), None)
+    frame.take(parked(0.0, (0.0, 0.0, 0.0)))
+    frame.take(flying(1.0, (0.0, 0.0, -1.0)))
+    frame.skip(flying(1.1, (0.0, 0.0, -1.0)))
+    frame.take(flying(1.0 + gap_s, (5.0, 0.0, -1.0)), _reckoned(0.0, 0.3, 1.0))
+    landed = frame.take(parked(9.0, (5.0, 0.0, 0.0)))
+    assert (landed is not None) is knows_its_place
+    assert (frame.displaced_m > 0.0) is not knows_its_place
