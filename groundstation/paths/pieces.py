@@ -11,7 +11,18 @@ import math
 import numpy as np
 
 from onboard.arrays import Array, BoolArray
-from onboard.control.path import LONGEST_S, NUMBER_COUNT, Path, path_of
+from onboard.control.path import (
+    AXES,
+    DURATION,
+    LONGEST_S,
+    NUMBER_COUNT,
+    POWERS,
+    YAW,
+    Path,
+    coefficients_of,
+    path_of,
+    piece_of,
+)
 
 GRID_S = 0.05  # time from one sample of the grid to the next
 _WINDOW = 5  # samples of the grid on each side over which positions are smoothed
@@ -169,7 +180,7 @@ def quintic(duration_s: float, begin: Array, end: Array) -> Array:
     t = duration_s
     begin_value, begin_first, begin_second = begin
     end_value, end_first, end_second = end
-    coefficients = np.zeros((4, 8))
+    coefficients = np.zeros((AXES, POWERS))
 
     # The motion at the start gives the first three coefficients.
     coefficients[:, 0] = begin_value
@@ -186,22 +197,23 @@ def quintic(duration_s: float, begin: Array, end: Array) -> Array:
     coefficients[:, 4] = (-15.0 * value + 7.0 * first - second) / t**4
     coefficients[:, 5] = (6.0 * value - 3.0 * first + 0.5 * second) / t**5
 
-    return np.concatenate([[t], coefficients.reshape(-1)])
+    return piece_of(t, coefficients)
 
 
 def resting(duration_s: float, value: Array) -> Array:
     """Return the piece (33,) that stays at one value (4,)."""
-    coefficients = np.zeros((4, 8))
+    coefficients = np.zeros((AXES, POWERS))
     coefficients[:, 0] = value
-    return np.concatenate([[duration_s], coefficients.reshape(-1)])
+    return piece_of(duration_s, coefficients)
 
 
 def slowed(path: Path, factor: float) -> Path:
     """Return a path that takes ``factor`` times as long."""
     # the coefficient of t^k is divided by factor^k
     pieces = np.array(path.pieces)
-    pieces[:, 0] *= factor
-    pieces[:, 1:] /= np.tile(factor ** np.arange(8.0), 4)
+    pieces[:, DURATION] *= factor
+    coefficients = coefficients_of(pieces)
+    coefficients /= factor ** np.arange(float(POWERS))
     return path_of(pieces.tolist())
 
 
@@ -209,14 +221,14 @@ def backwards(path: Path) -> Path:
     """Return a path flown from its end to its start."""
     # Each piece is shifted to its end, and then mirrored: t becomes -t, which changes the signs of
     # the odd powers.
-    signs = (-1.0) ** np.arange(8.0)
+    signs = (-1.0) ** np.arange(float(POWERS))
 
     pieces = []
     for piece in reversed(path.pieces):
-        duration_s = piece[0]
-        coefficients = np.array(piece[1:]).reshape(4, 8)
+        duration_s = piece[DURATION]
+        coefficients = coefficients_of(np.array(piece))
         reversed_in_time = coefficients @ _shift(duration_s) * signs
-        pieces.append([duration_s, *reversed_in_time.reshape(-1).tolist()])
+        pieces.append(piece_of(duration_s, reversed_in_time).tolist())
     return path_of(pieces)
 
 
@@ -224,7 +236,7 @@ def cut(path: Path, begin_s: float, end_s: float) -> Array:
     """Return the pieces (P, 33) between two times of a path."""
     pieces = []
     for piece, piece_end_s in zip(path.pieces, path.ends_s, strict=True):
-        duration_s = piece[0]
+        duration_s = piece[DURATION]
         piece_begin_s = piece_end_s - duration_s
 
         # The part of this piece that lies between the two times, counted from the piece's start.
@@ -233,8 +245,8 @@ def cut(path: Path, begin_s: float, end_s: float) -> Array:
         if last_s - first_s <= _SHORTEST_S:
             continue
 
-        shifted = np.array(piece[1:]).reshape(4, 8) @ _shift(first_s)
-        pieces.append(np.concatenate([[last_s - first_s], shifted.reshape(-1)]))
+        shifted = coefficients_of(np.array(piece)) @ _shift(first_s)
+        pieces.append(piece_of(last_s - first_s, shifted))
     return np.array(pieces).reshape(-1, NUMBER_COUNT)
 
 
@@ -247,8 +259,8 @@ def divided(path: Path, times_s: Array) -> Array:
     """
     pieces = []
     for piece, piece_end_s in zip(path.pieces, path.ends_s, strict=True):
-        duration_s = piece[0]
-        coefficients = np.array(piece[1:]).reshape(4, 8)
+        duration_s = piece[DURATION]
+        coefficients = coefficients_of(np.array(piece))
 
         # the times within this piece, counted from its start
         since_s = times_s - (piece_end_s - duration_s)
@@ -259,14 +271,14 @@ def divided(path: Path, times_s: Array) -> Array:
 
         for begin_s, end_s in zip(begins_s, ends_s, strict=True):
             shifted = coefficients @ _shift(begin_s)
-            pieces.append(np.concatenate([[end_s - begin_s], shifted.reshape(-1)]))
+            pieces.append(piece_of(end_s - begin_s, shifted))
     return np.array(pieces)
 
 
 def moved(path: Path, by: Array) -> Path:
     """Return a path that is shifted by x, y, z and yaw (4,)."""
     pieces = np.array(path.pieces)
-    pieces[:, 1::8] += by
+    coefficients_of(pieces)[:, :, 0] += by
     return path_of(pieces.tolist())
 
 
@@ -276,11 +288,12 @@ def turned(path: Path, by_rad: float) -> Path:
     sine = math.sin(by_rad)
 
     pieces = np.array(path.pieces)
-    x = pieces[:, 1:9].copy()
-    y = pieces[:, 9:17].copy()
-    pieces[:, 1:9] = cosine * x - sine * y
-    pieces[:, 9:17] = sine * x + cosine * y
-    pieces[:, 25] += by_rad
+    coefficients = coefficients_of(pieces)
+    x = coefficients[:, 0].copy()
+    y = coefficients[:, 1].copy()
+    coefficients[:, 0] = cosine * x - sine * y
+    coefficients[:, 1] = sine * x + cosine * y
+    coefficients[:, YAW, 0] += by_rad
     return path_of(pieces.tolist())
 
 
@@ -387,7 +400,7 @@ def _largest_errors(
     Returns:
         Largest errors of a position or yaw [m, rad], and of an acceleration [m/s^2].
     """
-    coefficients = piece[1:].reshape(4, 8).T
+    coefficients = coefficients_of(piece).T
     times_s = (step_s * np.arange(len(positions)))[:, None]
     error_m = times_s ** np.arange(8) @ coefficients - positions
 

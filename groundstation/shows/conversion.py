@@ -31,7 +31,7 @@ from groundstation.paths.pieces import cut, quintic, resting, slowed
 from groundstation.shows.show import Drone, Show
 from onboard.arrays import Array
 from onboard.config.fleet import ConfigError
-from onboard.control.path import LONGEST_S, Path, path_of, point_at, sampled
+from onboard.control.path import LONGEST_S, Path, path_of, point_at, sampled, start_of
 from onboard.estimation.accuracies import Accuracy
 from onboard.tuples import Xyz
 
@@ -150,8 +150,8 @@ def converted(
         begin_s, pieces = flown_parts[drone.name]
         waiting_s = begin_s - flight_begin_s
         if waiting_s > 1e-3:
-            first_position = pieces[0][1::8]  # constant coefficients of the first piece
-            pieces = np.concatenate([[resting(waiting_s, first_position)], pieces])
+            waiting = resting(waiting_s, start_of(pieces[0]))
+            pieces = np.concatenate([[waiting], pieces])
         vehicle = names[drone.name]
         flyable.paths[vehicle] = _path(drone.name, pieces.tolist())
         flyable.lights[vehicle] = tuple(
@@ -389,9 +389,9 @@ def _spread_starts(
         if delays_s[delayed] > _MAX_SPREAD_S:
             break
 
-        first_position = np.array(flyable.paths[delayed].pieces[0][1::8])
-        waiting = resting(delays_s[delayed], first_position)
-        paths[delayed] = _path(delayed, [waiting.tolist(), *flyable.paths[delayed].pieces])
+        undelayed = flyable.paths[delayed].pieces
+        waiting = resting(delays_s[delayed], start_of(np.array(undelayed[0])))
+        paths[delayed] = _path(delayed, [waiting.tolist(), *undelayed])
         pairs = _too_near(paths, spacing_m, height_share)
         if not pairs:
             break

@@ -16,7 +16,17 @@ from groundstation.paths.pieces import GRID_S, fitted, moved
 from onboard.config.earth import east_north_m
 from onboard.config.fences import FARTHEST_M
 from onboard.config.fleet import ConfigError, Origin
-from onboard.control.path import MAX_JUMP_M, MAX_JUMP_M_S, Path, jumps, path_of, sampled
+from onboard.control.path import (
+    AXES,
+    MAX_JUMP_M,
+    MAX_JUMP_M_S,
+    POWERS,
+    Path,
+    jumps,
+    path_of,
+    piece_of,
+    sampled,
+)
 from onboard.tuples import Xyz
 
 MAX_DRONES = 200
@@ -193,6 +203,7 @@ def bezier_piece(duration_s: float, points: list[list[float]]) -> list[float]:
     with np.errstate(all="ignore"):
         powers = np.array(rows, dtype=float) @ control_points
         per_time = powers / duration_s ** np.arange(len(control_points))[:, None]
-    coefficients = np.zeros((4, 8))  # x, y, z and yaw
+    coefficients = np.zeros((AXES, POWERS))
     coefficients[:3, : len(control_points)] = per_time.T
-    return [duration_s, *coefficients.ravel().tolist()]
+    piece: list[float] = piece_of(duration_s, coefficients).tolist()
+    return piece

@@ -16,13 +16,14 @@ from __future__ import annotations
 
 import base64
 import binascii
+import itertools
 import math
 import os
 import posixpath
 import zipfile
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -47,7 +48,7 @@ from onboard.config.file_reading import (
     opened,
 )
 from onboard.config.fleet import ConfigError, Origin
-from onboard.control.path import MAX_PIECES, Path, path_of
+from onboard.control.path import DURATION, MAX_PIECES, YAW, Path, coefficients_of, path_of
 from onboard.plain_text import listed
 from onboard.tuples import Xyz
 
@@ -85,6 +86,14 @@ def read_skyc(file: str | os.PathLike[str]) -> Show:
         raise ConfigError(
             f"{name}: this is no .skyc, or it is truncated ({error}). Export it again."
         ) from None
+
+
+class _Keypoint(NamedTuple):
+    """A point of a trajectory, with the control points of the curve that leads to it."""
+
+    time_s: float
+    position: Xyz
+    control_points: list[Xyz]
 
 
 class _Members:
@@ -341,49 +350,44 @@ def _pieces(subject: str, points: Any) -> tuple[float, list[list[float]], Xyz]:
         )
 
     pieces: list[list[float]] = []
-    previous_s = math.nan
-    previous = (0.0, 0.0, 0.0)
-    for k, keypoint in enumerate(points):
-        if not isinstance(keypoint, list) or len(keypoint) < 2:
-            raise ConfigError(f"{subject}: points[{k}] is no [time, [x, y, z], [control points]].")
-        time, position, *further = keypoint
-        time_s = _number(subject, time)
-        point = _point(subject, position)
-        controls = []
-        if further and further[0]:
-            listed = further[0]
-            if not isinstance(listed, list) or len(listed) > 2:
-                raise ConfigError(
-                    f"{subject}: points[{k}] has {str(listed)[:40]} where a list of at most"
-                    " two control points is needed. Export the show again."
-                )
-            controls = [_point(subject, control) for control in listed]
+    keypoints = [_keypoint(subject, k, point) for k, point in enumerate(points)]
+    for k, (before, after) in enumerate(itertools.pairwise(keypoints), start=1):
+        if not after.time_s > before.time_s:
+            raise ConfigError(
+                f"{subject}: points[{k}]: its time does not rise above the one before. Export "
+                "the show again."
+            )
+        corners = (before.position, *after.control_points, after.position)
+        curve = [list(corner) for corner in corners]
+        pieces.append(bezier_piece(after.time_s - before.time_s, curve))
 
-        if k > 0:
-            if not time_s > previous_s:
-                raise ConfigError(
-                    f"{subject}: points[{k}]: its time does not rise above the one before. Export "
-                    "the show again."
-                )
-            curve = [list(corner) for corner in (previous, *controls, point)]
-            pieces.append(bezier_piece(time_s - previous_s, curve))
-        previous_s = time_s
-        previous = point
-
-    first_time, first_position, *_ = points[0]
-    return _number(subject, first_time), pieces, _point(subject, first_position)
+    first = keypoints[0]
+    return first.time_s, pieces, first.position
 
 
-def _with_yaw(subject: str, path: Path, begin_s: float, control: dict[str, Any]) -> Path:
-    """Return the path with yaw from the setpoints.
+def _keypoint(subject: str, index: int, keypoint: Any) -> _Keypoint:
+    """Return a point of a trajectory, checked."""
+    if not isinstance(keypoint, list) or len(keypoint) < 2:
+        raise ConfigError(f"{subject}: points[{index}] is no [time, [x, y, z], [control points]].")
 
-    The path is divided at the setpoints, and within each piece yaw turns smoothly. A turn of more
-    than half a circle between two setpoints is flown as it is written.
-    """
-    setpoints = control.get("setpoints")
-    if not isinstance(setpoints, list) or not setpoints:
-        return path
+    time, position, *further = keypoint
+    listed = []
+    if further and further[0]:
+        listed = further[0]
+    if not isinstance(listed, list) or len(listed) > 2:
+        raise ConfigError(
+            f"{subject}: points[{index}] has {str(listed)[:40]} where a list of at most"
+            " two control points is needed. Export the show again."
+        )
+    return _Keypoint(
+        time_s=_number(subject, time),
+        position=_point(subject, position),
+        control_points=[_point(subject, control) for control in listed],
+    )
 
+
+def _yaw_setpoints(subject: str, setpoints: list[Any]) -> tuple[list[float], list[float]]:
+    """Return the rising times [s] of the setpoints, and the yaws [deg], clockwise."""
     times_s: list[float] = []
     yaws_deg: list[float] = []
     for k, setpoint in enumerate(setpoints):
@@ -405,6 +409,19 @@ def _with_yaw(subject: str, path: Path, begin_s: float, control: dict[str, Any])
                 f"{subject}: yaw setpoint {k} is {yaws_deg[k]:g} degrees; at most"
                 f" {_MAX_YAW_DEG:g} are read. Export the show again."
             )
+    return times_s, yaws_deg
+
+
+def _with_yaw(subject: str, path: Path, begin_s: float, control: dict[str, Any]) -> Path:
+    """Return the path with yaw from the setpoints.
+
+    The path is divided at the setpoints, and within each piece yaw turns smoothly. A turn of more
+    than half a circle between two setpoints is flown as it is written.
+    """
+    setpoints = control.get("setpoints")
+    if not isinstance(setpoints, list) or not setpoints:
+        return path
+    times_s, yaws_deg = _yaw_setpoints(subject, setpoints)
 
     # setpoints before the path and after it end no piece
     inner_s = np.unique(times_s) - begin_s
@@ -415,18 +432,19 @@ def _with_yaw(subject: str, path: Path, begin_s: float, control: dict[str, Any])
             "vehicle can hold. Export the show with fewer."
         )
     pieces = divided(path, inner_s)
-    durations_s = pieces[:, 0]
+    durations_s = pieces[:, DURATION]
 
     # yaw at the start of the path and at the end of each piece
     knots_s = begin_s + np.concatenate([[0.0], np.cumsum(durations_s)])
     knots_rad = np.interp(knots_s, times_s, -np.radians(yaws_deg))  # clockwise in the file
 
-    # Columns 25 to 32 are the coefficients of yaw. They become those of a quintic from rest to
-    # rest: 10 s^3 - 15 s^4 + 6 s^5 of the turn, with the share s of the duration.
-    pieces[:, 25:33] = 0.0
-    pieces[:, 25] = knots_rad[:-1]
+    # a quintic from rest to rest: 10 s^3 - 15 s^4 + 6 s^5 of the turn, with the share s of the
+    # duration
+    yaw_coefficients = coefficients_of(pieces)[:, YAW]
+    yaw_coefficients[:] = 0.0
+    yaw_coefficients[:, 0] = knots_rad[:-1]
     for power, factor in ((3, 10.0), (4, -15.0), (5, 6.0)):
-        pieces[:, 25 + power] = factor * np.diff(knots_rad) / durations_s**power
+        yaw_coefficients[:, power] = factor * np.diff(knots_rad) / durations_s**power
     try:
         return path_of(pieces.tolist())
     except ConfigError as error:

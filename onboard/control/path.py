@@ -22,7 +22,10 @@ from onboard.vectors import ZERO_3, Vec3
 # how many numbers a piece has: its duration, then eight coefficients each of x, y, z and yaw, with
 # the constant coefficient first
 NUMBER_COUNT = 33
-_DURATION = 0  # index of the duration
+DURATION = 0  # index of the duration
+AXES = 4
+YAW = 3  # index of yaw among the axes
+POWERS = 8
 MAX_BYTES = 262_144  # largest path: nearly two thousand pieces
 PART_BYTES = 24_576  # a path is sent in parts of this size: a message has at most 65536 bytes
 LONGEST_S = 3600.0
@@ -90,7 +93,7 @@ def from_bytes(data: bytes) -> Path:
         )
 
     pieces = tuple(_ROW.iter_unpack(data))
-    durations_s = [piece[_DURATION] for piece in pieces]
+    durations_s = [piece[DURATION] for piece in pieces]
     ends_s = tuple(itertools.accumulate(durations_s))
 
     is_finite = np.isfinite(np.array(pieces)).all()
@@ -100,6 +103,21 @@ def from_bytes(data: bytes) -> Path:
             f"{LONGEST_S:.0f} s."
         )
     return Path(ends_s, pieces)
+
+
+def coefficients_of(pieces: Array) -> Array:
+    """Return the coefficients (..., 4, 8) of pieces (..., 33), by axis and power: a view."""
+    return pieces[..., 1:].reshape(*pieces.shape[:-1], AXES, POWERS)
+
+
+def piece_of(duration_s: float, coefficients: Array) -> Array:
+    """Return the piece (33,) with these coefficients (4, 8)."""
+    return np.concatenate([[duration_s], coefficients.reshape(-1)])
+
+
+def start_of(piece: Array) -> Array:
+    """Return x, y, z and yaw (4,) at the start of a piece (33,)."""
+    return coefficients_of(piece)[:, 0]
 
 
 def path_id(data: bytes) -> str:
@@ -113,13 +131,13 @@ def point_at(path: Path, time_s: float) -> PathPoint:
     """
     if time_s >= path.duration_s:
         last = path.pieces[-1]
-        return _rest(last, last[_DURATION])
+        return _rest(last, last[DURATION])
     if not time_s > 0.0:  # or NaN
         return _rest(path.pieces[0], 0.0)
 
     index = bisect_right(path.ends_s, time_s)
     piece = path.pieces[index]
-    begin_s = path.ends_s[index] - piece[_DURATION]
+    begin_s = path.ends_s[index] - piece[DURATION]
     since_s = time_s - begin_s
 
     x, v_x, a_x = horner(piece, 0, since_s)
@@ -177,7 +195,7 @@ def sampled(path: Path, times_s: Array) -> Array:
     # the end of the path belongs to its last piece
     clipped_s = np.clip(times_s, 0.0, path.duration_s)
     index = np.minimum(np.searchsorted(ends_s, clipped_s, side="right"), len(pieces) - 1)
-    begins_s = ends_s[index] - pieces[index, _DURATION]
+    begins_s = ends_s[index] - pieces[index, DURATION]
     since_s = clipped_s - begins_s
 
     numbers = pieces[index].T  # (NUMBER_COUNT, T): the numbers of each time's piece
@@ -197,6 +215,6 @@ def jumps(path: Path) -> Array:
     later = numbers[:, 1:]
 
     # (axis, position and velocity, piece)
-    ends = np.array([horner(earlier, axis, earlier[_DURATION])[:2] for axis in range(3)])  # type: ignore[arg-type]
+    ends = np.array([horner(earlier, axis, earlier[DURATION])[:2] for axis in range(3)])  # type: ignore[arg-type]
     begins = np.array([horner(later, axis, 0.0)[:2] for axis in range(3)])  # type: ignore[arg-type]
     return np.asarray(np.sqrt(((begins - ends) ** 2).sum(0)))
