@@ -24,6 +24,7 @@ from onboard.avoidance.pairs import NeighbourPair, Own, Surface
 from onboard.avoidance.params import (
     DIRECTION_CROWD,
     DIRECTION_FIXED,
+    DIRECTION_INTENT,
     RESPONSIBILITY_FULL,
     RESPONSIBILITY_HALF,
     ROTATION_AHEAD,
@@ -366,7 +367,7 @@ def rotation_row(
     sign = turn_sign(e, pair.intent_m_s, d, is_crowded, policies.direction)
 
     v_perp = gains.v_perp_m_s
-    if is_crowded and policies.direction >= DIRECTION_CROWD:  # "crowd" or "intent"
+    if is_crowded and turns_crowds(policies.direction):
         v_perp = gains.v_perp_crowd_m_s
 
     if policies.responsibility == RESPONSIBILITY_FULL:
@@ -422,12 +423,17 @@ def turn_sign(e: Vec2, deciding_m_s: Vec2, d_m: float, is_crowded: bool, directi
         is_crowded: whether the pair is part of a crowd.
         direction: the policy.
     """
-    if direction == DIRECTION_FIXED or (is_crowded and direction >= DIRECTION_CROWD):
+    if direction == DIRECTION_FIXED or (is_crowded and turns_crowds(direction)):
         return 1.0
 
     speed_m_s = max(length_xy(deciding_m_s), _CLOCKWISE_FLOOR_M_S)
     clearly_clockwise = -_CLOCKWISE_WIDTH * d_m * speed_m_s
     return -1.0 if cross_xy(e, deciding_m_s) < clearly_clockwise else 1.0
+
+
+def turns_crowds(direction: int) -> bool:
+    """Return whether all pairs of a crowd turn the same way under the policy."""
+    return direction in (DIRECTION_CROWD, DIRECTION_INTENT)
 
 
 def obstacle_row(surface: Surface, gains: Gains) -> HalfPlane:
