@@ -136,55 +136,41 @@ class LocalFrame:
         self._follow_height(snapshot)
         local = _local_position(snapshot)
         last = self._last
-        has_gap = self._has_gap
+        gap_s = 0.0  # time without positions, if the last one was taken before a gap
+        if self._has_gap and last is not None:
+            gap_s = (local.stamp_ns - last.stamp_ns) * 1e-9
         self._has_gap = False
         self._last = local
 
-        has_restarted = snapshot.restarts != self._restarts
-        self._restarts = snapshot.restarts
-        if self.origin is None:
-            self._look_where_it_began(snapshot, last, local, has_restarted=has_restarted)
-            if self.displaced_m > 0.0:
-                return None
-        elif has_restarted:
-            self._forget_offset()  # it belonged to the earlier local frame
-            self._has_flown = False
-
+        self._notice_restart(snapshot, last, local)
         if snapshot.is_armed:
             self._has_flown = True
             self._stands_on_m = None
-        is_parked = not snapshot.is_armed and snapshot.landed is Landed.ON_GROUND
-
         anchored_m = self._anchored_offset_m(local.position_m, snapshot.global_origin)
-        if anchored_m is None:
+        if self.displaced_m > 0.0 or anchored_m is None:
             return None
-        if self._offset_enu_m is None and not is_parked:
-            return None  # an agent that starts in the air cannot know the height of the ground
 
-        came_back_parked = has_gap and is_parked and self._has_flown and self.origin is None
-        if came_back_parked and last is not None and reckoned is not None:
-            gap_s = (local.stamp_ns - last.stamp_ns) * 1e-9
+        is_parked = not snapshot.is_armed and snapshot.landed is Landed.ON_GROUND
+        if is_parked:
             self._look_where_it_stands(local, reckoned, gap_s)
             if self.displaced_m > 0.0:
                 return None
-        if is_parked and self.offset_std_m > _STANDS_STD_M:
-            self._lose_place(self._fleet_position_m(local))
-            return None
-
-        if self._offset_enu_m is None or is_parked:
             self._offset_enu_m = self._parked_offset_m(anchored_m, local, snapshot)
             self._px4_origin = snapshot.global_origin
-        elif has_gap and last is not None and reckoned is not None and self.origin is None:
-            # with an origin on Earth PX4 knows itself where it is
-            gap_s = (local.stamp_ns - last.stamp_ns) * 1e-9
+            return self._fleet_position_m(local)
+
+        if self._offset_enu_m is None or last is None:
+            return None  # an agent that starts in the air cannot know the height of the ground
+
+        # with an origin on Earth PX4 knows itself where it is after a gap
+        if gap_s > 0.0 and reckoned is not None and self.origin is None:
             self._continue_after_gap(local, reckoned, gap_s)
-        elif last is not None:
+        else:
             offset_m = self._absorbed_m(self._offset_enu_m, last, local)
             if self._is_origin_right(offset_m, anchored_m, snapshot):
                 self._px4_origin = snapshot.global_origin
                 offset_m = _returned_m(offset_m, anchored_m, last, local)
             self._offset_enu_m = offset_m
-
         return self._fleet_position_m(local)
 
     def skip(self, snapshot: Snapshot) -> None:
@@ -255,18 +241,28 @@ class LocalFrame:
         self._offset_enu_m = (reckoned_x - local_x, reckoned_y - local_y, z)
 
     def _look_where_it_stands(
-        self, local: _LocalPosition, reckoned: ReckonedPosition, gap_s: float
+        self, local: _LocalPosition, reckoned: ReckonedPosition | None, gap_s: float
     ) -> None:
-        """Find out whether PX4's local frame has moved until a vehicle had landed.
+        """Find out whether the place of a parked vehicle is lost.
+
+        It is if PX4's local frame has moved until it had landed, or if it has landed by a position
+        that continued dead reckoning for long.
 
         Args:
-            local: first local position after the gap.
-            reckoned: where it has landed by the agent's dead reckoning.
-            gap_s: time since the last local position that was taken.
+            local: newest local position.
+            reckoned: where it has landed by the agent's dead reckoning; None if it is not known.
+            gap_s: time since the last local position that was taken, if there is a gap between the
+                two; else 0.
         """
-        if self._offset_enu_m is None or self._fits(local, reckoned, gap_s):
+        if self.origin is not None or self._offset_enu_m is None:
             return
-        self._lose_place(reckoned.position_enu_m)
+        if self.offset_std_m > _STANDS_STD_M:
+            self._lose_place(self._fleet_position_m(local))
+            return
+
+        is_back = gap_s > 0.0 and self._has_flown
+        if is_back and reckoned is not None and not self._fits(local, reckoned, gap_s):
+            self._lose_place(reckoned.position_enu_m)
 
     def _lose_place(self, likely_enu_m: Xyz) -> None:
         """Give up the place of a vehicle that stands, until it is put on its spot.
@@ -297,6 +293,24 @@ class LocalFrame:
     def _forget_offset(self) -> None:
         self._offset_enu_m = None
         self.offset_std_m = 0.0
+
+    def _notice_restart(
+        self, snapshot: Snapshot, last: _LocalPosition | None, local: _LocalPosition
+    ) -> None:
+        """Begin anew, or give the place up, where PX4 or this agent has restarted.
+
+        Args:
+            snapshot: newest snapshot of PX4.
+            last: previous local position.
+            local: newest local position.
+        """
+        has_restarted = snapshot.restarts != self._restarts
+        self._restarts = snapshot.restarts
+        if self.origin is None:
+            self._look_where_it_began(snapshot, last, local, has_restarted=has_restarted)
+        elif has_restarted:
+            self._forget_offset()  # it belonged to the earlier local frame
+            self._has_flown = False
 
     def _look_where_it_began(
         self,
