@@ -75,7 +75,7 @@ def in_the_way(fleet: FleetConfig, state: FleetState, name: str, goal: Xyz, now_
     ]
     hindrances.sort()  # by distance
     words = "; ".join(text for _, text in hindrances[:_MAX_NAMED])
-    law_sentence = _law_words(view.telemetry)
+    law_sentence = _law_words(state, view.telemetry, now_ns)
     way_sentence = ""
     if words:
         way_sentence = f" In its way: {words}."
@@ -84,14 +84,21 @@ def in_the_way(fleet: FleetConfig, state: FleetState, name: str, goal: Xyz, now_
     return f"{distance_sentence}{way_sentence}{law_sentence}"
 
 
-def _law_words(telemetry: Telemetry) -> str:
+def _law_words(state: FleetState, telemetry: Telemetry, now_ns: int) -> str:
     """Return what the vehicle gives way to, and by how much; empty if to nothing."""
     if not telemetry.avoids or math.isnan(telemetry.intervention_m_s2):
         return ""
     by_how_much = ""
     if telemetry.intervention_m_s2 > _ACTIVE_M_S2:
         by_how_much = f" by {telemetry.intervention_m_s2:.1f} m/s²"
-    return f" It gives way to {telemetry.avoids}{by_how_much}."
+
+    avoided = state.vehicles.get(telemetry.avoids)
+    where_words = ""
+    if avoided is not None and avoided.telemetry is not None and not avoided.is_airborne:
+        where_words = ", which is on the ground"
+        if avoided.position_enu_m(now_ns) is None:
+            where_words += ", and its place is not known exactly"
+    return f" It gives way to {telemetry.avoids}{by_how_much}{where_words}."
 
 
 def _neighbours(

@@ -59,3 +59,22 @@ def test_a_vehicle_that_gives_way_to_one_beside_its_way_is_not_said_to_have_a_fr
     assert in_the_way(fleet, state, "mav0", (-1.5, 0.0, 1.0), 10 * S) == (
         "It is 1.50 m from its goal. It gives way to mav2 by 1.2 m/s²."
     )
+
+
+@pytest.mark.parametrize(
+    ("knows_its_place", "words"),
+    [
+        (True, "which is on the ground."),
+        (False, "which is on the ground, and its place is not known exactly."),
+    ],
+)
+def test_a_vehicle_that_is_kept_from_one_on_the_ground_says_so(
+    fleet: FleetConfig, knows_its_place: bool, words: str
+) -> None:
+    """One that has landed without a position is avoided far around its last place."""
+    state = _state(fleet, avoids="mav1", intervention_m_s2=0.9)
+    landed = telemetry("mav1", **STANDING, is_position_valid=knows_its_place, sequence=2)
+    state = fold(state, landed, 10 * S)
+    assert in_the_way(fleet, state, "mav0", (-1.5, 0.0, 1.0), 10 * S).endswith(
+        f"It gives way to mav1 by 0.9 m/s², {words}"
+    )
