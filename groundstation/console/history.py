@@ -76,6 +76,11 @@ class History:
     """
 
     def __init__(self, land_frac: float = 0.2) -> None:
+        self._land_frac = land_frac
+        self.clear()
+
+    def clear(self) -> None:
+        """Forget everything, as at the start and after a replay has jumped back."""
         # name -> last positions x, y [m] ENU (n, 2), in no order; unused rows are NaN
         self.trails: dict[str, NDArray[np.float64]] = {}
         self.pairs: list[ClosePair] = []  # the closest pairs now; those in the air come first
@@ -91,7 +96,6 @@ class History:
         self._flight_begin_s: float | None = None
         self._flight_end_s: float | None = None
 
-        self._land_frac = land_frac
         # name -> number of points of its trail so far, and x, y [m] of the last point
         self._ends: dict[str, tuple[int, float, float]] = {}
         # name -> what drains its battery, and times [s] with charges
@@ -120,10 +124,6 @@ class History:
             return None
         end_s = now_ns * 1e-9 if self._flight_end_s is None else self._flight_end_s
         return max(0.0, end_s - self._flight_begin_s)
-
-    def clear(self) -> None:
-        """Forget everything, because a replay has jumped back."""
-        vars(self).update(vars(History(self._land_frac)))  # all attributes as in a new history
 
     def add(self, state: FleetState, now_ns: int) -> None:
         """Take in the present state of the fleet; a second call at the same time has no effect."""
@@ -189,31 +189,28 @@ class History:
 
     def _sample(self, state: FleetState, now_ns: int) -> None:
         """Note the slowest loop, the oldest message and all charges."""
-        period_ms = math.nan  # largest period so far; NaN: no vehicle has reported one
-        age_ms = math.nan
+        # vehicle -> what it has reported
+        periods_ms: dict[str, float] = {}
+        ages_ms: dict[str, float] = {}
         for name, view in state.vehicles.items():
             telemetry = view.telemetry
             if telemetry is None or not view.is_fresh(now_ns):
                 continue
 
-            own_period_ms = telemetry.loop_period_p99_ms
-            is_slowest = math.isnan(period_ms) or own_period_ms > period_ms
-            if math.isfinite(own_period_ms) and is_slowest:
-                period_ms = own_period_ms
-                self.slowest = name
-
-            own_age_ms = telemetry.neighbour_age_s * 1e3
-            is_oldest = math.isnan(age_ms) or own_age_ms > age_ms
-            if math.isfinite(own_age_ms) and is_oldest:
-                age_ms = own_age_ms
-                self.oldest = name
-
+            if math.isfinite(telemetry.loop_period_p99_ms):
+                periods_ms[name] = telemetry.loop_period_p99_ms
+            if math.isfinite(telemetry.neighbour_age_s):
+                ages_ms[name] = telemetry.neighbour_age_s * 1e3
             if math.isfinite(telemetry.battery_frac) and telemetry.battery_frac >= 0.0:
                 by = _Drained(telemetry.boot_id, view.is_airborne)
                 self._add_charge(name, by, now_ns * 1e-9, telemetry.battery_frac)
 
-        self.periods_ms.append(period_ms)
-        self.ages_ms.append(age_ms)
+        if periods_ms:
+            self.slowest = max(periods_ms, key=lambda name: periods_ms[name])
+        if ages_ms:
+            self.oldest = max(ages_ms, key=lambda name: ages_ms[name])
+        self.periods_ms.append(max(periods_ms.values(), default=math.nan))
+        self.ages_ms.append(max(ages_ms.values(), default=math.nan))
 
     def _add_charge(self, name: str, by: _Drained, now_s: float, charge_frac: float) -> None:
         before, samples = self._charges.get(name, (by, deque(maxlen=_BATTERY_SAMPLES)))
@@ -265,22 +262,19 @@ def closest_pairs(
     distances_m = separations_m(gaps_m, height_share)
     is_flying = is_airborne[first] | is_airborne[second]
 
-    # A pair on the ground comes last: it gets a distance that no pair in the air can have.
-    ranks = np.where(is_flying, distances_m, distances_m + FAR_M * 4)
-    closest = np.arange(len(ranks))
-    if len(ranks) > most:
-        closest = np.argpartition(ranks, most)[:most]
-
-    sorted_indices = closest[np.argsort(ranks[closest], kind="stable")]
+    # pairs with a vehicle in the air first, and among these the closest
+    sorted_indices = np.lexsort((distances_m, ~is_flying))
 
     pairs = []
-    for index in sorted_indices.tolist():
+    for index in sorted_indices[:most].tolist():
         relative_m_s = velocities_m_s[second[index]] - velocities_m_s[first[index]]
         approach_s = _approach_s(gaps_m[index], relative_m_s)
         closest_gap_m = gaps_m[index]
-        if approach_s > 0.0:
+        if math.isnan(approach_s):
+            pass  # they hover
+        elif approach_s > 0.0:
             closest_gap_m = closest_gap_m + approach_s * relative_m_s
-        elif approach_s <= 0.0:
+        else:
             approach_s = math.inf  # they move apart
 
         pair = ClosePair(
