@@ -122,6 +122,21 @@ class MissionGround:
             FleetTaken: somebody has taken the fleet; nothing was sent, or it was replaced.
         """
         await self.check_open(intent)
+        intent = self._prepared(intent)
+        if isinstance(intent, Takeoff) and len(intent.waves) > 1:
+            return await self._take_off_in_waves(intent, timeout_s)
+
+        waited = await self._after_waits(intent, may_be_left_out=may_be_left_out)
+        if waited is None:
+            return {}
+        return await self._sent(waited, timeout_s, change)
+
+    def _prepared(self, intent: Intent) -> Intent:
+        """Return an order with checked values, for those that can still take part.
+
+        Raises:
+            ConfigError: a value of the order is not valid, or it is for nobody.
+        """
         if not intent.names and self.left_out.issuperset(self.client.fleet.enabled_names):
             raise ConfigError(
                 f"'{intent.verb}' is for nobody: all vehicles were disabled, or the mission goes "
@@ -132,17 +147,23 @@ class MissionGround:
         is_for_others = not out_of_service(self.client.state).issuperset(intent.names)
         if not intent.names or is_for_others:
             self.leave_out_disabled()
-        intent = self._without_other_ends(with_checked_values(intent))
-        if isinstance(intent, Takeoff) and len(intent.waves) > 1:
-            return await self._take_off_in_waves(intent, timeout_s)
+        return self._without_other_ends(with_checked_values(intent))
 
+    async def _after_waits(self, intent: Intent, *, may_be_left_out: bool) -> Intent | None:
+        """Wait until an order may be sent; return it for those that then still take part.
+
+        It is None if the operator has left the order out, or nobody takes part any more.
+
+        Raises:
+            FleetTaken: somebody has taken the fleet meanwhile.
+        """
         left_out_before = frozenset(self.left_out)
         if intent.waits_for_step:
             is_left_out = await self._wait_for_turn(intent, may_be_left_out)
             if is_left_out:
                 self.left_out_orders.append(str(intent))
                 self.say(f"Left out: {intent}")
-                return {}
+                return None
 
         is_landing = intent.message_values().then_land
         if intent.waits_for_step and not is_landing:
@@ -157,9 +178,16 @@ class MissionGround:
         names = self._taking_part(intent, left_out_before)
         if not names:
             self.say(f"Not sent, because the mission goes on without them: {intent}")
-            return {}
-        intent = for_fewer(intent, names)
+            return None
+        return for_fewer(intent, names)
 
+    async def _sent(
+        self,
+        intent: Intent,
+        timeout_s: float,
+        change: Callable[[PlannedOrder], PlannedOrder] | None,
+    ) -> Results:
+        """Send an order, wait for its end, and log the results; arguments as for an order."""
         self.say(order_in_brief(intent, self.client.fleet.enabled_names))
         client = self.client
         begin_ns = client.now_ns()
