@@ -100,6 +100,9 @@ class Snapshot(Struct, frozen=True):
     # Whether PX4's estimator has a horizontal position, and a source that corrects it. PX4 also
     # sends a local position without any: on the ground, and for seconds after its source was lost.
     is_position_known: bool = True
+    # difference of the heading's source from PX4's heading, as a share of the largest that PX4
+    # fuses; NaN while nothing corrects the heading
+    heading_ratio: float = 0.0
     # std of PX4's horizontal position; 0 before the first report, inf if PX4 reports nonsense
     position_accuracy_m: float = 0.0
     # std of PX4's height; 0 before the first report, inf if PX4 reports nonsense

@@ -52,6 +52,7 @@ _JUMP_M_S2 = 3.0
 # this distance of the frame's origin, plus some standard deviations of PX4's position.
 _BEGAN_WITHIN_M = 1.0
 _BEGAN_SIGMAS = 3.0
+_LEAST_DISPLACED_M = 0.01  # of a vehicle whose place is lost although it stands near its spot
 # A vehicle as near to its spot when PX4 restarts, and some standard deviations, counts as standing
 # on it.
 _ON_SPOT_M = 0.5
@@ -67,6 +68,9 @@ _FITS_OF_PUSH = 0.2
 _LONGEST_GAP_S = 3.5  # in a longer one the vehicle lands, and then stands where it is
 # standard deviation of a position that continues dead reckoning, per second of the gap
 _RECKONED_STD_M_S = 0.1
+# A camera whose heading differs from PX4's for this time in a flight has begun its frame anew,
+# turned. PX4 follows such a heading later, within some seconds.
+_TURNED_NS = 1_000_000_000
 # After a landing, a position that continues dead reckoning with a larger one is not used.
 _STANDS_STD_M = 0.15
 
@@ -116,6 +120,8 @@ class LocalFrame:
     _last: _LocalPosition | None = None  # newest local position that was taken
     _newest: _LocalPosition | None = None  # newest local position
     _has_gap: bool = False  # whether positions were skipped since the last one that was taken
+    _turned_since_ns: int = 0  # since when the camera's heading differs from PX4's; 0: not now
+    _is_turned: bool = False  # whether the camera has begun its frame anew, turned
     _has_flown: bool = False
     # Height of the ground on which it has stood since its last flight [m]; None: it has not yet.
     _stands_on_m: float | None = None
@@ -140,6 +146,7 @@ class LocalFrame:
         if self._has_gap and last is not None:
             gap_s = (local.stamp_ns - last.stamp_ns) * 1e-9
         self._has_gap = False
+        self._turned_since_ns = 0
         self._last = local
 
         self._notice_restart(snapshot, last, local)
@@ -159,6 +166,8 @@ class LocalFrame:
             self._px4_origin = snapshot.global_origin
             return self._fleet_position_m(local)
 
+        if self._is_turned:
+            return None
         if self._offset_enu_m is None or last is None:
             return None  # an agent that starts in the air cannot know the height of the ground
 
@@ -173,14 +182,22 @@ class LocalFrame:
             self._offset_enu_m = offset_m
         return self._fleet_position_m(local)
 
-    def skip(self, snapshot: Snapshot) -> None:
-        """Note a local position that nothing corrects; only its height is followed.
+    def skip(self, snapshot: Snapshot, *, is_turned: bool = False) -> None:
+        """Note a local position that is not used; only its height is followed.
 
         Args:
             snapshot: newest snapshot of PX4.
+            is_turned: whether a camera corrects it whose heading differs from PX4's.
         """
         self._has_gap = True
         self._follow_height(snapshot)
+
+        if not is_turned or not self._has_flown:
+            self._turned_since_ns = 0
+        elif self._turned_since_ns == 0:
+            self._turned_since_ns = snapshot.local_position_ns
+        elif snapshot.local_position_ns - self._turned_since_ns > _TURNED_NS:
+            self._is_turned = True
 
     def _follow_height(self, snapshot: Snapshot) -> None:
         """Absorb a jump of PX4's height, also while its positions are not taken."""
@@ -245,8 +262,8 @@ class LocalFrame:
     ) -> None:
         """Find out whether the place of a parked vehicle is lost.
 
-        It is if PX4's local frame has moved until it had landed, or if it has landed by a position
-        that continued dead reckoning for long.
+        It is if PX4's local frame has moved until it had landed, or has been turned, or if it has
+        landed by a position that continued dead reckoning for long.
 
         Args:
             local: newest local position.
@@ -256,7 +273,7 @@ class LocalFrame:
         """
         if self.origin is not None or self._offset_enu_m is None:
             return
-        if self.offset_std_m > _STANDS_STD_M:
+        if self._is_turned or self.offset_std_m > _STANDS_STD_M:
             self._lose_place(self._fleet_position_m(local))
             return
 
@@ -270,7 +287,8 @@ class LocalFrame:
         Args:
             likely_enu_m: where it likely stands, in the fleet frame.
         """
-        self.displaced_m = math.dist(likely_enu_m[:2], self.start_enu_m[:2])
+        away_m = math.dist(likely_enu_m[:2], self.start_enu_m[:2])
+        self.displaced_m = max(away_m, _LEAST_DISPLACED_M)
         self._has_px4_lost_it = True
         self._forget_offset()
 

@@ -51,6 +51,9 @@ _TRUSTED_S = 0.1  # an estimate without a sample newer than this is not compared
 # For positions from PX4. ACCURACIES has their slow error.
 _PX4_POSITION_STD_M = 0.05  # noise between two positions
 _PX4_JUMP_GATE_M = 1.0  # a larger innovation is a jump
+# A larger Snapshot.heading_ratio is no heading of a camera whose frame is the one at the start: 8
+# to 9 degrees with EKF2_EVA_NOISE = 0.1, which PX4 takes as a variance before v1.18.
+_LARGEST_HEADING_RATIOS = {"1.16": 0.2, "1.17": 0.2, "1.18": 0.55}
 _ZERO: Xyz = (0.0, 0.0, 0.0)
 _SQRT_HALF = math.sqrt(0.5)
 
@@ -334,9 +337,12 @@ class OwnState:
 
     def _queue_local_position(self, snapshot: Snapshot) -> None:
         """Queue PX4's local position, if there is a new one that PX4's estimator stands for."""
-        is_usable = snapshot.is_position_known and not self.has_lost_satellites
+        is_known = snapshot.is_position_known and not self.has_lost_satellites
+        # a camera whose heading PX4 does not use may have begun its frame anew, turned
+        is_turned = is_known and self.has_turned_camera(snapshot)
+        is_usable = is_known and not is_turned
         if not is_usable:
-            self._local_frame.skip(snapshot)
+            self._local_frame.skip(snapshot, is_turned=is_turned)
         if snapshot.local_position_ns == self._local_ns or not is_usable:
             return
         self._local_ns = snapshot.local_position_ns
@@ -356,6 +362,19 @@ class OwnState:
         if position_enu_m is not None:
             yaw_rad = yaw_from_quaternion(snapshot.quaternion_enu_flu_wxyz)
             self._queue.append(_Sample(vectors.Vec3(*position_enu_m), self._local_ns, yaw_rad))
+
+    def has_turned_camera(self, snapshot: Snapshot) -> bool:
+        """Return whether the camera's heading is missing, or differs from PX4's by some 9 degrees.
+
+        Headings by cameras that PX4 fused differed by 1 degree.
+
+        Args:
+            snapshot: newest snapshot of PX4.
+        """
+        if not self.vehicle.flies_by_vision:
+            return False
+        largest_ratio = _LARGEST_HEADING_RATIOS[self.vehicle.px4_version]
+        return not snapshot.heading_ratio <= largest_ratio  # also for NaN
 
     def _reckoned_position(self, snapshot: Snapshot) -> ReckonedPosition | None:
         """Return the position that a camera's position is compared with after a gap.

@@ -59,6 +59,8 @@ def _position(facts: PreflightFacts, fleet: FleetConfig, vehicle: Vehicle) -> Ju
         return SKIP, {"reason": "while the mocap's samples are rejected"}
     if facts.displaced_m > 0.0:
         return "displaced", {"away": facts.displaced_m}
+    if facts.is_camera_turned:
+        return "camera turned", {}
     if not vehicle.mocap_required:
         return "silent", {}
     if facts.source_problem:

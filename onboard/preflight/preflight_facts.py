@@ -73,6 +73,8 @@ class PreflightFacts:
     fuses_position: bool = False  # whether PX4, by required parameters, uses the mocap's position
     fuses_heading: bool = False  # whether PX4, by required parameters, uses the mocap's heading
 
+    # whether PX4 has a position by a camera whose heading it does not use
+    is_camera_turned: bool = False
     # distance from the take-off spot at a restart after which its place is not known; 0: it is
     displaced_m: float = 0.0
 

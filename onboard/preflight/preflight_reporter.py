@@ -195,6 +195,7 @@ class PreflightReporter:
         if snapshot.local_position_ns:
             px4_position_enu_m = enu_from_ned(snapshot.position_local_ned_m)
         battery_frac, battery_voltage_v = snapshot.battery(now_ns)
+        is_camera_turned = snapshot.is_position_known and self._own.has_turned_camera(snapshot)
 
         missing = self._missing(now_ns)
         without_position = neighbours.without_position(now_ns)
@@ -248,6 +249,7 @@ class PreflightReporter:
             stands_in_for=stands_in_for,
             position_std_m=own.position_std_m,
             displaced_m=self._own.displaced_m,
+            is_camera_turned=is_camera_turned,
             heading_miss_rad=own.heading_offset_rad,
             tilt_miss_rad=self._tilt.difference_rad,
             differed_when_tilted=self._tilt.differed_when_tilted,

@@ -25,6 +25,7 @@ _POSITION_NED_M = (1.0, -0.5, -0.2)
 _JUMP_M = 0.8
 _SETTLE_S = 4.0
 _NO_GPS_S = 7.0  # PX4's position stays valid for up to 5 s after the loss of satellites
+_TURN_RAD = math.radians(40.0)
 _ORIGIN_M = 100.0  # altitude of the origin in the fact vision.origin-height
 _FLAG_HORIZONTAL_SOURCE = 0x100  # in ESTIMATOR_STATUS.flags
 _LATITUDE_1E7 = 473977420
@@ -93,6 +94,14 @@ def _fused(client: VehicleClient, report: FactReport) -> None:
         report.add("vision.origin-height", _error_m(client, position))
         _set_origin(client, 0.0)
         client.wait(_SETTLE_S)
+
+    if report.wants("vision.heading-ratio", "vision.turned-ratio"):
+        client.vision_duty.act = _vision(client, position)
+        client.wait(_SETTLE_S)
+        report.add("vision.heading-ratio", float(client.newest("ESTIMATOR_STATUS").mag_ratio))
+        client.vision_duty.act = _vision(client, position, turned_rad=_TURN_RAD)
+        client.wait(1.0)
+        report.add("vision.turned-ratio", float(client.newest("ESTIMATOR_STATUS").mag_ratio))
 
     ack_count = len(client.received.of("COMMAND_ACK", since_s))
     report.add("vision.silent", count_or_none(ack_count, "acknowledgements"))
@@ -196,8 +205,10 @@ def _xyz(position: list[float]) -> dict[str, float]:
 # Each of these functions returns a function for the duty, which sends the values of `position`.
 
 
-def _vision(client: VehicleClient, position: list[float]) -> Callable[[], None]:
-    yaw = client.euler().yaw
+def _vision(
+    client: VehicleClient, position: list[float], *, turned_rad: float = 0.0
+) -> Callable[[], None]:
+    yaw = client.euler().yaw + turned_rad
     return lambda: client.send(
         "VISION_POSITION_ESTIMATE",
         usec=_usec(client),

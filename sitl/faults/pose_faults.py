@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -13,9 +14,10 @@ from sitl.physics.frames import Array
 class PoseFault:
     """Errors of the poses of one body."""
 
-    kind: str  # frozen, swapped, jump, drift, late or lost
+    kind: str  # frozen, swapped, jump, turned, drift, late or lost
     other: int = 0  # index of the body with which the body is swapped
     shift_m: tuple[float, float, float] = (0.0, 0.0, 0.0)  # of a jump
+    yaw_rad: float = 0.0  # by which the frame is turned, about the place where the fault begins
     drift_m_s: tuple[float, float, float] = (0.0, 0.0, 0.0)  # velocity of a drift
     since_s: float = 0.0  # start of a drift
     delay_s: float = 0.0  # additional delay of the pose
@@ -30,7 +32,8 @@ class PoseFaults:
 
     def __init__(self, count: int) -> None:
         self._faults: list[PoseFault | None] = [None] * count
-        self._frozen: dict[int, Array] = {}  # index of a body -> the pose at which it froze
+        # index of a body -> its pose when the fault began, for those that need it
+        self._begun: dict[int, Array] = {}
 
     @property
     def is_clear(self) -> bool:
@@ -47,7 +50,7 @@ class PoseFaults:
             self._faults[before.other] = None
 
         self._faults[index] = fault
-        self._frozen.pop(index, None)
+        self._begun.pop(index, None)
         if fault is not None and fault.kind == "swapped":
             self._faults[fault.other] = PoseFault("swapped", other=index)
 
@@ -80,8 +83,24 @@ class PoseFaults:
                 measured[i] = poses[fault.other]
             elif fault.kind == "jump":
                 measured[i, :3] += fault.shift_m
+            elif fault.kind == "turned":
+                about = self._begun.setdefault(i, poses[i].copy())
+                measured[i] = _turned(poses[i], about, fault.yaw_rad)
             elif fault.kind == "drift":
                 measured[i, :3] += (time_s - fault.since_s) * np.array(fault.drift_m_s)
             elif fault.kind == "frozen":
-                measured[i] = self._frozen.setdefault(i, poses[i].copy())
+                measured[i] = self._begun.setdefault(i, poses[i].copy())
         return np.asarray(measured)
+
+
+def _turned(pose: Array, about: Array, yaw_rad: float) -> Array:
+    """Return a pose (x, y, z, yaw) in a frame that is turned about a place."""
+    cosine = math.cos(yaw_rad)
+    sine = math.sin(yaw_rad)
+    x, y = pose[:2] - about[:2]
+
+    turned = pose.copy()
+    turned[0] = about[0] + cosine * x - sine * y
+    turned[1] = about[1] + sine * x + cosine * y
+    turned[3] += yaw_rad
+    return turned

@@ -47,9 +47,10 @@ _VISION_GAP_S = 0.1  # time without vision after which the estimate drifts
 
 # Fusion of vision.
 _FUSE_GAIN = 0.2
-_YAW_FUSE_GAIN = 0.1
 _GATE_SIGMAS = 5.0  # a difference beyond this multiple of EKF2_EVP_NOISE is a jump
 _SMALLEST_GATE_M = 0.2
+# how long a heading that differs by too much is refused, without a gap before it
+_HEADING_REFUSAL_S = 5.0
 _HEIGHT_REFUSAL_S = 5.0  # how long a jump in height is refused
 
 # Dead reckoning, measured on a PX4 v1.16 that lost vision in flight. Pairs are the limits of a
@@ -68,6 +69,7 @@ _START_HEIGHT_M = (-0.2, 0.2)  # limits of the estimated height before the first
 # Limits of the mean error of the compass, and of the standard deviation of its changes.
 _COMPASS_MEAN_DEG = (2.0, 17.0)
 _COMPASS_STD_DEG = (2.0, 7.0)
+_COMPASS_RATIO = 0.1  # ESTIMATOR_STATUS.mag_ratio with a heading by the compass
 _YAW_KEEP = math.exp(-PERIOD_S / estimator_errors.YAW_CORRELATION_S)
 
 # Reset counters in PX4's order.
@@ -283,7 +285,7 @@ class Estimator:
         vehicle = self._vehicles[index]
         is_first = time_s - vehicle.vision_time_s >= _VISION_TIMEOUT_S
         vehicle.vision_time_s = time_s
-        self._fuse_vision_yaw(index, yaw_error_rad, is_first=is_first)
+        self._fuse_vision_yaw(index, time_s, yaw_error_rad, is_first=is_first)
 
         # the estimated position at the time of the pose
         periods_back = min(_HISTORY - 1, max(0, round(delay_s / PERIOD_S)))
@@ -296,13 +298,44 @@ class Estimator:
             z += self._known_origin_m(index)
             self._fuse_as_only_source(index, time_s, (x, y, z), estimated, is_first=is_first)
 
-    def _fuse_vision_yaw(self, index: int, yaw_error_rad: float, *, is_first: bool) -> None:
+    def _fuse_vision_yaw(
+        self, index: int, time_s: float, yaw_error_rad: float, *, is_first: bool
+    ) -> None:
+        """Correct the heading by an external one, unless it differs by too much.
+
+        The first one is always taken. After a gap PX4 takes none that differs by too much; without
+        a gap it follows such a one after some seconds.
+
+        Args:
+            index: index of the vehicle.
+            time_s: present time.
+            yaw_error_rad: heading of the sender minus the true heading.
+            is_first: whether there was no vision before.
+        """
+        vehicle = self._vehicles[index]
+        sensors = self.sensors[index]
         vision_yaw = self._errors["vision_yaw"]
-        if is_first:
+        was_fused = math.isfinite(vehicle.heading_ratio) and not is_first
+
+        difference_rad = math.remainder(yaw_error_rad - vision_yaw[index], 2.0 * math.pi)
+        ratio = abs(difference_rad) / sensors.heading_gate_rad
+        is_reset = not math.isfinite(vehicle.heading_time_s)
+        refused_for_s = time_s - vehicle.heading_time_s
+        if was_fused and refused_for_s >= _HEADING_REFUSAL_S:
+            is_reset = True
+
+        if is_reset:
             vision_yaw[index] = yaw_error_rad
+            vehicle.heading_ratio = 0.0
+            vehicle.heading_time_s = time_s
+        elif ratio <= 1.0:
+            vision_yaw[index] += sensors.heading_gain * difference_rad
+            vehicle.heading_ratio = ratio
+            vehicle.heading_time_s = time_s
+        elif was_fused:
+            vehicle.heading_ratio = ratio
         else:
-            difference_rad = math.remainder(yaw_error_rad - vision_yaw[index], 2.0 * math.pi)
-            vision_yaw[index] += _YAW_FUSE_GAIN * difference_rad
+            vehicle.heading_ratio = math.nan
 
     def _fuse_beside_satellites(
         self,
@@ -425,6 +458,7 @@ class Estimator:
     def begin_vision_anew(self, index: int) -> None:
         """Let the estimate jump to the next external position, as the sender has requested."""
         self._vehicles[index].vision_time_s = -math.inf
+        self._vehicles[index].heading_time_s = -math.inf
 
     def restart(self, index: int, time_s: float, position_ned_m: Array) -> None:
         """Restart the estimate of a vehicle, as a reboot does.
@@ -499,6 +533,19 @@ class Estimator:
         if time_s - vehicle.lost_time_s < _RECKONING_S:
             return _FLAGS_RECKONING | absolute
         return _FLAGS_LOST
+
+    def heading_ratio(self, index: int) -> float:
+        """Return ESTIMATOR_STATUS.mag_ratio: how far the source of the heading differs from it.
+
+        A difference above 1 is not fused. NaN while nothing corrects the heading.
+        """
+        vehicle = self._vehicles[index]
+        is_by_vision = vehicle.source is Source.VISION and self.sensors[index].uses_vision_yaw
+        if vehicle.source is Source.NONE and not self.sensors[index].has_gps:
+            return math.nan
+        if is_by_vision:
+            return vehicle.heading_ratio
+        return _COMPASS_RATIO
 
     def is_position_known(self, index: int, time_s: float) -> bool:
         """Return whether ESTIMATOR_STATUS.flags say that a source gives the horizontal position."""

@@ -31,6 +31,8 @@ class SensorSettings:
         gps_delay_s: delay of horizontal position and velocity by satellites.
         gps_drift_ned_m_s: drift (3,) of positions by satellites, which velocities do not show.
         uses_vision_yaw: whether the parameters take the heading from vision.
+        heading_gate_rad: largest difference of an external heading that is fused.
+        heading_gain: share of the difference by which one heading corrects the estimate.
         vision_level: error level of the estimate with vision.
         vision_noise_m: EKF2_EVP_NOISE.
     """
@@ -43,6 +45,8 @@ class SensorSettings:
     gps_drift_ned_m_s: Array = field(default_factory=_no_drift)
 
     uses_vision_yaw: bool = True
+    heading_gate_rad: float = 0.26
+    heading_gain: float = 0.1
     vision_level: ErrorLevel = VISION_DEFAULT
     vision_noise_m: float = 0.1
 
@@ -55,11 +59,14 @@ class VehicleEstimate:
         start_time_s: time at which the autopilot started.
         vision_time_s: time of the newest external position.
         height_time_s: time of the newest external position whose height was fused.
+        heading_time_s: time of the newest external heading that was fused; -inf before the first.
         lost_time_s: time at which the last source was lost.
         flight_time_s: last time in the air.
         source: present source.
         level: present error level; None before the first selection.
         is_resting: whether the vehicle rested at the last selection of the source.
+        heading_ratio: difference of the newest external heading from the estimate, as a share of
+            the largest that is fused; NaN while no external heading is fused.
         vision_frame_ned_m: offset (3,) from the frame of vision to that of satellites; None while
             it is not known.
         late: horizontal positions (2,) and velocities (2,) during the delay of satellites, oldest
@@ -71,6 +78,7 @@ class VehicleEstimate:
     start_time_s: float = 0.0
     vision_time_s: float = -math.inf
     height_time_s: float = -math.inf
+    heading_time_s: float = -math.inf
     lost_time_s: float = -math.inf
     flight_time_s: float = -math.inf
 
@@ -78,6 +86,7 @@ class VehicleEstimate:
     level: ErrorLevel | None = None
     is_resting: bool = True
 
+    heading_ratio: float = math.nan
     vision_frame_ned_m: Array | None = None
     late: deque[tuple[Array, Array]] = field(default_factory=deque)
     origin_altitude_m: float | None = None

@@ -25,6 +25,7 @@ class Version:
     takes_off_sideways: bool
     shows_termination: bool
     has_one_throttle_text: bool
+    takes_heading_noise_as_variance: bool
     landed_offboard_s: float
     unsupported_commands: frozenset[int]
     silent_streams: frozenset[str]

@@ -151,6 +151,14 @@ class Flight:
             time.sleep(seconds)
             (self.folder / "cut").unlink()
 
+    def turn_cameras(self, gap_s: float) -> None:
+        """Let the cameras of all vehicles begin their frames anew, turned, after a gap."""
+        if gap_s > 0.0:
+            (self.folder / "cut").touch()
+            time.sleep(gap_s)
+        (self.folder / "turned").touch()
+        (self.folder / "cut").unlink(missing_ok=True)
+
     def stall_poses(self, seconds: float) -> None:
         """Keep the poses of all vehicles back for a while; then they come late, all at once."""
         (self.folder / "stall").touch()

@@ -11,10 +11,11 @@ import socket
 import time
 
 import numpy as np
+from numpy.typing import NDArray
 
 from onboard.bus.schema import Truth
 from onboard.config.fleet import Vehicle
-from onboard.frames import ned_frd_from_enu_flu, ned_from_enu
+from onboard.frames import ned_frd_from_enu_flu, ned_from_enu, turned_about_up
 from sitl.mavlink.codec import Encoder
 
 _COMPONENT = 197  # MAV_COMP_ID_VISUAL_INERTIAL_ODOMETRY
@@ -43,6 +44,14 @@ class Odometry:
         self._rng = np.random.default_rng(vehicle.system_id)
         self._drift_m = np.zeros(3)
         self._sent_s = -math.inf
+        self._turn_rad = 0.0
+        self._turned_about_m = np.zeros(3)
+
+    def turn(self, truth: Truth, by_rad: float) -> None:
+        """Turn the frame about the present place, as a camera does that begins anew; only once."""
+        if self._turn_rad == 0.0:
+            self._turn_rad = by_rad
+            self._turned_about_m = np.array(truth.position_enu_m) - self._spot_enu_m
 
     def send(self, truth: Truth) -> None:
         """Send what the camera measures of a true state, if it is time."""
@@ -52,7 +61,8 @@ class Odometry:
         self._sent_s = stamp_s
 
         self._drift_m += self._rng.normal(0.0, _DRIFT_M * math.sqrt(_PERIOD_S), 3)
-        measured_enu_m = np.array(truth.position_enu_m) - self._spot_enu_m + self._drift_m
+        true_enu_m = np.array(truth.position_enu_m) - self._spot_enu_m
+        measured_enu_m = self._in_frame(true_enu_m) + self._drift_m
         measured_enu_m += self._rng.normal(0.0, _NOISE_M, 3)
         east_m, north_m, up_m = measured_enu_m.tolist()
         x, y, z = ned_from_enu((east_m, north_m, up_m))
@@ -65,7 +75,7 @@ class Odometry:
             x=x,
             y=y,
             z=z,
-            q=ned_frd_from_enu_flu(truth.quaternion_enu_flu_wxyz),
+            q=ned_frd_from_enu_flu(turned_about_up(truth.quaternion_enu_flu_wxyz, self._turn_rad)),
             vx=math.nan,
             vy=math.nan,
             vz=math.nan,
@@ -73,6 +83,14 @@ class Odometry:
             velocity_covariance=[math.nan] * 21,
         )
         self._socket.sendto(odometry, self._address)
+
+    def _in_frame(self, true_enu_m: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return a place in the frame that is turned about another one."""
+        cosine = math.cos(self._turn_rad)
+        sine = math.sin(self._turn_rad)
+        east_m, north_m, up_m = true_enu_m - self._turned_about_m
+        turned_m = (cosine * east_m - sine * north_m, sine * east_m + cosine * north_m, up_m)
+        return self._turned_about_m + np.array(turned_m)
 
 
 def _pose_covariance() -> list[float]:

@@ -2,7 +2,8 @@
 bus, and into a file; as odometry to those that fly by vision, whose poses are not published.
 
 While FOLDER/cut exists, no poses and no odometry are sent; while FOLDER/stall exists poses are
-kept, and come late, all at once; truth goes on. The file FOLDER/truth.jsonl is the judge's: it
+kept, and come late, all at once; truth goes on. Once FOLDER/turned exists, the frames of odometry
+are turned. The file FOLDER/truth.jsonl is the judge's: it
 needs neither a ground nor an agent.
 """
 
@@ -11,6 +12,7 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import json
+import math
 import os
 import sys
 from pathlib import Path
@@ -24,6 +26,7 @@ from sitl.sih_truth import serve
 from tests.px4.odometry import Odometry
 
 _PERIOD_S = 0.019  # of the file
+_TURN_RAD = math.radians(40.0)
 _PRIORITY = 20  # a motion capture waits for no computer: above the agents, below PX4
 
 
@@ -35,6 +38,7 @@ class _CutBus:
         self._cut = folder / "cut"
         self._file = (folder / "truth.jsonl").open("w", buffering=1, encoding="utf-8")
         self._written_s: dict[str, float] = {}
+        self._turned = folder / "turned"
         self._stall = folder / "stall"
         self._kept: list[tuple[Any, ...]] = []  # poses that wait
         self._odometry = {
@@ -54,6 +58,8 @@ class _CutBus:
                 row = (stamp_s, *message.position_enu_m, *message.velocity_enu_m_s)
                 self._file.write(json.dumps([name, *(round(value, 3) for value in row)]) + "\n")
             if name in self._odometry and not self._cut.exists():
+                if self._turned.exists():
+                    self._odometry[name].turn(message, _TURN_RAD)
                 self._odometry[name].send(message)
         elif self._cut.exists() or self._odometry:
             return

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 PAGE = Path(__file__).parents[2] / "docs/px4-sitl.md"
-ROWS = 18  # of a whole run
+ROWS = 20  # of a whole run
 _BEGIN = "<!-- test-px4: begin -->"
 _END = "<!-- test-px4: end -->"
 

@@ -76,3 +76,21 @@ def test_vehicles_that_lose_their_odometry_in_the_crossing_keep_the_promise_and_
         )
         assert math.isfinite(down_s), flight.log
         assert closest_m >= _PROMISE_M, flight.log
+
+
+@pytest.mark.parametrize(("words", "gap_s"), [("at once", 0.0), ("after 0.6 s without", 0.6)])
+def test_vehicles_whose_cameras_turn_in_the_crossing_keep_the_promise_and_come_down(
+    build: Px4Build, table: Table, tmp_path: Path, words: str, gap_s: float
+) -> None:
+    """A camera that has lost its track begins its frame anew, with another heading."""
+    with flying(build, 3, tmp_path, _mission(), _by_vision) as flight:
+        break_in(flight, "formation", _CROSSING_S, lambda one: one.turn_cameras(gap_s))
+        flight.wait_until_down()
+        closest_m = flight.closest_m()
+        down_s = flight.down_after_s()
+        table.add(
+            f"the odometry of all turned by 40 degrees {words}",
+            f"closest {closest_m:.2f} m, all down after {down_s:.1f} s",
+        )
+        assert math.isfinite(down_s), flight.log
+        assert closest_m >= _PROMISE_M, flight.log

@@ -5,6 +5,7 @@ satellites.
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import msgspec
 import pytest
@@ -15,9 +16,12 @@ from onboard.px4.message_parsers import PARSERS
 from tests.onboard.agent.rig import Rig, fleet
 
 
-def _rig(accuracy_m: float) -> Rig:
+def _rig(accuracy_m: float, px4_position: str = "gps") -> Rig:
     whole = fleet(("mav0",))
-    bare = {n: msgspec.structs.replace(v, mocap_required=False) for n, v in whole.vehicles.items()}
+    bare = {
+        name: msgspec.structs.replace(vehicle, mocap_required=False, px4_position=px4_position)
+        for name, vehicle in whole.vehicles.items()
+    }
     rig = Rig(
         AgentCore(msgspec.structs.replace(whole, vehicles=bare), "mav0", boot_id=7), has_mocap=False
     )
@@ -88,8 +92,20 @@ def test_height_that_comes_back_up_after_touch_down_ends_a_landing_only_where_a_
     ],
 )
 def test_px4_knows_no_position_without_its_flags(flags: int, is_known: bool) -> None:
-    fields = {"pos_horiz_accuracy": 0.02, "pos_vert_accuracy": 0.1, "flags": flags}
-    assert PARSERS["ESTIMATOR_STATUS"](fields, 5)["is_position_known"] is is_known
+    assert PARSERS["ESTIMATOR_STATUS"](_status(flags=flags), 5)["is_position_known"] is is_known
+
+
+def _status(*, flags: int = 0x1EF, mag_ratio: float = 0.1) -> dict[str, Any]:
+    return {
+        "pos_horiz_accuracy": 0.02,
+        "pos_vert_accuracy": 0.1,
+        "flags": flags,
+        "mag_ratio": mag_ratio,
+    }
+
+
+def test_px4_tells_how_far_the_heading_of_its_camera_differs() -> None:
+    assert PARSERS["ESTIMATOR_STATUS"](_status(mag_ratio=0.4), 5)["heading_ratio"] == 0.4
 
 
 def test_a_vehicle_whose_px4_knows_no_position_does_not_take_off() -> None:
@@ -113,12 +129,12 @@ def test_nonsense_is_no_accuracy() -> None:
         (None, math.inf),
         (0.3, 0.3),
     ):
-        fields = {"pos_horiz_accuracy": told, "pos_vert_accuracy": 0.4, "flags": 0x1EF}
+        fields = {**_status(), "pos_horiz_accuracy": told, "pos_vert_accuracy": 0.4}
         taken = PARSERS["ESTIMATOR_STATUS"](fields, 5)
         assert taken["position_accuracy_m"] == is_taken_for
         assert taken["height_accuracy_m"] == 0.4
 
-        fields = {"pos_horiz_accuracy": 0.4, "pos_vert_accuracy": told, "flags": 0x1EF}
+        fields = {**_status(), "pos_vert_accuracy": told}
         assert PARSERS["ESTIMATOR_STATUS"](fields, 5)["height_accuracy_m"] == is_taken_for
 
 
@@ -214,3 +230,18 @@ def test_who_stands_already_is_not_handed_to_px4_which_would_lift_it_off() -> No
         rig.run(0.02)
         steps.add(rig.core.flight.step)
     assert FlightStep.PX4_LANDING not in steps
+
+
+@pytest.mark.parametrize("heading_ratio", [0.3, 1.4, math.nan])
+def test_a_vehicle_whose_px4_does_not_use_its_cameras_heading_does_not_take_off(
+    heading_ratio: float,
+) -> None:
+    rig = _rig(0.02, "vision")
+    rig.snapshot = msgspec.structs.replace(rig.snapshot, heading_ratio=heading_ratio)
+    rig.run(4.0)
+    assert not rig.order("takeoff", height_m=1.0).is_accepted
+    assert any("heading of its camera" in one for one in rig.core.preflight.not_ready)
+
+    rig.snapshot = msgspec.structs.replace(rig.snapshot, heading_ratio=0.05)
+    rig.run(4.0)
+    assert rig.order("takeoff", height_m=1.0).is_accepted

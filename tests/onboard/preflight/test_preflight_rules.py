@@ -196,6 +196,10 @@ CASES: dict[tuple[str, str], tuple[dict[str, Any], str]] = {
         {"position_age_s": 0.3, "vehicle": BARE, "displaced_m": 4.2},
         "begun anew 4.2 m from the take-off spot",
     ),
+    ("position", "camera turned"): (
+        {"position_age_s": 0.3, "vehicle": BARE, "is_camera_turned": True},
+        "does not use the heading of its camera",
+    ),
     ("position", "silent"): ({"position_age_s": 0.3, "vehicle": BARE}, "no local position"),
     ("clock", "wrong stamps"): (
         {"sample_delay_s": -3.0, "position_age_s": math.inf},

@@ -101,3 +101,32 @@ def test_a_camera_that_begins_anew_elsewhere_moves_no_vehicle(
     telemetry = flight.state.telemetry_of("mav0")
     assert math.dist(truth.position_enu_m[:2], telemetry.position_enu_m[:2]) < 0.5
     assert all(touchdown.speed_m_s < 1.0 for touchdown in flight.touchdowns)
+
+
+@pytest.mark.failsafe("own position lost", step="flying")
+@pytest.mark.parametrize("px4_version", ["1.16", "1.18"])
+@pytest.mark.parametrize("gap_s", [0.0, 0.7])
+def test_vehicles_whose_cameras_begin_anew_turned_come_down_and_keep_the_promise(
+    lockstep: Any, by_vision: FleetConfig, gap_s: float, px4_version: str
+) -> None:
+    """PX4 keeps its own heading, or follows the camera's slowly; its position is turned at once."""
+    vehicles = {
+        name: replace(vehicle, px4_version=px4_version)
+        for name, vehicle in by_vision.vehicles.items()
+    }
+    by_vision = replace(by_vision, vehicles=vehicles)
+    flight = lockstep(by_vision, seed=4)
+    at_s = _CROSSING_S + 1.0
+    for name in by_vision.enabled_names:
+        if gap_s > 0.0:
+            flight.inject(Fault("vision_lost", name, at_s=at_s, duration_s=gap_s))
+        turned = {"yaw_deg": 40.0}
+        flight.inject(Fault("vision_turned", name, at_s=at_s + gap_s, parameters=turned))
+    verdict = flight.fly(_crossing(by_vision))
+
+    assert not verdict.passed
+    assert verdict.closest.distance_m >= 0.8
+    assert all(flight.state.is_landed(name) for name in by_vision.enabled_names)
+    flight.run(2.0)
+    for name in by_vision.enabled_names:
+        assert flight.agents[name].core.preflight.not_ready

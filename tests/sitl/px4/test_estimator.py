@@ -4,6 +4,8 @@ when a source goes.
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 import pytest
 
@@ -235,11 +237,39 @@ def test_vision_with_a_heading_replaces_the_error_of_the_compass_by_its_own() ->
     hovering = on_vision(1)
     hovering.fly(4.0, (0.0, 0.0, 0.0))
     assert abs(hovering.estimator.yaw_error_rad[0]) < 0.005
-    for k in range(200):
-        t = hovering.time_s + k * VISION_S
-        hovering.estimator.fuse_vision(0, t, np.zeros(3), delay_s=0.0, yaw_error_rad=0.5)
-        hovering.estimator.step(t, hovering.still, hovering.still, hovering.on_ground)
-    assert hovering.estimator.yaw_error_rad[0] == pytest.approx(0.5, abs=0.01)
+    _see_turned(hovering, 0.2, 4.0)
+    assert hovering.estimator.yaw_error_rad[0] == pytest.approx(0.2, abs=0.01)
+    assert hovering.estimator.heading_ratio(0) < 0.1
+
+
+def _see_turned(hovering: Hovering, yaw_error_rad: float, duration_s: float) -> None:
+    """Fuse the poses of a camera whose heading has an error."""
+    for _ in range(round(duration_s / VISION_S)):
+        hovering.time_s += VISION_S
+        hovering.estimator.fuse_vision(
+            0, hovering.time_s, np.zeros(3), delay_s=0.0, yaw_error_rad=yaw_error_rad
+        )
+        hovering.estimator.step(hovering.time_s, hovering.still, hovering.still, hovering.on_ground)
+
+
+def test_a_heading_that_differs_by_much_is_refused_for_five_seconds() -> None:
+    hovering = on_vision(1)
+    hovering.fly(4.0, (0.0, 0.0, 0.0))
+    _see_turned(hovering, 0.7, 4.0)
+    assert abs(hovering.estimator.yaw_error_rad[0]) < 0.005
+    assert hovering.estimator.heading_ratio(0) > 1.0
+    _see_turned(hovering, 0.7, 2.0)
+    assert hovering.estimator.yaw_error_rad[0] == pytest.approx(0.7, abs=0.01)
+
+
+def test_a_heading_that_differs_by_much_after_a_gap_is_never_fused() -> None:
+    hovering = on_vision(1)
+    hovering.fly(4.0, (0.0, 0.0, 0.0))
+    hovering.fly(1.0)
+    assert math.isnan(hovering.estimator.heading_ratio(0))
+    _see_turned(hovering, 0.7, 8.0)
+    assert abs(hovering.estimator.yaw_error_rad[0]) < 0.005
+    assert math.isnan(hovering.estimator.heading_ratio(0))
 
 
 def test_the_heading_stays_where_vision_left_it_when_vision_stops() -> None:
