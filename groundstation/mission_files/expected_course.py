@@ -490,7 +490,15 @@ def _with_order(
         course_fleet: the fleet as it is expected to be before the step.
     """
     intent = _with_planned_fields(resolved(written, fleet), fleet, course_fleet)
-    planned = plan_order(intent, fleet, None, held=course_fleet.held, author="check", now_ns=0)
+    planned = plan_order(
+        intent,
+        fleet,
+        None,
+        held=course_fleet.held,
+        author="check",
+        now_ns=0,
+        expected_enu_m=course_fleet.positions,
+    )
     refuse_disabled(planned.orders, fleet)
     goals = {
         name: _position_after(fleet, written, course_fleet.positions[name], order.position_enu_m)

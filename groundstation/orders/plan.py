@@ -19,7 +19,7 @@ from typing import Any
 import msgspec
 import numpy as np
 
-from groundstation.fleet.slot_owners import out_of_service, slot_owner_of
+from groundstation.fleet.slot_owners import out_of_service, slot_owner_of, spot_of
 from groundstation.fleet.state import FleetState
 from groundstation.fleet.stoppable import stoppable
 from groundstation.orders.goals import GoalFacts, Goals, goals_of
@@ -49,14 +49,17 @@ from onboard.config.fleet import (
     parking_height_share,
 )
 from onboard.config.flight_space import flight_space_of, goal_refusal
+from onboard.config.ground import ground_at_m, least_height_m
 from onboard.config.pair_separation import separation_m
 from onboard.config.toml_reading import convert
 from onboard.control.raised_ground import CLEARANCE_IN_ORDER
+from onboard.feasibility.finding import rounded_up
 from onboard.tuples import Xyz
 
 ORDER_LIFE_S = 2.0  # time from an order to its deadline
 _MAX_SPACING_M = 1000.0
-_MIN_HEIGHT_M = 0.2  # of a take-off
+# A vehicle may report that it stands this much higher than the fleet file says.
+_STANDS_HIGHER_M = 0.05
 _OTHER_HEIGHT_M = 0.3  # difference from which a refusal says that heights do not count
 _NO_FORMATION = HeldFormation(name=None)
 
@@ -86,6 +89,7 @@ def plan_order(
     now_ns: int,
     node: str = "",
     new_id: Callable[[], str] = random_id,
+    expected_enu_m: Mapping[str, Xyz] | None = None,
 ) -> PlannedOrder:
     """Check an intent against the fleet and make its orders.
 
@@ -101,6 +105,8 @@ def plan_order(
         now_ns: the ground's monotonic clock [ns].
         node: the ground's name on the bus.
         new_id: function that returns a new order id.
+        expected_enu_m: positions of vehicles where the state knows none [m], ENU; None: all are
+            on their take-off spots.
 
     Returns:
         Orders for the vehicles that may be ordered, refusals for the others.
@@ -129,7 +135,8 @@ def plan_order(
         refusals = swap_refusals(intent, fleet, state, now_ns)
         names = names_that_hear(intent, state, now_ns)
     if not refusals and isinstance(intent, Takeoff):
-        refusals = _height_refusals(names, intent.height_m, fleet)
+        grounds_m = {name: _ground_m(name, fleet, state, expected_enu_m or {}) for name in names}
+        refusals = _height_refusals(grounds_m, intent.height_m, fleet)
     if intent.is_joint:
         refusals = _refuse_jointly(refusals, names)
 
@@ -570,17 +577,50 @@ def _others(
             yield other, telemetry.position_enu_m, "position"
 
 
-def _height_refusals(names: list[str], height_m: float, fleet: FleetConfig) -> dict[str, str]:
-    """Return refusals of a take-off to a height outside the fence, or too near to the ground."""
-    _, top_m = fleet.fleet.geofence_m.z
+def _ground_m(
+    name: str, fleet: FleetConfig, state: FleetState | None, expected_enu_m: Mapping[str, Xyz]
+) -> float:
+    """Return the height [m] at which a vehicle stands before its take-off, or may report it.
+
+    A vehicle that flies or is not ready refuses the take-off itself, at whatever height it is.
+    """
+    telemetry = None if state is None else state.telemetry_of(name)
+    if telemetry is not None and telemetry.is_position_valid:
+        _, _, z = telemetry.position_enu_m
+        if not telemetry.is_airborne and not telemetry.not_ready:
+            return z
+
+    x, y, _ = expected_enu_m.get(name, spot_of(name, fleet, state))
+    return float(ground_at_m(fleet, x, y)) + _STANDS_HIGHER_M
+
+
+def _height_refusals(
+    grounds_m: Mapping[str, float], height_m: float, fleet: FleetConfig
+) -> dict[str, str]:
+    """Return refusals of a take-off to a height outside the fence, or too near to the ground.
+
+    Args:
+        grounds_m: height of the ground under each vehicle [m].
+        height_m: ordered height, above the fleet's origin [m].
+        fleet: the fleet file.
+    """
+    floor_m, top_m = fleet.fleet.geofence_m.z
     for area in flight_space_of(fleet).areas:
         if area.keeps_in:
             top_m = min(top_m, area.high_m)
-    if _MIN_HEIGHT_M <= height_m <= top_m:
-        return {}
 
-    reason = (
-        f"a take-off height of {height_m:g} m is outside {_MIN_HEIGHT_M:g} to {top_m:g} m, "
-        "the top of the fence."
-    )
-    return {name: f"{name}: {reason}" for name in names}
+    refusals = {}
+    for name, ground_m in grounds_m.items():
+        lowest_m = max(floor_m, ground_m + least_height_m(fleet.vehicles[name]))
+        lowest_m = rounded_up(lowest_m, 2)
+        if height_m > top_m:
+            refusals[name] = (
+                f"{name}: a take-off height of {height_m:g} m is above {top_m:g} m, the top of the "
+                "fence."
+            )
+        elif height_m < lowest_m:
+            refusals[name] = (
+                f"{name}: a take-off to {height_m:g} m does not leave the ground: order at least "
+                f"{lowest_m:g} m."
+            )
+    return refusals

@@ -118,7 +118,7 @@ async def test_orders_that_vehicles_would_refuse_are_refused_before(rig: Rig) ->
         for order, reason in [
             ("move all 0 1 1", "mav0 does not fly (it is ready): order take-off first."),
             ("move mav1 99 0 1", "outside the geofence"),
-            ("takeoff all 55", "outside 0.2 to"),
+            ("takeoff all 55", "is above 3 m, the top of the fence"),
             ("formation triangle 0.5 0 1 1", "keeps"),
         ]:
             await rig.preview(pilot, order)

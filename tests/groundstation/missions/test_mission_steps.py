@@ -370,6 +370,21 @@ def test_a_formation_that_is_farther_away_than_numbers_reach_is_refused(
         make(fleet, UP, {**TO_RING, "position_enu_m": [1e200, 0, 1]})
 
 
+def test_a_take_off_is_judged_from_the_ground_on_which_the_vehicle_has_landed(
+    fleet: FleetConfig,
+) -> None:
+    raised = msgspec.structs.replace(fleet.vehicles["mav1"], start_enu_m=(0.0, -1.5, 0.6))
+    hill = msgspec.structs.replace(fleet, vehicles={**fleet.vehicles, "mav1": raised})
+    low = {**UP, "height_m": 0.7}
+    with pytest.raises(ConfigError, match=r"'step\[0\]' \(takeoff\): mav1: .* leave the ground"):
+        make(hill, low)
+
+    beside = {"do": "goto", "goals": {"mav1": [0.0, 1.5, 1.0]}}
+    make(hill, UP, beside, {"do": "land"}, low)
+    with pytest.raises(ConfigError, match=r"'step\[2\]' .* leave the ground"):
+        make(hill, UP, {"do": "land"}, low)
+
+
 def test_vehicles_in_the_air_without_a_path_are_found_and_their_lights_are_refused(
     fleet: FleetConfig, tmp_path: Path
 ) -> None:

@@ -235,6 +235,28 @@ def test_the_way_home_ends_above_a_spot_that_is_higher_than_the_vehicle(
     assert "above the ground at 1.4 m" in too_low.refusals["mav1"]
 
 
+def test_a_take_off_that_does_not_clear_a_raised_spot_is_refused_for_all(
+    fleet: FleetConfig,
+) -> None:
+    raised = msgspec.structs.replace(fleet.vehicles["mav1"], start_enu_m=(0.0, -1.5, 0.6))
+    hill = msgspec.structs.replace(fleet, vehicles={**fleet.vehicles, "mav1": raised})
+
+    def refusal(height_m: float, state: FleetState | None = None) -> str:
+        order = planned(parse(f"takeoff all {height_m}", hill), hill, state)
+        assert bool(order.orders) != bool(order.refusals)
+        return order.refusals.get("mav1", "")
+
+    low = "mav1: a take-off to 0.7 m does not leave the ground: order at least 0.85 m."
+    assert refusal(0.7) == low
+    assert not refusal(0.85)  # the vehicle may report that it stands some centimetres higher
+
+    # one that was carried down from its spot, or to a higher one
+    for stands_m, is_refused in ((0.0, False), (0.6, True)):
+        on_ground = telemetry("mav1", position_enu_m=(3.0, 0.0, stands_m))
+        state = fold(initial(hill), on_ground, 0)
+        assert bool(refusal(0.7, state)) is is_refused
+
+
 def test_a_turned_formation_is_remembered_and_turned_further(fleet: FleetConfig) -> None:
     first = planned(parse("formation triangle 0 0 1 turned 350", fleet), fleet)
     assert first.held.rotation_deg == 350.0
@@ -300,7 +322,7 @@ def test_goals_and_heights_that_a_fence_does_not_allow_are_refused(fleet: FleetC
         ("move mav0 3 3 1", "mav0: the goal (3.00, 3.00, 1.00) lies outside the fence 'hall'"),
         ("move mav0 0 2 1", "lies inside the fence 'tree', which is to stay out of. Choose"),
         ("move mav0 0 1.3 1", "lies 0.20 m from the edge of the fence 'tree'"),
-        ("takeoff all 2.5", "outside 0.2 to 2 m, the top of the fence"),
+        ("takeoff all 2.5", "of 2.5 m is above 2 m, the top of the fence"),
     ):
         refusals = planned(parse(text, fenced), fenced).refusals
         assert words in refusals["mav0"], text
