@@ -2,6 +2,7 @@
 
 The course goes through the steps one after the other, and keeps the fleet in the state in which the
 steps so far would leave it: where each vehicle is, whether it flies, and the present formation.
+After a react, whether a vehicle flies may depend on whether the reaction has come.
 
 The course has three users. Checks refuse an order that makes no sense at its place, findings
 compare the time limit of a step with its duration, and the runner says how long the rest of a
@@ -37,6 +38,8 @@ from groundstation.mission_files.steps import (
 from groundstation.orders.grammar import default_formation
 from groundstation.orders.held_formation import HeldFormation, held_slots, slots_of
 from groundstation.orders.intents import (
+    Arm,
+    Disarm,
     Formation,
     GoalIntent,
     Goto,
@@ -62,6 +65,7 @@ _PATH_SETTLE_S = 5.0  # time from the arrival at the first points of paths to th
 _SHORT_ORDER_S = 1.0  # duration of an order that does not move a vehicle
 _MIN_HEIGHT_M = 1.0  # smallest height that is assumed for a climb or a descent
 _VerticalIntent = Takeoff | Land | Home  # orders with a climb or a descent
+_GroundIntent = Arm | Disarm | Land | Home  # orders after which a vehicle is on the ground
 
 PathsOf = Callable[[FollowPathStep], Mapping[str, Path]]
 
@@ -90,7 +94,9 @@ class CourseStep:
     step: MissionStep
     positions: Mapping[str, Xyz]  # positions of all vehicles before the step
     flying: frozenset[str]  # vehicles that fly before the step
-    is_known: bool  # whether positions and flying are certain; not after a fault or a reaction
+    # other vehicles that may fly or not, each with the key of the react that decides it
+    unsure: Mapping[str, str]
+    is_known: bool  # whether all this is certain; not after a fault
     index: int = 0  # index of the mission's step that is, or contains, this one
     branches: tuple[Branch, ...] = ()  # branches that contain the step, the outermost first
     times: int = 1  # number of times that the step is flown
@@ -109,19 +115,26 @@ class CourseStep:
     @property
     def flying_after(self) -> frozenset[str]:
         """Vehicles that fly after the step."""
-        if isinstance(self.step, Land | Home):
+        if isinstance(self.step, _GroundIntent):
             return self.flying.difference(self.goals)
         return self.flying.union(self.goals)
 
+    @property
+    def unsure_after(self) -> dict[str, str]:
+        """Other vehicles that may fly or not after the step, as in `unsure`."""
+        return {name: key for name, key in self.unsure.items() if name not in self.goals}
+
     def may_fly(self, name: str) -> bool:
-        """Return whether a vehicle flies during the step, or begins or ends its flight with it."""
+        """Return whether a vehicle may fly during the step, or begins or ends a flight with it."""
         if not self.is_known:
             return True
-        return name in self.flying or name in self.goals
+        return name in self.flying or name in self.unsure or name in self.goals
 
     def may_fly_after(self, name: str) -> bool:
-        """Return whether a vehicle flies after the step."""
-        return not self.is_known or name in self.flying_after
+        """Return whether a vehicle may fly after the step."""
+        if not self.is_known:
+            return True
+        return name in self.flying_after or name in self.unsure_after
 
 
 @dataclass(slots=True)
@@ -130,7 +143,8 @@ class _CourseFleet:
 
     positions: dict[str, Xyz]
     held: HeldFormation
-    flying: set[str] = field(default_factory=set)
+    flying: frozenset[str] = frozenset()
+    unsure: Mapping[str, str] = field(default_factory=dict)
     is_known: bool = True
 
 
@@ -366,14 +380,12 @@ def _course_steps(
     path: str,
 ) -> Iterator[CourseStep]:
     """Yield a step, or the steps inside it, and change the fleet as they would change it."""
+    if isinstance(step, ReactStep):
+        yield from _react_steps(fleet, step, key, course_fleet, paths_of, path)
+        return
     if isinstance(step, BlockStep):
         for inner in inner_steps(step, key):
-            for course_step in _course_steps(
-                fleet, inner.step, inner.key, course_fleet, paths_of, path
-            ):
-                yield _inside(inner, course_step)
-        if isinstance(step, ReactStep):
-            course_fleet.is_known = False
+            yield from _steps_inside(fleet, inner, course_fleet, paths_of, path)
         return
 
     try:
@@ -387,12 +399,75 @@ def _course_steps(
         course_fleet.held = course_step.planned.held
     if isinstance(course_step.paths, FormationPaths):
         course_fleet.held = course_step.paths.end
-    if isinstance(step, Takeoff):
-        course_fleet.flying.update(course_step.goals)
-    elif isinstance(step, Land | Home):
-        course_fleet.flying.difference_update(course_step.goals)
-    elif step.do == "fault":
+    course_fleet.flying = course_step.flying_after
+    course_fleet.unsure = course_step.unsure_after
+    if step.do == "fault":
         course_fleet.is_known = False
+
+
+def _steps_inside(
+    fleet: FleetConfig, inner: InnerStep, course_fleet: _CourseFleet, paths_of: PathsOf, path: str
+) -> Iterator[CourseStep]:
+    """Yield the steps of the course for a step inside another one."""
+    for course_step in _course_steps(fleet, inner.step, inner.key, course_fleet, paths_of, path):
+        yield _inside(inner, course_step)
+
+
+def _react_steps(
+    fleet: FleetConfig,
+    react: ReactStep,
+    key: str,
+    course_fleet: _CourseFleet,
+    paths_of: PathsOf,
+    path: str,
+) -> Iterator[CourseStep]:
+    """Yield the steps of a react and those of its reaction, and leave the fleet as either may.
+
+    The reaction may begin before each of the steps, and during the last one. There it is judged
+    for each vehicle as if it had begun where the vehicle last flew.
+    """
+    inner_list = list(inner_steps(react, key))
+    states = []  # in which the reaction may begin
+    for inner in inner_list[: len(react.steps)]:
+        for course_step in _steps_inside(fleet, inner, course_fleet, paths_of, path):
+            yield course_step
+            states.append(course_step)
+    end = _state(react, key, course_fleet)
+    states.append(end)
+
+    for state in states:
+        for name in state.flying:
+            course_fleet.positions[name] = state.positions[name]
+    _leave_as_in_any(states, key, course_fleet)
+    begins = dict(course_fleet.positions)
+
+    for inner in inner_list[len(react.steps) :]:
+        yield from _steps_inside(fleet, inner, course_fleet, paths_of, path)
+
+    for name, begin in begins.items():
+        if course_fleet.positions[name] == begin:  # the reaction does not move it
+            course_fleet.positions[name] = end.positions[name]
+    _leave_as_in_any([end, _state(react, key, course_fleet)], key, course_fleet)
+
+
+def _leave_as_in_any(states: Sequence[CourseStep], key: str, course_fleet: _CourseFleet) -> None:
+    """Let those vehicles fly that fly in all of several states; those in some only are unsure.
+
+    Args:
+        states: the states, one of which will be the fleet's.
+        key: key of the react that decides which one.
+        course_fleet: the fleet, which is changed.
+    """
+    may_fly: set[str] = set()
+    for state in states:
+        may_fly.update(state.flying, state.unsure)
+    flying = frozenset.intersection(*(state.flying for state in states))
+
+    course_fleet.flying = flying
+    course_fleet.unsure = {
+        **dict.fromkeys(sorted(may_fly - flying), key),
+        **states[0].unsure,  # another react decides about these
+    }
 
 
 def _inside(inner: InnerStep, course_step: CourseStep) -> CourseStep:
@@ -440,14 +515,7 @@ def _course_step(
     fleet: FleetConfig, step: MissionStep, key: str, course_fleet: _CourseFleet, paths_of: PathsOf
 ) -> CourseStep:
     """Return one step as it is expected to be flown."""
-    course_step = CourseStep(
-        key=key,
-        step=step,
-        positions=dict(course_fleet.positions),
-        flying=frozenset(course_fleet.flying),
-        is_known=course_fleet.is_known,
-    )
-
+    course_step = _state(step, key, course_fleet)
     if isinstance(step, FollowPathStep):
         return _with_paths(course_step, fleet, paths_of(step))
     if isinstance(step, FlyFormationStep):
@@ -457,6 +525,18 @@ def _course_step(
     if isinstance(step, Intent):
         return _with_order(course_step, step, fleet, course_fleet)
     return course_step
+
+
+def _state(step: MissionStep, key: str, course_fleet: _CourseFleet) -> CourseStep:
+    """Return a step with the fleet as it is before it."""
+    return CourseStep(
+        key=key,
+        step=step,
+        positions=dict(course_fleet.positions),
+        flying=course_fleet.flying,
+        unsure=course_fleet.unsure,
+        is_known=course_fleet.is_known,
+    )
 
 
 def _with_paths(

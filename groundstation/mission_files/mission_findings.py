@@ -121,6 +121,7 @@ def _step_findings(mission: Mission, errors: ErrorClass | None) -> Iterator[Find
             yield from _path_step_findings(fleet, course_step, where, errors)
         if isinstance(step, FollowPathStep):
             yield from _pathless_finding(fleet, course_step, where)
+        yield from _reaction_finding(course_step, where)
         if course_step.durations_alone_s and isinstance(step, Intent):
             yield from _order_findings(fleet, course_step, step, where, errors)
             flying = course_step.flying_after
@@ -248,6 +249,41 @@ def _pathless_finding(fleet: FleetConfig, course_step: CourseStep, where: str) -
         sentence=f"{capitalised(where)}: {', '.join(pathless)} will hover on the spot, in the "
         "air and without a path",
         remedy="Name a file for each of them in paths, or let them land before.",
+        refuse_above=math.inf,
+    )
+
+
+def _reaction_finding(course_step: CourseStep, where: str) -> Iterator[Finding]:
+    """Yield the finding about vehicles that refuse a step if a reaction has come, or if none has.
+
+    The steps of the reaction itself are judged when the file is read: see step_checks.py.
+    """
+    begins = "in air"
+    if isinstance(course_step.step, Intent):
+        begins = course_step.step.begins
+    if begins == "anywhere":
+        return
+
+    unsure = {
+        name: react_key
+        for name, react_key in course_step.unsure.items()
+        if name in course_step.goals and not course_step.key.startswith(f"{react_key}.then")
+    }
+    if not unsure:
+        return
+
+    react_key = next(iter(unsure.values()))
+    wrong_place = "on the ground" if begins == "in air" else "in the air"
+    yield at_most(
+        name="reaction",
+        where=where,
+        value=float(len(unsure)),
+        bound=0.0,
+        unit="",
+        sentence=f"{capitalised(where)}: {', '.join(unsure)} may be {wrong_place}, and would "
+        f"refuse it: that depends on whether the reaction of {react_key} has come",
+        remedy=f"Let the steps of {react_key} and its then both end in the air, or both on the "
+        "ground.",
         refuse_above=math.inf,
     )
 

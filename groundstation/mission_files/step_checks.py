@@ -1,8 +1,9 @@
 """Checks the steps of a mission with its fleet, so that no mission starts that must fail later.
 
-Every order is checked as if it were given at its place in the expected course. After a fault or a
-reaction it is not known which vehicles fly, so the later steps are checked against the fleet file
-only.
+Every order is checked as if it were given at its place in the expected course. After a fault it is
+not known which vehicles fly, so the later steps are checked against the fleet file only. After a
+react, an order is refused only if its vehicles can carry it out neither with the reaction nor
+without it.
 """
 
 from __future__ import annotations
@@ -65,7 +66,7 @@ def _check_course_step(course_step: CourseStep, mission: Mission) -> None:
 
     may_fly: Collection[str] = fleet.enabled_names
     if course_step.is_known:
-        may_fly = course_step.flying
+        may_fly = {*course_step.flying, *course_step.unsure}
 
     if isinstance(step, FaultStep):
         _check_fault(step, fleet, path, key)
@@ -82,23 +83,25 @@ def _check_course_step(course_step: CourseStep, mission: Mission) -> None:
         return
     reason = next(iter(course_step.planned.refusals.values()), "")
     if not reason and course_step.is_known:
-        reason = _flying_problem(step, course_step.planned.intent.names, course_step.flying)
+        reason = _flying_problem(course_step, course_step.planned.intent.names)
     if reason:
         raise ConfigError(f"{path}: '{key}' ({step.do}): {reason}")
 
 
-def _flying_problem(step: MissionStep, names: Sequence[str], flying: Collection[str]) -> str:
+def _flying_problem(course_step: CourseStep, names: Sequence[str]) -> str:
     """Return a sentence if vehicles are in the air or on the ground when they must not be."""
+    step = course_step.step
     if not isinstance(step, Intent):
         return ""
 
-    on_ground = ", ".join(name for name in names if name not in flying)
+    may_fly = {*course_step.flying, *course_step.unsure}
+    on_ground = ", ".join(name for name in names if name not in may_fly)
     if step.begins == "in air" and on_ground:
         return (
             f'{on_ground} would be on the ground at this step. Put a step do = "takeoff" before it.'
         )
 
-    in_air = ", ".join(name for name in names if name in flying)
+    in_air = ", ".join(name for name in names if name in course_step.flying)
     if step.begins == "on ground" and in_air:
         return (
             f"{in_air} would fly already at this step. "

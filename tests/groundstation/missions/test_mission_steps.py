@@ -385,6 +385,90 @@ def test_a_take_off_is_judged_from_the_ground_on_which_the_vehicle_has_landed(
         make(hill, UP, {"do": "land"}, low)
 
 
+LAND = {"do": "land"}
+HOME = {"do": "home"}
+PAUSE = {"do": "wait", "duration_s": 5.0}
+ONE_MOVE = {"do": "move", "vehicles": "mav0", "position_enu_m": [-1.5, 0.0, 1.0]}
+
+
+def react(steps: list[dict[str, Any]], then: list[dict[str, Any]]) -> dict[str, Any]:
+    return {"do": "react", "when": LOW, "steps": steps, "then": then}
+
+
+@pytest.mark.parametrize(
+    ("before", "steps", "then"),
+    [
+        ([UP], [ONE_MOVE, LONG, LAND], [HOME]),  # the whole rest of the flight
+        ([], [UP, ONE_MOVE], [HOME]),  # in the take-off at the earliest
+        ([], [{"do": "repeat", "times": 2, "steps": [UP, LAND]}], [{"do": "hold"}]),
+        ([UP], [react([LONG], [LAND])], [HOME]),
+        ([UP], [LONG, LAND, LONG], [{**UP, "vehicles": "mav0"}, LAND]),
+    ],
+)
+def test_a_reaction_may_begin_before_and_during_each_of_its_steps(
+    fleet: FleetConfig,
+    before: list[dict[str, Any]],
+    steps: list[dict[str, Any]],
+    then: list[dict[str, Any]],
+) -> None:
+    mission = make(fleet, *before, react(steps, then))
+    assert not [one for one in mission_findings(mission) if one.name == "reaction"]
+
+
+@pytest.mark.parametrize(
+    ("before", "then", "words"),
+    [
+        ([UP], [UP], "mav0, mav1, mav2 would fly already at this step"),
+        ([UP], [LAND, HOME], "mav0, mav1, mav2 would be on the ground at this step"),
+        ([], [HOME], "mav0, mav1, mav2 would be on the ground at this step"),
+    ],
+)
+def test_a_reaction_whose_vehicles_can_carry_it_out_at_no_time_is_refused(
+    fleet: FleetConfig, before: list[dict[str, Any]], then: list[dict[str, Any]], words: str
+) -> None:
+    key = f"'step[{len(before)}].then[{len(then) - 1}]'"
+    with pytest.raises(ConfigError) as caught:
+        make(fleet, *before, react([PAUSE], then))
+    assert key in str(caught.value)
+    assert words in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("steps", "then", "after", "words"),
+    [
+        ([PAUSE], [LAND], ONE_MOVE, "mav0 may be on the ground, and would refuse it"),
+        ([PAUSE], [LAND], UP, "mav0, mav1, mav2 may be in the air, and would refuse it"),
+        ([PAUSE], [LAND], TURN, "mav0, mav1, mav2 may be on the ground"),
+        ([PAUSE, LAND], [{**LAND, "vehicles": "mav1"}], UP, "mav0, mav2 may be in the air"),
+        ([PAUSE], [LAND], LAND, ""),
+        ([PAUSE], [{"do": "hold"}], ONE_MOVE, ""),
+        ([PAUSE, LAND], [HOME], UP, ""),
+        ([PAUSE], [{**LAND, "vehicles": "mav1"}], ONE_MOVE, ""),
+    ],
+)
+def test_a_step_after_a_react_that_fits_only_one_of_its_ends_is_named(
+    fleet: FleetConfig,
+    steps: list[dict[str, Any]],
+    then: list[dict[str, Any]],
+    after: dict[str, Any],
+    words: str,
+) -> None:
+    mission = make(fleet, UP, react(steps, then), after)
+    found = [one for one in mission_findings(mission) if one.name == "reaction"]
+    assert len(found) == bool(words)
+    for one in found:
+        assert one.status == "warning"
+        assert one.sentence.startswith(f"Step[2] ({after['do']}): {words}")
+        assert "the reaction of step[1] has come" in one.sentence
+
+
+def test_a_step_after_a_react_that_fits_neither_of_its_ends_is_refused(fleet: FleetConfig) -> None:
+    with pytest.raises(ConfigError, match=r"'step\[2\]' \(takeoff\): .* would fly already"):
+        make(fleet, UP, react([PAUSE], [{"do": "hold"}]), UP)
+    with pytest.raises(ConfigError, match=r"'step\[2\]' \(move\): mav0 would be on the ground"):
+        make(fleet, UP, react([LAND], [HOME]), ONE_MOVE)
+
+
 def test_vehicles_in_the_air_without_a_path_are_found_and_their_lights_are_refused(
     fleet: FleetConfig, tmp_path: Path
 ) -> None:
