@@ -289,6 +289,11 @@ def _check_step(step: MissionStep, key: str, path: str) -> None:
     if condition is None:
         return
 
+    if not condition.reached and condition.within_m != Until().within_m:
+        raise ConfigError(
+            f"{path}: '{condition_key}.within_m' is the distance from the positions in 'reached', "
+            "which is missing. Add reached = { mav0 = [0, 0, 1] }, or remove within_m."
+        )
     if condition == Until(vehicles=condition.vehicles):
         raise ConfigError(
             f"{path}: '{key}' has an empty condition. Give it one: {{ battery_below_pct = 30 }}."

@@ -249,6 +249,7 @@ def event(code: str, vehicles: Iterable[str] | str | None = None) -> WaitConditi
 
 def any_of(*conditions: WaitCondition) -> WaitCondition:
     """At least one of these conditions holds."""
+    _check_not_empty(conditions, "any_of")
     return WaitCondition(
         " or ".join(condition.words for condition in conditions),
         lambda moment: any(condition.holds(moment) for condition in conditions),
@@ -259,6 +260,7 @@ def any_of(*conditions: WaitCondition) -> WaitCondition:
 
 def all_of(*conditions: WaitCondition) -> WaitCondition:
     """All of these conditions hold at once."""
+    _check_not_empty(conditions, "all_of")
 
     def value(moment: FleetMoment) -> str:
         missing = [condition for condition in conditions if not condition.holds(moment)]
@@ -270,6 +272,12 @@ def all_of(*conditions: WaitCondition) -> WaitCondition:
         value,
         lambda moment: _all_lost(conditions, moment),
     )
+
+
+def _check_not_empty(conditions: Sequence[WaitCondition], name: str) -> None:
+    """Refuse a combination of no conditions, which would hold always or never."""
+    if not conditions:
+        raise ConfigError(f"{name}: there is no condition to combine. Give it at least one.")
 
 
 def _each(

@@ -198,6 +198,12 @@ async def test_a_function_is_no_condition(group: Group) -> None:
             pass
 
 
+@pytest.mark.parametrize("combination", [all_of, any_of])
+def test_a_combination_of_no_conditions_is_refused(combination: Any) -> None:
+    with pytest.raises(ConfigError, match="there is no condition to combine"):
+        combination()
+
+
 async def test_several_conditions_name_those_who_fail(group: Group, bus: Any) -> None:
     bus.tell("mav2", state="failed", reason="PX4 has left OFFBOARD.")
     await asyncio.sleep(0.1)

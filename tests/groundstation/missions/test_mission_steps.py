@@ -65,6 +65,12 @@ def reacting(when: dict[str, Any]) -> dict[str, Any]:
         ),
         ({"do": "wait"}, "step[1]"),
         ({"do": "wait", "until": {}}, "empty condition"),
+        (
+            {"do": "wait", "until": {"within_m": 0.2}},
+            "'step[1].until.within_m' is the distance from the positions in 'reached', which is",
+        ),
+        ({"do": "wait", "until": {**LOW, "within_m": 0.2}}, "'step[1].until.within_m'"),
+        (reacting({"within_m": 0.2}), "'step[1].when.within_m'"),
         ({"do": "wait", "until": {"battery": 3}}, "step[1].until.battery"),
         (
             {"do": "wait", "until": {"battery_below_pct": 200.0}},
