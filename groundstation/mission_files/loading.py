@@ -274,31 +274,37 @@ def _check_step(step: MissionStep, key: str, path: str) -> None:
         _check_expect(step, path, key)
     _check_time(step, key, path)
 
-    condition = None
-    condition_key = f"{key}.when"
-    if isinstance(step, WaitStep):
-        condition = step.until
-        condition_key = f"{key}.until"
-        if condition is None and not step.duration_s and not step.at:
-            raise ConfigError(
-                f"{path}: '{key}' waits for nothing. Give it a duration_s above 0, "
-                'a condition, until = { ... }, or a time: at = "21:30:00".'
-            )
-    elif isinstance(step, ReactStep):
-        condition = step.when
-    if condition is None:
+    if isinstance(step, ReactStep):
+        _check_condition(step.when, f"{key}.when", path)
+    if not isinstance(step, WaitStep):
         return
 
+    if step.until is not None:
+        _check_condition(step.until, f"{key}.until", path)
+    elif not step.duration_s and not step.at:
+        raise ConfigError(
+            f"{path}: '{key}' waits for nothing. Give it a duration_s above 0, "
+            'a condition, until = { ... }, or a time: at = "21:30:00".'
+        )
+
+
+def _check_condition(condition: Until, key: str, path: str) -> None:
+    """Refuse a condition with nothing to hold, and values outside their bounds."""
     if not condition.reached and condition.within_m != Until().within_m:
         raise ConfigError(
-            f"{path}: '{condition_key}.within_m' is the distance from the positions in 'reached', "
-            "which is missing. Add reached = { mav0 = [0, 0, 1] }, or remove within_m."
+            f"{path}: '{key}.within_m' is the distance from the positions in 'reached', which is "
+            "missing. Add reached = { mav0 = [0, 0, 1] }, or remove within_m."
         )
     if condition == Until(vehicles=condition.vehicles):
         raise ConfigError(
-            f"{path}: '{key}' has an empty condition. Give it one: {{ battery_below_pct = 30 }}."
+            f"{path}: '{key}' is an empty condition. Give it one: {{ battery_below_pct = 30 }}."
         )
-    _check_bounds(condition, condition_key, path)
+    if condition.event is not None and not condition.event.strip():
+        raise ConfigError(
+            f"{path}: '{key}.event' is empty, and no event has an empty code. Write the code as in "
+            'events.txt of a record, such as "battery-low", or "*" for any warning or worse.'
+        )
+    _check_bounds(condition, key, path)
 
 
 def _check_bounds(values: MissionStep | Until, key: str, path: str) -> None:

@@ -7,8 +7,16 @@ from pathlib import Path as FilePath
 
 import msgspec
 
-from groundstation.mission_files.expected_course import CourseStep, course
-from groundstation.mission_files.steps import FollowPathStep, MissionStep, OnFailure
+from groundstation.mission_files.expected_course import CourseStep, course, inner_steps
+from groundstation.mission_files.steps import (
+    BlockStep,
+    FollowPathStep,
+    MissionStep,
+    OnFailure,
+    ReactStep,
+    Until,
+    WaitStep,
+)
 from groundstation.paths.lights import TimedColour, load_lights
 from groundstation.verdict.expectations import Expect
 from onboard.config.fleet import FleetConfig
@@ -38,6 +46,11 @@ class Mission(msgspec.Struct, frozen=True):
         """Yield the steps as they are expected to be flown; a Python mission yields none."""
         return course(self.fleet, self.steps, self.paths_of, self.path)
 
+    def conditions(self) -> Iterator[tuple[str, Until]]:
+        """Yield the conditions of waits and reacts, each with its key in the file."""
+        for index, step in enumerate(self.steps):
+            yield from _conditions(step, f"step[{index}]")
+
     def paths_of(self, step: FollowPathStep) -> dict[str, Path]:
         """Return the path of each vehicle of a step."""
         return {vehicle: self.paths[file] for vehicle, file in step.paths.items()}
@@ -54,6 +67,17 @@ class Mission(msgspec.Struct, frozen=True):
         if not path:
             path = self.path
         return FilePath(path).stem
+
+
+def _conditions(step: MissionStep, key: str) -> Iterator[tuple[str, Until]]:
+    """Yield the conditions of a step and of the steps inside it."""
+    if isinstance(step, WaitStep) and step.until is not None:
+        yield f"{key}.until", step.until
+    if isinstance(step, ReactStep):
+        yield f"{key}.when", step.when
+    if isinstance(step, BlockStep):
+        for inner in inner_steps(step, key):
+            yield from _conditions(inner.step, inner.key)
 
 
 def with_shapes(fleet: FleetConfig, shapes: Mapping[str, FormationShape]) -> FleetConfig:

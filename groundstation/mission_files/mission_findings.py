@@ -10,7 +10,7 @@ from collections.abc import Collection, Iterator, Mapping
 
 from groundstation.mission_files.expected_course import CourseStep, expected_flight_s, first_points
 from groundstation.mission_files.mission import Mission
-from groundstation.mission_files.steps import FlyFormationStep, FollowPathStep
+from groundstation.mission_files.steps import FlyFormationStep, FollowPathStep, Until
 from groundstation.orders.intents import GoalIntent, Home, Intent, Land
 from groundstation.orders.obstacle_crossings import crossing_findings
 from groundstation.orders.reachable_goals import reach_refusal
@@ -20,11 +20,19 @@ from onboard.config.flight_space import flight_space_of
 from onboard.control.raised_ground import CLEARANCE_IN_MISSION
 from onboard.estimation.accuracies import ACCURACIES
 from onboard.feasibility.blind_descent import blind_descent_findings
-from onboard.feasibility.finding import Finding, at_least, at_most, worst, worst_first
+from onboard.feasibility.finding import (
+    Finding,
+    at_least,
+    at_most,
+    warning_of,
+    worst,
+    worst_first,
+)
 from onboard.feasibility.fleet_checks import ErrorClass, error_class, fleet_findings, spot_findings
 from onboard.flight.path_flight import CATCH_UP_LIMIT_S
 from onboard.plain_text import capitalised
 from onboard.safety.area_room import length_beyond_m
+from onboard.safety.failsafe_table import Condition
 from onboard.tuples import Xyz
 
 _SPARE_PCT = 10.0  # charge at the end above the level at which a vehicle lands by itself
@@ -38,6 +46,7 @@ _ARRIVAL_M = 0.056
 # axes, and heights by satellites err more: of 72 arrivals in lockstep flights by satellites half
 # were within 0.50 m, 95 % within 0.82 m, and all but one, with 0.91 m, within the bound.
 _ARRIVAL_SIGMAS = 4.3
+_SAME_CODE = 0.85  # likeness, from 0 to 1, of two codes of events of which one is misspelt
 
 
 def mission_findings(mission: Mission, errors: ErrorClass | None = None) -> tuple[Finding, ...]:
@@ -127,6 +136,31 @@ def _step_findings(mission: Mission, errors: ErrorClass | None) -> Iterator[Find
             flying = course_step.flying_after
 
     yield from _ending_finding(mission, flying)
+    for key, condition in mission.conditions():
+        yield from _event_finding(key, condition)
+
+
+def _event_finding(key: str, condition: Until) -> Iterator[Finding]:
+    """Yield the finding about an event whose code is nearly that of a row of the failsafe table.
+
+    Parts of Covey, and scripts, send events with other codes; no list has them all.
+    """
+    import difflib  # takes time, and is needed by few missions
+
+    code = condition.event
+    codes = [row.name.lower().replace("_", "-") for row in Condition]
+    if code is None or code in codes:
+        return
+    nearest = difflib.get_close_matches(code, codes, n=1, cutoff=_SAME_CODE)
+    if not nearest:
+        return
+
+    sentence = (
+        f"{capitalised(key)}: no row of the failsafe table sends an event '{code}'. If you mean "
+        f"'{nearest[0]}', the condition never holds."
+    )
+    remedy = f'Write event = "{nearest[0]}".'
+    yield warning_of("event", f"{sentence} {remedy}", remedy)
 
 
 def _path_step_findings(

@@ -15,19 +15,14 @@ from collections.abc import Collection, Sequence
 from groundstation.fleet.slot_owners import by_slot_owner
 from groundstation.mission_files.expected_course import (
     CourseStep,
-    inner_steps,
     refuse_disabled,
 )
 from groundstation.mission_files.mission import Mission
 from groundstation.mission_files.steps import (
-    BlockStep,
     FaultStep,
     FlyFormationStep,
     FollowPathStep,
-    MissionStep,
-    ReactStep,
     Until,
-    WaitStep,
 )
 from groundstation.orders.intents import Intent
 from onboard.config.fleet import ConfigError, FleetConfig
@@ -43,19 +38,8 @@ def check_steps(mission: Mission) -> None:
     for course_step in mission.course():
         _check_course_step(course_step, mission)
 
-    for index, step in enumerate(mission.steps):
-        _check_reactions(step, f"step[{index}]", mission)
-
-
-def _check_reactions(step: MissionStep, key: str, mission: Mission) -> None:
-    """Check the conditions of the reactions in a step, which the course does not contain."""
-    if not isinstance(step, BlockStep):
-        return
-
-    if isinstance(step, ReactStep):
-        _check_until(step.when, mission.fleet, f"{mission.path}: '{key}.when'")
-    for inner in inner_steps(step, key):
-        _check_reactions(inner.step, inner.key, mission)
+    for key, condition in mission.conditions():
+        _check_until(condition, mission.fleet, f"{mission.path}: '{key}'")
 
 
 def _check_course_step(course_step: CourseStep, mission: Mission) -> None:
@@ -70,8 +54,6 @@ def _check_course_step(course_step: CourseStep, mission: Mission) -> None:
 
     if isinstance(step, FaultStep):
         _check_fault(step, fleet, path, key)
-    elif isinstance(step, WaitStep):
-        _check_until(step.until, fleet, f"{path}: '{key}.until'")
     elif isinstance(step, FollowPathStep):
         mission.lights_of(step)  # raises ConfigError for a file that cannot be read
         _check_lights(step, f"{path}: '{key}.lights'")
@@ -132,11 +114,8 @@ def _check_lights(step: FollowPathStep, written_key: str) -> None:
         )
 
 
-def _check_until(until: Until | None, fleet: FleetConfig, written_key: str) -> None:
+def _check_until(until: Until, fleet: FleetConfig, written_key: str) -> None:
     """Refuse a condition about vehicles that do not fly, and one that no number can meet."""
-    if until is None:
-        return
-
     try:
         for vehicles in (until.vehicles, until.landed, until.flying):
             refuse_disabled(fleet.select(vehicles), fleet)

@@ -84,7 +84,8 @@ class Until(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tru
     landed: Names | None = None  # these vehicles are down and disarmed; "all": all that take part
     flying: Names | None = None  # these vehicles are in the air; "all": all that take part
     fails: bool = False  # one of the vehicles has failed, lands unordered, or is silent in flight
-    event: str | None = None  # an event with this code has come; "*": any warning or worse
+    # an event with this code has come, as in events.txt of a record; "*": any warning or worse
+    event: str | None = None
 
 
 class WaitStep(_Step, frozen=True, kw_only=True):

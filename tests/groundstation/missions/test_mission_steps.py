@@ -71,6 +71,7 @@ def reacting(when: dict[str, Any]) -> dict[str, Any]:
         ),
         ({"do": "wait", "until": {**LOW, "within_m": 0.2}}, "'step[1].until.within_m'"),
         (reacting({"within_m": 0.2}), "'step[1].when.within_m'"),
+        (reacting({"event": ""}), "'step[1].when.event' is empty"),
         ({"do": "wait", "until": {"battery": 3}}, "step[1].until.battery"),
         (
             {"do": "wait", "until": {"battery_below_pct": 200.0}},
@@ -473,6 +474,30 @@ def test_a_step_after_a_react_that_fits_neither_of_its_ends_is_refused(fleet: Fl
         make(fleet, UP, react([PAUSE], [{"do": "hold"}]), UP)
     with pytest.raises(ConfigError, match=r"'step\[2\]' \(move\): mav0 would be on the ground"):
         make(fleet, UP, react([LAND], [HOME]), ONE_MOVE)
+
+
+@pytest.mark.parametrize(
+    ("code", "meant"),
+    [
+        ("batery_low", "battery-low"),
+        ("fence_breach", "fence-breach"),
+        ("battery-low", ""),
+        ("*", ""),
+        # of other parts, which no table has
+        ("order-move", ""),
+        ("ground_stalled", ""),
+        ("own-event-of-a-script", ""),
+    ],
+)
+def test_an_event_with_a_misspelt_code_is_named(fleet: FleetConfig, code: str, meant: str) -> None:
+    wait = {"do": "wait", "until": {"event": code}}
+    mission = make(fleet, UP, {"do": "repeat", "times": 2, "steps": [wait]}, LAND)
+    found = [one for one in mission_findings(mission) if one.name == "event"]
+    assert len(found) == bool(meant)
+    for one in found:
+        assert one.status == "warning"
+        assert one.sentence.startswith("Step[1].steps[0].until: no row of the failsafe table")
+        assert one.remedy == f'Write event = "{meant}".'
 
 
 def test_vehicles_in_the_air_without_a_path_are_found_and_their_lights_are_refused(
