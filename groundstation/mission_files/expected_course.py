@@ -13,7 +13,9 @@ The avoidance law is not simulated: durations are those of vehicles that fly alo
 
 from __future__ import annotations
 
+import itertools
 import math
+from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import NamedTuple
@@ -86,6 +88,14 @@ class InnerStep(NamedTuple):
     branch: Branch | None = None  # the branch that it belongs to, if the outer step is a parallel
 
 
+class SharedVehicles(NamedTuple):
+    """The vehicles that several branches of a parallel step order."""
+
+    block: str  # key of the parallel step
+    vehicles: tuple[str, ...]
+    at_once: tuple[str, ...]  # those of them that the first steps of several branches order
+
+
 @dataclass(frozen=True, slots=True)
 class CourseStep:
     """One step of a mission as it is expected to be flown."""
@@ -111,6 +121,13 @@ class CourseStep:
     def duration_s(self) -> float:
         """Time [s] that the step is expected to take, all times together."""
         return self.times * self.expected_s
+
+    @property
+    def ordered(self) -> frozenset[str]:
+        """Vehicles that the step orders, or sends along paths."""
+        if self.planned is None:
+            return frozenset(self.paths)
+        return frozenset(self.planned.orders)
 
     @property
     def flying_after(self) -> frozenset[str]:
@@ -190,6 +207,31 @@ def expected_duration_s(course_steps: Iterable[CourseStep]) -> float:
         course_steps: steps of one mission.
     """
     return _duration_s(course_steps, 0)
+
+
+def shared_vehicles(course_steps: Iterable[CourseStep]) -> Iterator[SharedVehicles]:
+    """Yield the vehicles that several branches of a parallel step order, for each such step.
+
+    Args:
+        course_steps: steps of one mission.
+    """
+    blocks: dict[str, dict[int, list[frozenset[str]]]] = {}
+    for course_step in course_steps:
+        for branch in course_step.branches:
+            orders = blocks.setdefault(branch.block, {}).setdefault(branch.number, [])
+            orders.append(course_step.ordered)
+
+    for block, branches in blocks.items():
+        at_once = _in_several(orders[0] for orders in branches.values())
+        vehicles = _in_several(frozenset().union(*orders) for orders in branches.values())
+        if vehicles:
+            yield SharedVehicles(block, vehicles, at_once)
+
+
+def _in_several(groups: Iterable[frozenset[str]]) -> tuple[str, ...]:
+    """Return the names that are in more than one of several groups, sorted."""
+    counts = Counter(itertools.chain.from_iterable(groups))
+    return tuple(sorted(name for name, count in counts.items() if count > 1))
 
 
 def expected_flight_s(course_steps: Iterable[CourseStep], name: str) -> float:

@@ -6,9 +6,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Collection, Iterable, Iterator, Mapping
 
-from groundstation.mission_files.expected_course import CourseStep, expected_flight_s, first_points
+from groundstation.mission_files.expected_course import (
+    CourseStep,
+    expected_flight_s,
+    first_points,
+    shared_vehicles,
+)
 from groundstation.mission_files.mission import Mission
 from groundstation.mission_files.steps import FlyFormationStep, FollowPathStep, Until
 from groundstation.orders.intents import GoalIntent, Home, Intent, Land
@@ -121,8 +126,9 @@ def _step_findings(mission: Mission, errors: ErrorClass | None) -> Iterator[Find
     """Yield findings about the steps, in their order, and about the end of the mission."""
     fleet = mission.fleet
     flying: frozenset[str] = frozenset()
+    course_steps = list(mission.course())
 
-    for course_step in mission.course():
+    for course_step in course_steps:
         step = course_step.step
         where = f"{course_step.key} ({step.do})"  # such as "step[2] (goto)"
 
@@ -136,6 +142,7 @@ def _step_findings(mission: Mission, errors: ErrorClass | None) -> Iterator[Find
             flying = course_step.flying_after
 
     yield from _ending_finding(mission, flying)
+    yield from _branches_findings(course_steps)
     for key, condition in mission.conditions():
         yield from _event_finding(key, condition)
 
@@ -320,6 +327,24 @@ def _reaction_finding(course_step: CourseStep, where: str) -> Iterator[Finding]:
         "ground.",
         refuse_above=math.inf,
     )
+
+
+def _branches_findings(course_steps: Iterable[CourseStep]) -> Iterator[Finding]:
+    """Yield findings about vehicles that several branches of a parallel step order."""
+    for shared in shared_vehicles(course_steps):
+        where = f"{shared.block} (parallel)"
+        yield at_most(
+            name="branches",
+            where=where,
+            value=float(len(shared.vehicles)),
+            bound=0.0,
+            unit="",
+            sentence=f"{capitalised(where)}: several branches order {', '.join(shared.vehicles)}; "
+            "an order that comes while the vehicle carries out one of another branch ends that "
+            "one, and the mission",
+            remedy="Order each vehicle in one branch only, or before or after the parallel.",
+            refuse_above=math.inf,
+        )
 
 
 def _speed_finding(

@@ -16,6 +16,7 @@ from groundstation.fleet.slot_owners import by_slot_owner
 from groundstation.mission_files.expected_course import (
     CourseStep,
     refuse_disabled,
+    shared_vehicles,
 )
 from groundstation.mission_files.mission import Mission
 from groundstation.mission_files.steps import (
@@ -35,8 +36,18 @@ def check_steps(mission: Mission) -> None:
         ConfigError: a step is not possible, for instance because of an unknown vehicle, a goal
             outside the fence, or a take-off of a vehicle that flies.
     """
+    course_steps = []
     for course_step in mission.course():
         _check_course_step(course_step, mission)
+        course_steps.append(course_step)
+
+    for shared in shared_vehicles(course_steps):
+        if shared.at_once:
+            raise ConfigError(
+                f"{mission.path}: '{shared.block}' (parallel): several branches begin with an order"
+                f" to {', '.join(shared.at_once)}. One of these orders ends the other, and the "
+                "mission. Write them one after the other in one branch."
+            )
 
     for key, condition in mission.conditions():
         _check_until(condition, mission.fleet, f"{mission.path}: '{key}'")

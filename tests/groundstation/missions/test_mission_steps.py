@@ -476,6 +476,30 @@ def test_a_step_after_a_react_that_fits_neither_of_its_ends_is_refused(fleet: Fl
         make(fleet, UP, react([LAND], [HOME]), ONE_MOVE)
 
 
+def test_branches_that_order_the_same_vehicle_are_refused_or_named(fleet: FleetConfig) -> None:
+    def mission_of(*branches: list[dict[str, Any]]) -> Mission:
+        return make(fleet, UP, {"do": "parallel", "branches": list(branches)}, LAND)
+
+    def named(*branches: list[dict[str, Any]]) -> list[str]:
+        findings = mission_findings(mission_of(*branches))
+        return [one.sentence for one in findings if one.name == "branches"]
+
+    yaw = {"do": "yaw", "yaw_deg": 40.0}
+    for branches, names in (
+        (([TO_RING], [yaw]), "mav0, mav1, mav2"),
+        (([PAUSE], [ONE_MOVE], [TURN]), "mav0"),
+        (([ONE_MOVE], [{"do": "repeat", "times": 2, "steps": [ONE_MOVE]}]), "mav0"),
+    ):
+        with pytest.raises(ConfigError, match=r"'step\[1\]' \(parallel\)") as caught:
+            mission_of(*branches)
+        assert f"several branches begin with an order to {names}." in str(caught.value)
+
+    others = {**yaw, "vehicles": ["mav1", "mav2"]}
+    assert not named([ONE_MOVE, ONE_MOVE], [others, others])
+    (sentence,) = named([ONE_MOVE], [PAUSE, yaw], [others])
+    assert sentence.startswith("Step[1] (parallel): several branches order mav0, mav1, mav2;")
+
+
 @pytest.mark.parametrize(
     ("code", "meant"),
     [
