@@ -327,6 +327,14 @@ def resolved(intent: Intent, fleet: FleetConfig) -> Intent:
 
     if isinstance(intent, Goto):
         goals = by_slot_owner(intent.goals.items(), fleet, "position")
+        if not goals:
+            raise ConfigError("'goals' is empty. Write goals = { mav0 = [0, 0, 1] }.")
+        others = ", ".join(name for name in goals if name not in names)
+        if others:
+            raise ConfigError(
+                f"'goals' has {others}, which 'vehicles' does not name. Remove 'vehicles': the "
+                "order goes to the vehicles that have goals."
+            )
         return structs.replace(intent, vehicles=tuple(goals), goals=goals)
 
     if isinstance(intent, Formation):

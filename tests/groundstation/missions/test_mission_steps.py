@@ -120,6 +120,11 @@ def reacting(when: dict[str, Any]) -> dict[str, Any]:
             "mav0 has more than one position",
         ),
         ({"do": "goto", "goals": {"0-1": [0, 0, 1]}}, "'0-1' names 2 vehicles"),
+        ({"do": "goto", "goals": {}}, "'step[1]' (goto): 'goals' is empty"),
+        (
+            {"do": "goto", "vehicles": "0,2", "goals": {"0": [0, 0, 1], "mav1": [1, 1, 1]}},
+            "'step[1]' (goto): 'goals' has mav1, which 'vehicles' does not name",
+        ),
         ({"do": "wait", "until": {"separation_above_m": math.nan}}, "separation_above_m"),
         ({"do": "wait", "until": {"reached": {"mav0": [math.nan, 0, 1]}}}, "reached"),
         (
