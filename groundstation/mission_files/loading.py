@@ -33,7 +33,7 @@ from groundstation.mission_files.steps import (
     file_keys,
 )
 from groundstation.mission_files.wall_time import check_wall_time
-from groundstation.orders.intents import Intent
+from groundstation.orders.intents import GoalIntent, Intent
 from groundstation.paths.path_files import load_path
 from groundstation.verdict.expectations import EXPECT_MOST_M, Expect
 from onboard.config.example_files import existing_file
@@ -268,12 +268,17 @@ def _check_order_keys(values: dict[str, Any], kind: type[Intent], key: str, path
 
 
 def _check_step(step: MissionStep, key: str, path: str) -> None:
-    """Refuse values outside their bounds, and a wait with nothing to wait for."""
+    """Refuse values outside their bounds, two lengths of a flight, and a wait for nothing."""
     _check_bounds(step, key, path)
     if isinstance(step, ExpectStep):
         _check_expect(step, path, key)
     _check_time(step, key, path)
 
+    if isinstance(step, GoalIntent) and step.speed_m_s is not None and step.duration_s:
+        raise ConfigError(
+            f"{path}: '{key}' has a duration_s and a speed_m_s, which is instead of a duration. "
+            "Remove one of them."
+        )
     if isinstance(step, ReactStep):
         _check_condition(step.when, f"{key}.when", path)
     if not isinstance(step, WaitStep):

@@ -114,6 +114,7 @@ def reacting(when: dict[str, Any]) -> dict[str, Any]:
             "step[1].steps[0].when",
         ),
         ({"do": "goto", "goals": {"mav9": [0, 0, 1]}}, "mav9"),
+        ({**SWAP, "duration_s": 20.0}, "'step[1]' has a duration_s and a speed_m_s"),
         ({"do": "goto", "goals": {"all": [0, 0, 1]}}, "'all' names 3 vehicles"),
         (
             {"do": "goto", "goals": {"mav0": [0, 0, 1], "0": [1, 0, 1]}},
