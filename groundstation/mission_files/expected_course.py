@@ -106,6 +106,7 @@ class CourseStep:
     flying: frozenset[str]  # vehicles that fly before the step
     # other vehicles that may fly or not, each with the key of the react that decides it
     unsure: Mapping[str, str]
+    armed: frozenset[str]  # vehicles that are armed on the ground before the step
     is_known: bool  # whether all this is certain; not after a fault
     index: int = 0  # index of the mission's step that is, or contains, this one
     branches: tuple[Branch, ...] = ()  # branches that contain the step, the outermost first
@@ -126,20 +127,27 @@ class CourseStep:
     def ordered(self) -> frozenset[str]:
         """Vehicles that the step orders, or sends along paths."""
         if self.planned is None:
-            return frozenset(self.paths)
+            return frozenset(self.goals)
         return frozenset(self.planned.orders)
 
     @property
     def flying_after(self) -> frozenset[str]:
         """Vehicles that fly after the step."""
         if isinstance(self.step, _GroundIntent):
-            return self.flying.difference(self.goals)
-        return self.flying.union(self.goals)
+            return self.flying - self.ordered
+        return self.flying | self.ordered
 
     @property
     def unsure_after(self) -> dict[str, str]:
         """Other vehicles that may fly or not after the step, as in `unsure`."""
-        return {name: key for name, key in self.unsure.items() if name not in self.goals}
+        return {name: key for name, key in self.unsure.items() if name not in self.ordered}
+
+    @property
+    def armed_after(self) -> frozenset[str]:
+        """Vehicles that are armed on the ground after the step."""
+        if isinstance(self.step, Arm):
+            return self.armed | self.ordered
+        return self.armed - self.ordered
 
     def may_fly(self, name: str) -> bool:
         """Return whether a vehicle may fly during the step, or begins or ends a flight with it."""
@@ -162,6 +170,7 @@ class _CourseFleet:
     held: HeldFormation
     flying: frozenset[str] = frozenset()
     unsure: Mapping[str, str] = field(default_factory=dict)
+    armed: frozenset[str] = frozenset()
     is_known: bool = True
 
 
@@ -451,6 +460,7 @@ def _course_steps(
         course_fleet.held = course_step.paths.end
     course_fleet.flying = course_step.flying_after
     course_fleet.unsure = course_step.unsure_after
+    course_fleet.armed = course_step.armed_after
     if step.do == "fault":
         course_fleet.is_known = False
 
@@ -503,6 +513,8 @@ def _react_steps(
 def _leave_as_in_any(states: Sequence[CourseStep], key: str, course_fleet: _CourseFleet) -> None:
     """Let those vehicles fly that fly in all of several states; those in some only are unsure.
 
+    Vehicles that are armed in some of the states are armed.
+
     Args:
         states: the states, one of which will be the fleet's.
         key: key of the react that decides which one.
@@ -514,6 +526,7 @@ def _leave_as_in_any(states: Sequence[CourseStep], key: str, course_fleet: _Cour
     flying = frozenset.intersection(*(state.flying for state in states))
 
     course_fleet.flying = flying
+    course_fleet.armed = frozenset().union(*(state.armed for state in states)) - may_fly
     course_fleet.unsure = {
         **dict.fromkeys(sorted(may_fly - flying), key),
         **states[0].unsure,  # another react decides about these
@@ -585,6 +598,7 @@ def _state(step: MissionStep, key: str, course_fleet: _CourseFleet) -> CourseSte
         positions=dict(course_fleet.positions),
         flying=course_fleet.flying,
         unsure=course_fleet.unsure,
+        armed=course_fleet.armed,
         is_known=course_fleet.is_known,
     )
 

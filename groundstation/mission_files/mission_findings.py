@@ -6,7 +6,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
+
+from msgspec import structs
 
 from groundstation.mission_files.expected_course import (
     CourseStep,
@@ -15,7 +17,12 @@ from groundstation.mission_files.expected_course import (
     shared_vehicles,
 )
 from groundstation.mission_files.mission import Mission
-from groundstation.mission_files.steps import FlyFormationStep, FollowPathStep, Until
+from groundstation.mission_files.steps import (
+    ExpectStep,
+    FlyFormationStep,
+    FollowPathStep,
+    Until,
+)
 from groundstation.orders.intents import GoalIntent, Home, Intent, Land
 from groundstation.orders.obstacle_crossings import crossing_findings
 from groundstation.orders.reachable_goals import reach_refusal
@@ -125,8 +132,9 @@ def refuse_unflyable(mission: Mission, is_simulated: bool) -> None:
 def _step_findings(mission: Mission, errors: ErrorClass | None) -> Iterator[Finding]:
     """Yield findings about the steps, in their order, and about the end of the mission."""
     fleet = mission.fleet
-    flying: frozenset[str] = frozenset()
-    course_steps = list(mission.course())
+    # the end of a mission expects what a step of this kind would
+    end = ExpectStep(do="expect", all_landed=mission.expect.all_landed is not False)
+    course_steps = list(structs.replace(mission, steps=(*mission.steps, end)).course())
 
     for course_step in course_steps:
         step = course_step.step
@@ -139,9 +147,9 @@ def _step_findings(mission: Mission, errors: ErrorClass | None) -> Iterator[Find
         yield from _reaction_finding(course_step, where)
         if course_step.durations_alone_s and isinstance(step, Intent):
             yield from _order_findings(fleet, course_step, step, where, errors)
-            flying = course_step.flying_after
+        if isinstance(step, ExpectStep) and step.all_landed:
+            yield from _landed_finding(course_step, "" if step is end else where)
 
-    yield from _ending_finding(mission, flying)
     yield from _branches_findings(course_steps)
     for key, condition in mission.conditions():
         yield from _event_finding(key, condition)
@@ -211,19 +219,44 @@ def _order_findings(
         yield from spot_findings(fleet, flying_at, where, errors=errors)
 
 
-def _ending_finding(mission: Mission, flying: Collection[str]) -> Iterator[Finding]:
-    """Yield the finding about vehicles that still fly at the end of the mission."""
-    if not flying or mission.expect.all_landed is False:
+def _landed_finding(course_step: CourseStep, where: str) -> Iterator[Finding]:
+    """Yield the finding about vehicles that are not down where all are expected to be.
+
+    Args:
+        course_step: the step that expects it, or the end of the mission.
+        where: words for the step; empty for the end.
+    """
+    parts = []
+    if course_step.flying:
+        parts.append(f"{', '.join(sorted(course_step.flying))} in the air")
+    if course_step.unsure:
+        react_key = next(iter(course_step.unsure.values()))
+        parts.append(
+            f"{', '.join(sorted(course_step.unsure))} in the air, depending on whether the "
+            f"reaction of {react_key} has come"
+        )
+    if course_step.armed:
+        parts.append(f"{', '.join(sorted(course_step.armed))} armed")
+    if not parts:
         return
 
-    names = ", ".join(sorted(flying))
+    begin = "The mission ends"
+    remedy = 'Add a last [[step]] with do = "land", or say expect.all_landed = false.'
+    if where:
+        begin = f"{capitalised(where)}: it expects that all have landed, and is reached"
+        remedy = 'Put a step do = "land" before it, or leave its all_landed out.'
+
+    verb = "cannot"
+    if not course_step.flying:  # PX4 disarms a vehicle that does not take off
+        verb = "may not"
     yield at_most(
         name="ending",
-        value=float(len(flying)),
+        where=where,
+        value=float(len(course_step.flying) + len(course_step.unsure) + len(course_step.armed)),
         bound=0.0,
         unit="",
-        sentence=f"The mission ends with {names} in the air, so it cannot pass",
-        remedy='Add a last [[step]] with do = "land", or say expect.all_landed = false.',
+        sentence=f"{begin} with {' and '.join(parts)}, so it {verb} pass",
+        remedy=remedy,
         refuse_above=math.inf,
     )
 
@@ -308,7 +341,7 @@ def _reaction_finding(course_step: CourseStep, where: str) -> Iterator[Finding]:
     unsure = {
         name: react_key
         for name, react_key in course_step.unsure.items()
-        if name in course_step.goals and not course_step.key.startswith(f"{react_key}.then")
+        if name in course_step.ordered and not course_step.key.startswith(f"{react_key}.then")
     }
     if not unsure:
         return

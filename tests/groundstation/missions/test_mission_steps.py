@@ -453,6 +453,8 @@ def test_a_reaction_whose_vehicles_can_carry_it_out_at_no_time_is_refused(
         ([PAUSE], [LAND], UP, "mav0, mav1, mav2 may be in the air, and would refuse it"),
         ([PAUSE], [LAND], TURN, "mav0, mav1, mav2 may be on the ground"),
         ([PAUSE, LAND], [{**LAND, "vehicles": "mav1"}], UP, "mav0, mav2 may be in the air"),
+        ([PAUSE], [LAND], {"do": "hold"}, "mav0, mav1, mav2 may be on the ground"),
+        ([PAUSE], [LAND], {"do": "arm", "vehicles": "mav2"}, "mav2 may be in the air"),
         ([PAUSE], [LAND], LAND, ""),
         ([PAUSE], [{"do": "hold"}], ONE_MOVE, ""),
         ([PAUSE, LAND], [HOME], UP, ""),
@@ -480,6 +482,42 @@ def test_a_step_after_a_react_that_fits_neither_of_its_ends_is_refused(fleet: Fl
         make(fleet, UP, react([PAUSE], [{"do": "hold"}]), UP)
     with pytest.raises(ConfigError, match=r"'step\[2\]' \(move\): mav0 would be on the ground"):
         make(fleet, UP, react([LAND], [HOME]), ONE_MOVE)
+
+
+@pytest.mark.parametrize(
+    ("steps", "words"),
+    [
+        ([UP], "The mission ends with mav0, mav1, mav2 in the air, so it cannot pass"),
+        ([UP, {"do": "hold"}], "The mission ends with mav0, mav1, mav2 in the air, so it cannot"),
+        ([{"do": "arm", "vehicles": "1-2"}], "The mission ends with mav1, mav2 armed, so it may"),
+        (
+            [UP, react([PAUSE], [LAND])],
+            "The mission ends with mav0, mav1, mav2 in the air, depending on whether the reaction "
+            "of step[1] has come, so it may not pass",
+        ),
+        (
+            [UP, {"do": "expect", "all_landed": True}, LAND],
+            "Step[1] (expect): it expects that all have landed, and is reached with mav0, mav1, "
+            "mav2 in the air, so it cannot pass",
+        ),
+        ([{"do": "arm"}, {"do": "disarm"}], ""),
+        ([{"do": "arm"}, UP, LAND], ""),
+        ([UP, {"do": "expect", "all_landed": False}, LAND], ""),
+        ([UP, react([PAUSE], [LAND]), LAND, {"do": "expect", "all_landed": True}], ""),
+    ],
+)
+def test_vehicles_that_are_not_down_where_they_must_be_are_named(
+    fleet: FleetConfig, steps: list[dict[str, Any]], words: str
+) -> None:
+    def found(**expect: bool) -> list[str]:
+        findings = mission_findings(make(fleet, *steps, expect=expect))
+        return [one.sentence for one in findings if one.name == "ending"]
+
+    assert len(found()) == bool(words)
+    for sentence in found():
+        assert sentence.startswith(words)
+    if "Step[" not in words:
+        assert not found(all_landed=False)
 
 
 def test_branches_that_order_the_same_vehicle_are_refused_or_named(fleet: FleetConfig) -> None:
