@@ -10,6 +10,7 @@ from collections.abc import Iterable, Iterator, Mapping
 
 from msgspec import structs
 
+from groundstation.formations.slots import formation_slots
 from groundstation.mission_files.expected_course import (
     CourseStep,
     expected_flight_s,
@@ -78,6 +79,7 @@ def mission_findings(mission: Mission, errors: ErrorClass | None = None) -> tupl
     groups["expectation"] = list(_separation_expectation(mission))
     groups["endurance"] = list(_endurance(mission))
     groups["arrival"] = list(_arrival_expectation(mission, errors))
+    groups["formation"] = list(_unused_formations(mission))
 
     return worst_first(worst(group) for group in groups.values() if group)
 
@@ -515,6 +517,20 @@ def _arrival_expectation(mission: Mission, errors: ErrorClass | None) -> Iterato
         never_refuses_flights=True,
         refuse_below=0.0,
     )
+
+
+def _unused_formations(mission: Mission) -> Iterator[Finding]:
+    """Yield findings about the mission's own formations that cannot be made.
+
+    No step uses one of them: such a mission is wrong.
+    """
+    for name in mission.shapes:
+        try:
+            formation_slots(mission.fleet, name)
+        except ConfigError as error:
+            remedy = "Correct it, or remove the formation."
+            sentence = f"A formation of the mission cannot be made: {error}"
+            yield warning_of("formation", f"{sentence} {remedy}", remedy)
 
 
 def _endurance(mission: Mission) -> Iterator[Finding]:

@@ -169,6 +169,22 @@ def test_formations_of_a_mission_need_a_shape_and_stay_with_it_in_another_fleet(
     assert make(fleet, UP, TO_RING).fleet.config_hash == fleet.config_hash
 
 
+def test_a_formation_that_cannot_be_made_is_named_before_a_step_or_an_operator_orders_it(
+    fleet: FleetConfig,
+) -> None:
+    formations = {"ring": {"shape": "circle"}, "grid": {"shape": "csv", "file": "none.csv"}}
+    mission = make(fleet, UP, TO_RING, LAND, formations=formations)
+    (finding,) = [one for one in mission_findings(mission) if one.name == "formation"]
+    assert finding.status == "warning"
+    assert finding.sentence.startswith(
+        "A formation of the mission cannot be made: 'formations.grid'"
+    )
+    assert "none.csv" in finding.sentence
+
+    with pytest.raises(ConfigError, match=r"none\.csv"):
+        make(fleet, UP, {**TO_RING, "name": "grid"}, LAND, formations=formations)
+
+
 def test_paths_of_a_formation_are_judged_before_the_flight(fleet: FleetConfig) -> None:
     fast = {**TURN, "to": [{"turn_deg": 360.0, "duration_s": 2.0}]}
     refused = [
