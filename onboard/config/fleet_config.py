@@ -156,7 +156,8 @@ class Vehicle(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     attitude_delay_s: float = 0.04  # dead time of its attitude; starting value 0.04
     attitude_wn_rad_s: float = 11.0  # natural frequency of its attitude; starting value 9, cautious
     attitude_zeta: float = 0.6  # damping of its attitude; starting value 0.7
-    drag_1_s: float = 0.0  # deceleration for each m/s through the air; starting value 0.3
+    # deceleration for each m/s through the air; 0: not known; starting value 0.3
+    drag_1_s: float = 0.0
     # hover time on a full battery; with it, covey check checks a mission's length
     hover_time_s: float | None = None
     max_tilt_deg: float = 25.0  # of all manoeuvres

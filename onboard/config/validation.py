@@ -71,6 +71,7 @@ VEHICLE_BOUNDS: dict[str, tuple[float, float]] = {
     "max_wind_m_s": (0.1, 30.0),
     "system_id": (1, 255),
 }
+_LEAST_DRAG_1_S = 1e-6  # winds are pushes divided by the drag, and must stay numbers
 _ROUNDING_M = 1e-9  # a distance between two written positions may be smaller by this than written
 # Least vertical separation in body diameters. The downwash of a vehicle one body above pushes with
 # 8 % of the weight, and that of a vehicle two bodies above with 3 %.
@@ -355,6 +356,11 @@ def _vehicle_problems(config: FleetConfig, vehicle: Vehicle) -> Iterator[str]:
         value = getattr(vehicle, key)
         if value is not None:
             yield from bound_problems(f"vehicles.{name}.{key}", value, low, high)
+    if 0.0 < vehicle.drag_1_s < _LEAST_DRAG_1_S:
+        yield (
+            f"'vehicles.{name}.drag_1_s' is {vehicle.drag_1_s}; it must be 0, where it is not "
+            f"known, or at least {_LEAST_DRAG_1_S:g}."
+        )
 
     for key, (low, high) in sitl_profile.BOUNDS.items():
         numbers = getattr(vehicle.sitl, key)

@@ -1,5 +1,6 @@
 """Every wrong fleet file is a sentence that names file, key and remedy; every shipped one loads."""
 
+import math
 import tomllib
 from pathlib import Path
 from typing import Any
@@ -14,6 +15,7 @@ from onboard.config.fleet import (
     load_fleet,
     parking_distance_m,
 )
+from onboard.feasibility.fleet_checks import fleet_findings
 
 FLEETS = sorted((Path(__file__).parents[3] / "configs" / "fleets").glob("*.toml"))
 PAPER = next(path for path in FLEETS if path.stem == "paper")
@@ -44,6 +46,7 @@ WRONG = [
     ("law.kapa", 1.0, "unknown key 'law.kapa'"),
     ("types.ardrone.wings", 2, "unknown key 'types.ardrone.wings'"),
     ("types.ardrone.mas_kg", 2, "Did you mean 'mass_kg'?"),
+    ("types.ardrone.drag_1_s", 1e-320, "must be 0, where it is not known, or at least 1e-06."),
     ("laws", {}, "Did you mean 'law'?"),
     (
         "fleet.origin",
@@ -230,6 +233,15 @@ def test_an_autopilot_s_endpoint_is_of_its_companion() -> None:
         ConfigError, match=r"vehicles\.mav1\.autopilot.*on the same computer, 192\.168\.1\.11"
     ):
         fleet_from_mapping(data)
+
+
+@pytest.mark.parametrize("drag_1_s", [0.0, 1e-6])
+def test_a_drag_that_is_unknown_or_small_is_judged(drag_1_s: float) -> None:
+    data = paper_data()
+    data["fleet"]["max_wind_m_s"] = 5.0
+    data["vehicles"]["mav1"]["drag_1_s"] = drag_1_s
+    findings = fleet_findings(fleet_from_mapping(data))
+    assert all(math.isfinite(one.value) for one in findings)
 
 
 @pytest.mark.parametrize(
