@@ -14,6 +14,7 @@ import msgspec
 from onboard.bus import schema as schema_
 from onboard.bus.schema import Message, OrderReply, TickBatch
 from onboard.bus.topics import Topic
+from onboard.plain_text import numbered
 
 MAX_STAMP_NS = (1 << 63) - 1
 REPLY = "reply"  # topic of replies to orders in the record; on the bus they answer queries
@@ -110,12 +111,21 @@ def from_json(kind: type[Message], data: bytes) -> Message | None:
         return None
 
 
+def undecoded_words(count: int) -> str:
+    """Return a sentence about the messages of a record that :func:`from_json` could not decode."""
+    verb = "is" if count == 1 else "are"
+    return f"{numbered(count, 'message')} could not be decoded and {verb} left out."
+
+
 def _fields(kind: type[Message]) -> tuple[_Field, ...]:
     if kind not in _FIELDS:
         fields = []
         for field in msgspec.structs.fields(kind):
+            default = field.default
+            if field.default_factory is not msgspec.NODEFAULT:
+                default = field.default_factory()  # from_json gives each message a copy
             is_number = "float" in str(field.type) and "None" not in str(field.type)
-            fields.append(_Field(field.name, field.default, is_number))
+            fields.append(_Field(field.name, default, is_number))
         _FIELDS[kind] = tuple(fields)
     return _FIELDS[kind]
 

@@ -25,7 +25,7 @@ import numpy as np
 
 from groundstation.recording.audit import TOPICS as ORDER_TOPICS
 from groundstation.recording.audit import trail_of
-from groundstation.recording.channels import MAX_STAMP_NS, from_json
+from groundstation.recording.channels import MAX_STAMP_NS, from_json, undecoded_words
 from groundstation.recording.people_reading import PeopleTracks
 from groundstation.recording.reader import MAX_FLIGHT_NS
 from groundstation.recording.recorded_flight import (
@@ -737,7 +737,7 @@ def _notes(collected: _Collected, span: _Span) -> list[str]:
     """Return sentences about what was left out of a record."""
     notes = []
     if collected.malformed:
-        notes.append(f"{collected.malformed} messages could not be decoded and are left out.")
+        notes.append(undecoded_words(collected.malformed))
     if span.left_out:
         notes.append(
             f"{span.left_out} messages have stamps far from the flight's and are left out."

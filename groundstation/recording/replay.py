@@ -25,7 +25,7 @@ from groundstation.fleet.tick_stream import KEPT
 from groundstation.orders.grammar import OrderError
 from groundstation.orders.intents import Intent
 from groundstation.orders.result import OrderResult
-from groundstation.recording.channels import as_mapping
+from groundstation.recording.channels import as_mapping, undecoded_words
 from groundstation.recording.timeline import Reading, RecordedMessage, Timeline
 from groundstation.recording.writer import event_line
 from onboard.bus.schema import Telemetry, TickSample, Truth
@@ -435,6 +435,8 @@ def _summary_lines(replay: Replay) -> list[str]:
     count = len(_vehicles_with_telemetry(state))
     lines.append(f"{timeline.length_s:.1f} s of {count} vehicles in {timeline.path}.")
     lines += timeline.notes
+    if timeline.malformed:
+        lines.append(undecoded_words(timeline.malformed))
     return lines
 
 

@@ -354,9 +354,11 @@ class Timeline:
         self._stream.seek(position)
 
     def _read_events(self, number: int) -> None:
-        for recorded in self.messages(number, frozenset(("event",))):
-            if isinstance(recorded.message, Event):
-                self._keep_event(recorded.stamp_ns, recorded.message)
+        # those that cannot be decoded are counted by whoever reads the messages
+        for raw in self.raw_messages(number, frozenset(("event",))):
+            event = from_json(raw.kind, raw.data)
+            if isinstance(event, Event):
+                self._keep_event(raw.stamp_ns, event)
 
     def _keep_event(self, stamp_ns: int, event: Event) -> None:
         """Keep an event, or count it if there are too many; few are warnings or critical."""

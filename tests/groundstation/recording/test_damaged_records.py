@@ -85,7 +85,7 @@ def test_a_stamp_beyond_64_bits_is_left_out_and_counted(tmp_path: Path) -> None:
     flight = read_flight(tmp_path)
 
     assert flight.vehicles["mav0"].ticks.size == 2
-    assert "1 messages could not be decoded and are left out." in flight.notes
+    assert "1 message could not be decoded and is left out." in flight.notes
 
 
 def test_messages_of_another_shape_are_left_out(tmp_path: Path) -> None:

@@ -13,6 +13,7 @@ import msgspec
 import numpy as np
 import pytest
 from mcap.reader import make_reader
+from mcap.writer import Writer
 
 from groundstation.cli import main
 from groundstation.fleet import state as fleet_state
@@ -56,18 +57,56 @@ def test_a_law_that_a_foreign_record_names_is_not_run(flight: Path, tmp_path: Pa
 def test_every_kind_of_message_comes_back_from_the_record_as_it_was() -> None:
     for name in sorted(set(KINDS) - {"Message", "TickBatch"}):
         kind = KINDS[name]
-        values = {field: _any_value(hint) for field, hint in typing.get_type_hints(kind).items()}
-        message = msgspec.convert(
-            [{**values, "schema": 1}[field] for field in kind.__struct_fields__], kind
-        )
+        message = _any_message(kind)
         (row,) = rows(Topic.STATE, "mav0", message, 7)
         assert from_json(kind, row.data) == message, name
+
+
+def test_every_field_with_a_default_may_be_missing_in_a_record_of_every_kind() -> None:
+    for name in sorted(set(KINDS) - {"Message", "TickBatch"}):
+        kind = KINDS[name]
+        message = _any_message(kind)
+        (row,) = rows(Topic.STATE, "mav0", message, 7)
+        values = json.loads(row.data)
+
+        for field in msgspec.structs.fields(kind):
+            if field.required:
+                continue
+            default = field.default
+            if field.default_factory is not msgspec.NODEFAULT:
+                default = field.default_factory()
+            older = {key: value for key, value in values.items() if key != field.name}
+            back = from_json(kind, json.dumps(older).encode())
+            whole = msgspec.structs.replace(message, **{field.name: default})
+            # as texts, because some defaults are NaN
+            assert repr(back) == repr(whole), (name, field.name)
+
+
+def test_two_messages_without_a_field_do_not_share_its_default() -> None:
+    (row,) = rows(Topic.TELEMETRY, "mav0", telemetry("mav0"), 7)
+    older = json.loads(row.data)
+    del older["refused_orders"]
+
+    first, second = (from_json(Telemetry, json.dumps(older).encode()) for _ in range(2))
+
+    assert isinstance(first, Telemetry)
+    assert isinstance(second, Telemetry)
+    first.refused_orders["not trusted"] = 1
+    assert second.refused_orders == {}
 
 
 def test_an_order_of_a_record_from_before_its_kind_was_renamed_is_read() -> None:
     order = Order(order_id="1", author="x", kind="identify", stamp_ns=1, deadline_ns=2)
     (row,) = rows(Topic.ORDER, "mav0", order, 7)
     assert from_json(Order, row.data) == order
+
+
+def _any_message(kind: type[Message]) -> Message:
+    """Some message of a kind, with a value in every field."""
+    values = {field: _any_value(hint) for field, hint in typing.get_type_hints(kind).items()}
+    return msgspec.convert(
+        [{**values, "schema": 1}[field] for field in kind.__struct_fields__], kind
+    )
 
 
 def _any_value(hint: object) -> object:
@@ -439,6 +478,26 @@ def test_the_story_is_printed_for_people_and_for_programs(
     assert story["is_whole"]
     assert story["smallest"]["pair"] == ["mav0", "mav1"]
     assert len(story["events"]) == 24
+
+
+def test_a_story_says_how_many_messages_are_missing_because_they_could_not_be_decoded(
+    flight: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["replay", str(flight), "--headless"]) == 0
+    assert "could not be decoded" not in capsys.readouterr().out
+
+    folder = record(tmp_path / "flight", 4.0)
+    with (folder / "flight.mcap").open("wb") as stream:
+        writer = Writer(stream)
+        writer.start()
+        for topic, kind in (("telemetry", Telemetry), ("event", Event)):
+            schema = writer.register_schema(f"covey.{kind.__name__}", "jsonschema", b"{}")
+            channel = writer.register_channel(f"{topic}/mav0", "json", schema)
+            writer.add_message(channel, 7 * SECOND, b"{}", 7 * SECOND)
+        writer.finish()
+    assert main(["replay", str(folder), "--headless"]) == 0
+    told = capsys.readouterr().out
+    assert told.endswith("\n2 messages could not be decoded and are left out.\n")
 
 
 @pytest.mark.parametrize("what", [["--headless"], ["--orders"], ["--csv", "flown"]])
