@@ -30,6 +30,7 @@ from groundstation.incident.moment import find_moment
 from groundstation.recording.reader import record_path
 from groundstation.recording.record_list import written_verdict
 from groundstation.recording.replay import open_flight
+from groundstation.verdict.verdict import fall_sentences
 from onboard.config.fleet import ConfigError, FleetConfig
 from onboard.exit_status import EXIT_OK
 from onboard.plain_text import plain_line
@@ -70,6 +71,8 @@ def incident(
         print(plain_line(verdict["summary"]))
     else:
         print("There is no verdict: no mission was flown, or it did not come to its end.")
+    for fall in fall_sentences(verdict):
+        print(plain_line(fall))
     print(f"At {_seconds(moment.stamp_ns, begin_ns)} s: {plain_line(moment.sentence)}")
     for fact in account.facts:
         print(f"  {plain_line(fact)}")

@@ -35,6 +35,7 @@ from groundstation.report.columns import Column, packed
 from groundstation.report.law_columns import law_columns
 from groundstation.report.px4_columns import px4_columns, px4_header
 from groundstation.scene.ground_tiles import GroundTiles, ground_message
+from groundstation.verdict.verdict import fall_sentences
 from onboard.arrays import Array
 from onboard.bus.schema import Event
 from onboard.config.flight_space import flight_space_of
@@ -326,6 +327,7 @@ def _header(
         "has_truth": flight.has_truth,
         "fleet": _fleet(flight),
         "verdict": _cleaned(flight.verdict),
+        "falls": [_text(sentence) for sentence in fall_sentences(flight.verdict)],
         "vehicles": [_vehicle(vehicle) for vehicle in flight.vehicles.values()],
         "events": [
             [

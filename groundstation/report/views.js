@@ -76,15 +76,16 @@ globalThis.Covey ??= {};
 
   function verdictCard({ flight }) {
     const { verdict } = flight;
+    const line = (className, sign, sentence) =>
+      element("li", { className }, element("b", {}, sign), element("span", {}, sentence));
     const checks = list(verdict.checks).map((check) => {
-      const isTrue = check.has_come_true === true;
-      return element(
-        "li",
-        { className: isTrue ? "good" : "bad" },
-        element("b", {}, isTrue ? "✓" : "✗"),
-        element("span", {}, text(check.sentence)),
-      );
+      const sentence = text(check.sentence);
+      if (check.has_come_true !== true) return line("bad", "✗", sentence);
+      // down, but by a fall
+      if (check.name === "all_landed" && flight.falls.length) return line("warn", "!", sentence);
+      return line("good", "✓", sentence);
     });
+    checks.push(...flight.falls.map((sentence) => line("bad", "✗", sentence)));
     const unknown = list(verdict.unknown_times).length;
     return element(
       "section",

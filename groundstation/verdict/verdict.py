@@ -8,6 +8,7 @@ the same facts. If several of them hold, the first one in `_exit_status` counts.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from typing import Any
 
 import msgspec
 
@@ -228,6 +229,26 @@ def falls(touchdowns: Sequence[LandingSpeed]) -> list[LandingSpeed]:
     ]
 
 
+def fall_sentences(verdict: Mapping[str, Any]) -> list[str]:
+    """Return who fell, and how hard, in words.
+
+    Args:
+        verdict: content of a ``verdict.json``, which anybody may have written.
+    """
+    try:
+        touchdowns = msgspec.convert(verdict.get("touchdowns", []), list[LandingSpeed])
+    except msgspec.ValidationError:
+        return []
+    return [_fall_sentence(fall) for fall in falls(touchdowns)]
+
+
+def _fall_sentence(fall: LandingSpeed) -> str:
+    return (
+        f"Fell: {fall.vehicle}, and hit the ground with {fall.speed_m_s:.1f} m/s,"
+        f" at {fall.time_s:.1f} s."
+    )
+
+
 def describe(verdict: Verdict) -> list[str]:
     """Return distance, arrival, landing and timing in words, one sentence a line."""
     lines = []
@@ -262,11 +283,7 @@ def describe(verdict: Verdict) -> list[str]:
     if verdict.exit_status == EXIT_NO_ANSWER or not verdict.is_anybody_heard:
         landed_sentence = "No vehicle was heard, so nothing is known of any"
     lines.append(f"{landed_sentence}.")
-    lines += [
-        f"Fell: {fall.vehicle}, and hit the ground with {fall.speed_m_s:.1f} m/s,"
-        f" at {fall.time_s:.1f} s."
-        for fall in fallen
-    ]
+    lines += [_fall_sentence(fall) for fall in fallen]
 
     powered = [landing for landing in verdict.touchdowns if landing.had_thrust]
     hardest = max(powered, key=lambda landing: landing.speed_m_s, default=None)
@@ -443,11 +460,9 @@ def _hard_landings(flown: FlightObservations) -> str:
         name = touchdown.vehicle
         vehicle = flown.fleet.vehicles[name]
 
-        # Another sentence reports the fall if the mission has gone on without the vehicle, or if
-        # its last order left it flying.
-        is_reported = name in flown.left_out or name in flown.other_ends
-        has_fallen = touchdown.has_fallen(vehicle) and not is_reported
-        if touchdown.is_hard(vehicle) or has_fallen:
+        # a mission may go on without a vehicle that falls
+        is_failure = name not in flown.left_out
+        if touchdown.is_hard(vehicle) or (touchdown.has_fallen(vehicle) and is_failure):
             hard.append(touchdown.sentence(vehicle))
     if not hard:
         return ""

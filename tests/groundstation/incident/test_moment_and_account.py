@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import json
 from pathlib import Path
 
 import msgspec
@@ -50,6 +51,27 @@ def test_the_fleet_file_of_a_record_without_one_is_given_as_the_refusal_says(
     assert "Give the fleet file with --fleet." in capsys.readouterr().err
     assert main(["incident", str(folder), "--quick", "--fleet", str(FLEET)]) == 0
     assert "The 5 s before it" in capsys.readouterr().out
+
+
+def test_the_account_says_how_hard_a_vehicle_fell_also_of_an_older_verdict(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    folder = record(tmp_path / "flight", 4.0)
+    fall = {
+        "vehicle": "mav1",
+        "time_s": 14.6,
+        "speed_m_s": 4.938,
+        "limit_m_s": 1.6,
+        "had_thrust": False,
+    }
+    verdict = {"passed": False, "summary": "FAILED: PX4 rebooted.", "touchdowns": [fall]}
+    (folder / "verdict.json").write_text(json.dumps(verdict))
+
+    assert main(["incident", str(folder), "--quick"]) == 0
+    told = capsys.readouterr().out
+    assert told.startswith(
+        "FAILED: PX4 rebooted.\nFell: mav1, and hit the ground with 4.9 m/s, at 14.6 s.\n"
+    )
 
 
 def test_a_promise_is_kept_only_as_far_as_a_record_goes_that_ends_in_the_air(

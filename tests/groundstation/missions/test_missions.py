@@ -499,6 +499,12 @@ async def test_a_vehicle_that_hits_the_ground_in_its_landing_has_not_landed_as_o
     assert verdict.exit_status == 1
     assert hit.sentence(fleet.vehicles["mav1"]) in verdict.summary
 
+    # what else has ended the flight of this vehicle does not hide it
+    flown.other_ends = {"mav1": "mav1 is down: PX4 silent."}
+    words = judge(flown, run.mission.expect).summary
+    assert "mav1 is down: PX4 silent." in words
+    assert hit.sentence(fleet.vehicles["mav1"]) in words
+
     flown.left_out = ("mav1",)
     assert judge(flown, run.mission.expect).passed is not had_thrust
 

@@ -186,12 +186,22 @@ def test_without_a_usable_fleet_file_the_page_says_so(tmp_path: Path, fleet: str
     assert any("fleet" in note for note in header["notes"])
 
 
-@pytest.mark.parametrize("verdict", ["[]", "{", '{"steps": 3, "checks": [1], "passed": "yes"}'])
+@pytest.mark.parametrize(
+    "verdict",
+    [
+        "[]",
+        "{",
+        '{"steps": 3, "checks": [1], "passed": "yes"}',
+        '{"touchdowns": 1}',
+        '{"touchdowns": [{"vehicle": "mav0"}]}',
+    ],
+)
 def test_a_verdict_of_another_shape_does_not_stop_the_page(tmp_path: Path, verdict: str) -> None:
     folder = write(tmp_path, rows(length_s=1.0))
     (folder / "verdict.json").write_text(verdict)
 
-    opened(payload(read_flight(folder), made_by="test"))
+    header, _ = opened(payload(read_flight(folder), made_by="test"))
+    assert header["falls"] == []
 
 
 def test_an_empty_record_is_refused_in_a_sentence(tmp_path: Path) -> None:

@@ -99,6 +99,72 @@ def test_the_page_takes_the_promise_of_the_mission_unrounded(
     assert found["promise"] == promise_m
 
 
+# the lines of the verdict on the overview: class, sign, sentence
+VERDICT = """
+const element = (tag, properties, ...children) => ({
+  tag, ...properties, style: {}, children: children.flat(Infinity).filter(Boolean),
+});
+Object.assign(Covey, {
+  element,
+  table: () => null,
+  number: String,
+  clock: String,
+  vehicleColour: () => "",
+  shortened: String,
+  smallest: () => 0,
+});
+const lines = (one) => one.tag === "li" ? [one] : (one.children ?? []).flatMap(lines);
+"""
+OVERVIEW = """
+const data = require("fs").readFileSync(process.argv[2]);
+Covey.inflated(new Uint8Array(data)).then((bytes) => {
+  const flight = Covey.flightOf(bytes);
+  const [verdict] = Covey.views.overview({ flight, address: () => "" });
+  console.log(JSON.stringify(lines(verdict).map((line) =>
+    [line.className, ...line.children.map((part) => part.children[0])],
+  )));
+});
+"""
+
+
+@needs_node
+@pytest.mark.parametrize(
+    ("speed_m_s", "shown"),
+    [
+        (
+            4.217,
+            [
+                ["warn", "!", "Landed and disarmed: all."],
+                ["bad", "✗", "Fell: mav1, and hit the ground with 4.2 m/s, at 14.5 s."],
+            ],
+        ),
+        (0.3, [["good", "✓", "Landed and disarmed: all."]]),
+    ],
+)
+def test_the_verdict_says_how_hard_a_fall_was_and_no_tick_stands_beside_it(
+    tmp_path: Path, speed_m_s: float, shown: list[list[str]]
+) -> None:
+    folder = write(tmp_path, rows(length_s=6.0))
+    check = {
+        "name": "all_landed",
+        "has_come_true": True,
+        "sentence": "Landed and disarmed: all.",
+    }
+    touchdown = {
+        "vehicle": "mav1",
+        "time_s": 14.46,
+        "speed_m_s": speed_m_s,
+        "limit_m_s": 1.6,
+        "had_thrust": False,
+    }
+    verdict = {"checks": [check], "touchdowns": [touchdown]}
+    (folder / "verdict.json").write_text(json.dumps(verdict), encoding="utf-8")
+    (tmp_path / "data").write_bytes(payload(read_flight(folder), made_by="test"))
+
+    script = _own("payload.js") + VERDICT + _own("views.js") + OVERVIEW
+    assert json.loads(run_node(script, str(tmp_path / "data"))) == shown
+
+
 # draws a flight in the air and after the landing, in a scene that only keeps what is drawn
 SCENE = """
 Object.assign(Covey, {
