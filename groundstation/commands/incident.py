@@ -23,7 +23,7 @@ from cyclopts import Parameter
 
 from groundstation.commands.parameters import File, Seconds
 from groundstation.flights.recorded_flight import RecordedFlight, open_recorded
-from groundstation.incident.account import account_of
+from groundstation.incident.account import AFTER_S, account_of
 from groundstation.incident.candidates import Candidate, candidates_of
 from groundstation.incident.findings import Trial, distance_words, findings_of, sentences
 from groundstation.incident.moment import find_moment
@@ -77,7 +77,7 @@ def incident(
     for fact in account.facts:
         print(f"  {plain_line(fact)}")
 
-    print(f"\nThe {before:g} s before it, and 1 s after:")
+    print(f"\nThe {before:g} s before it, and {AFTER_S:g} s after:")
     for line in account.lines:
         print(f"{_seconds(line.stamp_ns, begin_ns)} s  {plain_line(line.sentence)}")
     if not account.lines:

@@ -10,15 +10,16 @@ import math
 from collections.abc import Iterator
 from typing import NamedTuple
 
-from groundstation.incident.moment import Moment
+from groundstation.incident.moment import Moment, vehicles_of
 from groundstation.recording.timeline import RecordedMessage, Timeline
 from onboard.bus.schema import Event, Order, Telemetry, TickSample, Truth
 from onboard.config.fleet import FleetConfig
 from onboard.config.pair_separation import separation_m
 
 _TOPICS = frozenset(("tick", "telemetry", "truth", "event", "order"))
-_AFTER_NS = 1_000_000_000
+AFTER_S = 2.0  # what is done about a silent vehicle, and most falls, come later than in a second
 # larger values are mentioned
+_SILENT_S = 0.2  # time since the last tick of a vehicle
 _OLD_S = 0.1  # age of a neighbour's state
 _LATE_S = 0.030  # time since the tick before
 _ERROR_M = 0.15  # error of a vehicle's own position
@@ -46,6 +47,7 @@ class _Seen:
         self.name = name
         # the newest messages up to the moment
         self.tick: TickSample | None = None
+        self.tick_ns = 0  # stamp of that tick, on the record's clock
         self.telemetry: Telemetry | None = None
         self.truth: Truth | None = None
 
@@ -69,14 +71,19 @@ def account_of(timeline: Timeline, fleet: FleetConfig, moment: Moment, before_s:
     lines: list[Line] = []
 
     begin_ns = moment.stamp_ns - round(before_s * 1e9)
-    for recorded in _messages(timeline, begin_ns, moment.stamp_ns + _AFTER_NS):
-        lines.extend(_lines_of(recorded, seen))
+    for recorded in _messages(timeline, begin_ns, moment.stamp_ns + round(AFTER_S * 1e9)):
+        lines.extend(_lines_of(recorded, seen, fleet))
         if recorded.stamp_ns <= moment.stamp_ns and recorded.name in seen:
             lines.extend(_take(seen[recorded.name], recorded))
 
     facts: list[str] = []
     for vehicle in seen.values():
-        facts.extend(_facts_of(vehicle, seen, fleet.fleet.height_share))
+        silent_s = (moment.stamp_ns - vehicle.tick_ns) * 1e-9
+        if vehicle.tick is not None and silent_s > _SILENT_S:
+            at_s = (vehicle.tick_ns - timeline.begin_ns) * 1e-9
+            facts.append(_last_heard(vehicle.name, vehicle.tick, at_s))
+        else:
+            facts.extend(_facts_of(vehicle, seen, fleet.fleet.height_share))
     return Account(facts=tuple(facts), lines=tuple(sorted(lines)))
 
 
@@ -84,14 +91,19 @@ def _messages(timeline: Timeline, begin_ns: int, end_ns: int) -> Iterator[Record
     return timeline.read(begin_ns, _TOPICS).until(end_ns)
 
 
-def _lines_of(recorded: RecordedMessage, seen: dict[str, _Seen]) -> list[Line]:
-    """Return the line about an order, or about an event that is critical or of these vehicles."""
+def _lines_of(recorded: RecordedMessage, seen: dict[str, _Seen], fleet: FleetConfig) -> list[Line]:
+    """Return the line about an order, or about an event that is critical or of these vehicles.
+
+    Of these vehicles is an event that one of them says, and a warning that names one of them.
+    """
     message = recorded.message
     if isinstance(message, Order):
         return [Line(recorded.stamp_ns, f"{recorded.name}: is ordered: {message.text}")]
 
     if isinstance(message, Event) and message.severity != "debug":
         is_concerned = message.vehicle in seen or message.severity == "critical"
+        if message.severity == "warning":
+            is_concerned = not seen.keys().isdisjoint(vehicles_of(message, fleet))
         if is_concerned and not message.order_id:
             return [Line(recorded.stamp_ns, f"{message.vehicle}: {message.sentence}")]
     return []
@@ -120,6 +132,7 @@ def _take(vehicle: _Seen, recorded: RecordedMessage) -> list[Line]:
 def _take_tick(vehicle: _Seen, tick: TickSample, stamp_ns: int) -> list[Line]:
     """Note a tick of a vehicle; return a line if its law begins to avoid another vehicle."""
     vehicle.tick = tick
+    vehicle.tick_ns = stamp_ns
     vehicle.longest_period_s = max(vehicle.longest_period_s, tick.period_s)
     for name, age_s in tick.neighbour_ages_s.items():
         vehicle.largest_ages_s[name] = max(vehicle.largest_ages_s.get(name, 0.0), age_s)
@@ -136,6 +149,24 @@ def _take_tick(vehicle: _Seen, tick: TickSample, stamp_ns: int) -> list[Line]:
             Line(stamp_ns, f"{vehicle.name}: its law begins to avoid {other}, {gap_m:.2f} m off")
         ]
     return []
+
+
+def _last_heard(name: str, tick: TickSample, at_s: float) -> str:
+    """Return a sentence about the last tick of a vehicle whose agent was silent at the moment.
+
+    Args:
+        name: name of the vehicle.
+        tick: its last tick.
+        at_s: time of that tick, since the start of the record.
+    """
+    place = ", ".join(f"{axis_m:.2f}" for axis_m in tick.position_enu_m)
+    text = f"{name}: its agent was last heard at {at_s:.2f} s, at ({place}) m"
+
+    distances_m = tick.neighbour_distances_m
+    if distances_m:
+        nearest = min(distances_m, key=lambda other: distances_m[other])
+        text += f", {distances_m[nearest]:.2f} m from {nearest}, the nearest"
+    return f"{text}."
 
 
 def _facts_of(vehicle: _Seen, seen: dict[str, _Seen], height_share: float) -> Iterator[str]:

@@ -2,12 +2,13 @@
 
 If the smallest distance by ground truth is below the promise (the safety distance of the fleet
 file), it is the moment of that distance. Otherwise it is the first critical event of a vehicle, or
-else the first warning. If there is none of these, it is the moment of the smallest distance, which
-is then not an incident.
+of the ground about one, or else the first warning of a vehicle. If there is none of these, it is
+the moment of the smallest distance, which is then not an incident.
 """
 
 from __future__ import annotations
 
+import re
 from collections.abc import Collection
 from pathlib import Path
 from typing import Literal, NamedTuple
@@ -91,19 +92,39 @@ def _kept_promise(smallest: Separation, promise_m: float, in_air_at_end: Collect
     )
 
 
+def vehicles_of(event: Event, fleet: FleetConfig) -> tuple[str, ...]:
+    """Return the vehicles that an event is about: the one that says it, then those that it names.
+
+    Of a vehicle whose agent hangs or is cut off only the others and the ground speak.
+    """
+    words = set(re.split(r"[^\w-]+", event.sentence))
+    named = [name for name in fleet.vehicles if name in words and name != event.vehicle]
+    if event.vehicle in fleet.vehicles:
+        return (event.vehicle, *named)
+    return tuple(named)
+
+
 def _first_alarming(timeline: Timeline, fleet: FleetConfig) -> Moment | None:
-    """Return the first critical event of a vehicle, or else its first warning."""
-    for severity in ("critical", "warning"):
-        for stamp_ns, event in timeline.events:
-            if event.severity == severity and event.vehicle in fleet.vehicles:
-                return _event_moment(stamp_ns, event)
-    return None
+    """Return the first critical event about a vehicle, or else the first warning of one."""
+    warning: Moment | None = None
+    for stamp_ns, event in timeline.events:
+        vehicles = vehicles_of(event, fleet)
+        if not vehicles:
+            continue
+        if event.severity == "critical":
+            return _event_moment(stamp_ns, event, vehicles)
+        if event.severity == "warning" and event.vehicle in fleet.vehicles and warning is None:
+            warning = _event_moment(stamp_ns, event, vehicles)
+    return warning
 
 
-def _event_moment(stamp_ns: int, event: Event) -> Moment:
+def _event_moment(stamp_ns: int, event: Event, vehicles: tuple[str, ...]) -> Moment:
+    speaker = event.vehicle
+    if speaker not in vehicles:
+        speaker = "the ground"
     return Moment(
         kind="event",
         stamp_ns=stamp_ns,
-        vehicles=(event.vehicle,),
-        sentence=f"{event.vehicle} said: {event.sentence}",
+        vehicles=vehicles,
+        sentence=f"{speaker} said: {event.sentence}",
     )

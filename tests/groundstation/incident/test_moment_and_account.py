@@ -11,11 +11,11 @@ import pytest
 
 from groundstation.cli import main
 from groundstation.incident.account import account_of
-from groundstation.incident.moment import Moment, find_moment
+from groundstation.incident.moment import Moment, find_moment, vehicles_of
 from groundstation.recording.replay import open_flight
 from groundstation.recording.timeline import Timeline
 from groundstation.recording.writer import RecordFiles
-from onboard.bus.schema import Truth
+from onboard.bus.schema import Event, Severity, Truth
 from onboard.bus.topics import Topic
 from onboard.config.fleet import FleetConfig
 from tests.groundstation.recorded import FLEET, LEVEL, SECOND, ZERO, record, tick
@@ -238,6 +238,87 @@ def test_the_true_distance_is_a_separation_like_the_one_that_the_vehicle_knew(
     assert account.facts[0] == (
         f"mav0: it took mav1 to be 1.10 m away ({separation} in truth), by a state 20 ms old."
     )
+
+
+def _said(vehicle: str, at_ns: int, severity: Severity, sentence: str) -> Event:
+    return Event(vehicle=vehicle, stamp_ns=at_ns, severity=severity, code="x", sentence=sentence)
+
+
+SILENT_NS = 8 * SECOND  # the last tick of mav1
+_NEIGHBOUR = "Neighbour silent (mav1): going on."
+_GROUND = "Nothing heard from mav1 for 2 s in flight: the agent hangs or is cut off."
+_REPEATED = "mav1's agent did not answer within 0.3 s: land is sent again."
+
+
+@pytest.fixture
+def with_a_silent_agent(tmp_path: Path) -> Path:
+    """The folder of a flight in which the agent of mav1 says nothing from SILENT_NS on."""
+    begin_ns = 5 * SECOND
+    (tmp_path / "fleet.toml").write_bytes(FLEET.read_bytes())
+    files = RecordFiles(
+        tmp_path, (tmp_path / "flight.mcap").open("wb"), begin_ns=begin_ns, begin="a test"
+    )
+    for at_ns in range(begin_ns, 12 * SECOND, SECOND // 10):
+        files.write(Topic.TICK, "mav0", tick(at_ns), at_ns)
+        if at_ns <= SILENT_NS:
+            own_tick = msgspec.structs.replace(
+                tick(at_ns),
+                position_enu_m=(1.0, -2.0, 1.5),
+                neighbour_distances_m={"mav2": 3.0, "mav0": 1.1},
+            )
+            files.write(Topic.TICK, "mav1", own_tick, at_ns)
+    events = [
+        _said("mav0", SILENT_NS + SECOND // 4, "warning", _NEIGHBOUR),
+        _said("mav2", SILENT_NS + SECOND // 2, "warning", "Battery low: going on."),
+        _said("ground", SILENT_NS + SECOND, "critical", "The record cannot be written: full."),
+        _said("ground", SILENT_NS + 2 * SECOND, "critical", _GROUND),
+        _said("mav1", SILENT_NS + 3 * SECOND, "warning", _REPEATED),
+    ]
+    for event in events:
+        files.write(Topic.EVENT, event.vehicle, event, event.stamp_ns)
+    files.finish()
+    files.close()
+    return tmp_path
+
+
+def test_the_account_of_a_silent_vehicle_is_about_it_and_says_where_it_was_last_heard(
+    with_a_silent_agent: Path,
+) -> None:
+    fleet, timeline = open_flight(with_a_silent_agent, None)
+    with contextlib.closing(timeline):
+        moment = find_moment(with_a_silent_agent, fleet, timeline)
+        account = account_of(timeline, fleet, moment, 5.0)
+
+    assert moment.stamp_ns == SILENT_NS + 2 * SECOND
+    assert moment.vehicles == ("mav1",)
+    assert moment.sentence == f"the ground said: {_GROUND}"
+    assert account.facts == (
+        "mav1: its agent was last heard at 3.00 s, at (1.00, -2.00, 1.50) m,"
+        " 1.10 m from mav0, the nearest.",
+    )
+    told = [line.sentence for line in account.lines if "law begins" not in line.sentence]
+    assert told == [
+        f"mav0: {_NEIGHBOUR}",
+        "ground: The record cannot be written: full.",
+        f"ground: {_GROUND}",
+        f"mav1: {_REPEATED}",
+    ]
+
+
+@pytest.mark.parametrize(
+    ("speaker", "sentence", "vehicles"),
+    [
+        ("mav0", _NEIGHBOUR, ("mav0", "mav1")),
+        ("mav0", "Neighbour silent (mav10): going on.", ("mav0",)),
+        ("mav1", _REPEATED, ("mav1",)),
+        ("ground", "Nothing heard from mav2, mav0 for 2 s.", ("mav0", "mav2")),
+        ("ground", "The record cannot be written: full.", ()),
+    ],
+)
+def test_an_event_is_about_who_says_it_and_whom_it_names(
+    fleet: FleetConfig, speaker: str, sentence: str, vehicles: tuple[str, ...]
+) -> None:
+    assert vehicles_of(_said(speaker, 0, "warning", sentence), fleet) == vehicles
 
 
 @pytest.mark.parametrize(("neighbour", "end"), [("mav1", ", mostly for mav1."), ("", ".")])
