@@ -8,8 +8,9 @@ from typing import Any
 import numpy as np
 
 from groundstation.figures.data import FlightData
-from groundstation.figures.style import SOFT, colour, new_figure
+from groundstation.figures.style import SOFT, colour, limit_around_zero, new_figure
 
+_MOST_DEG = 60.0  # end of the axes; a vehicle that tilts more than this falls
 _MAX_ROWS = 6  # with more vehicles, two stand in a row
 
 
@@ -20,7 +21,15 @@ def draw(flight: FlightData) -> Any:
     if count > _MAX_ROWS:
         columns = 2
     rows = math.ceil(count / columns)
-    title = f"Commanded and flown attitude: {flight.title}"
+    angles_deg = np.concatenate(
+        [
+            angles.ravel()
+            for track in flight.tracks
+            for angles in (track.commanded_deg, track.flown_deg)
+        ]
+    )
+    limit_deg, beyond = limit_around_zero(angles_deg, least=2.0, most=_MOST_DEG, unit="deg")
+    title = f"Commanded and flown attitude: {flight.title}{beyond}"
     figure = new_figure(4.0 + 7.0 * columns, 1.2 + 2.1 * rows, title)
     grid = figure.add_gridspec(rows, 2 * columns)
 
@@ -52,22 +61,7 @@ def draw(flight: FlightData) -> Any:
             if is_lowest:
                 ax.set_xlabel(flight.time_label)
 
-    limit_deg = _limit_deg(flight)
     first.set_xlim(flight.axis_s)
     first.set_ylim(-limit_deg, limit_deg)
     first.legend(loc="upper right", ncols=2, fontsize=9)
     return figure
-
-
-def _limit_deg(flight: FlightData) -> float:
-    """Return a scale [deg] for nearly all angles, so that a spike does not flatten the curves."""
-    parts = []
-    for track in flight.tracks:
-        parts.append(track.commanded_deg.ravel())
-        parts.append(track.flown_deg.ravel())
-    angles_deg = np.concatenate(parts)
-    angles_deg = np.abs(angles_deg[np.isfinite(angles_deg)])
-
-    if not angles_deg.size:
-        return 2.0
-    return max(2.0, 1.2 * float(np.percentile(angles_deg, 99.8)))

@@ -12,6 +12,7 @@ from groundstation.figures.style import (
     LIMIT,
     SOFT,
     colour,
+    limit_around_zero,
     line_style,
     new_figure,
     panel_grid,
@@ -20,6 +21,7 @@ from groundstation.figures.style import (
 from onboard.arrays import Array
 
 MAX_PAIRS = 10  # with more pairs, one line for each vehicle shows its nearest neighbour
+_MOST_M_S2 = 15.0  # end of the axes of thrust: that of a vehicle that tilts by nearly 60°
 _DISTANCES_HEIGHT = 1.5  # of the plot of the distances, as a share of a plot of thrust
 _NAMES_IN_A_LINE = 12  # of the legend of the distances
 _NAME_PT = 9.0  # size of a line's name
@@ -40,7 +42,15 @@ class _NamePlace(NamedTuple):
 def draw(flight: FlightData) -> Any:
     """Draw thrust on top, with the law's change shaded, and distances below over the full width."""
     columns, blocks = panel_grid(len(flight.tracks))
-    title = f"Thrust before and after OIST, and distances: {flight.title}"
+    thrusts_m_s2 = np.concatenate(
+        [
+            thrust[:, :2].ravel()
+            for track in flight.tracks
+            for thrust in (track.thrust_baseline_enu_m_s2, track.thrust_safe_enu_m_s2)
+        ]
+    )
+    limit_m_s2, beyond = limit_around_zero(thrusts_m_s2, least=0.5, most=_MOST_M_S2, unit="m/s²")
+    title = f"Thrust before and after OIST, and distances: {flight.title}{beyond}"
     figure = new_figure(max(6.0, 3.7 * columns), 4.2 + 5.0 * blocks, title)
     grid = figure.add_gridspec(
         2 * blocks + 1, columns, height_ratios=[1.0] * (2 * blocks) + [_DISTANCES_HEIGHT]
@@ -66,7 +76,7 @@ def draw(flight: FlightData) -> Any:
                 ax.set_ylabel(f"thrust {axis} [m/s²]")
 
     first.set_xlim(flight.axis_s)
-    _limit_thrust(first, flight)
+    first.set_ylim(-limit_m_s2, limit_m_s2)
     _draw_distances(figure.add_subplot(grid[2 * blocks, :], sharex=first), flight)
     return figure
 
@@ -77,21 +87,6 @@ def _draw_thrust(ax: Any, track: Track, axis: int, tint: str) -> None:
     ax.fill_between(track.time_s, before, after, color=tint, alpha=0.22, linewidth=0)
     ax.plot(track.time_s, before, color=SOFT, linewidth=1.0, label="before OIST")
     ax.plot(track.time_s, after, color=tint, linewidth=1.3, label="after OIST")
-
-
-def _limit_thrust(ax: Any, flight: FlightData) -> None:
-    """Scale the axis to nearly all values, so that a spike does not flatten the curves."""
-    parts = []
-    for track in flight.tracks:
-        parts.append(track.thrust_baseline_enu_m_s2[:, :2].ravel())
-        parts.append(track.thrust_safe_enu_m_s2[:, :2].ravel())
-    values_m_s2 = np.concatenate(parts)
-    values_m_s2 = np.abs(values_m_s2[np.isfinite(values_m_s2)])
-
-    limit_m_s2 = 1.0
-    if values_m_s2.size:
-        limit_m_s2 = max(0.5, 1.25 * float(np.percentile(values_m_s2, 99.8)))
-    ax.set_ylim(-limit_m_s2, limit_m_s2)
 
 
 def _draw_distances(ax: Any, flight: FlightData) -> None:

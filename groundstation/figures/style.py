@@ -12,9 +12,11 @@ from pathlib import Path
 from typing import Any
 
 import matplotlib
+import numpy as np
 from matplotlib.figure import Figure
 
 from groundstation.recording.output_file import refuse_other_file, written_beside
+from onboard.arrays import Array
 
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#7A5230", "#000000")
 SOFT = "#8a939c"
@@ -45,6 +47,30 @@ def panel_grid(count: int) -> tuple[int, int]:
     """Return the number of columns, and of rows, of the panels of this many vehicles."""
     columns = min(count, _PANELS_IN_A_ROW)
     return columns, math.ceil(count / columns)
+
+
+def limit_around_zero(values: Array, *, least: float, most: float, unit: str) -> tuple[float, str]:
+    """Return the end of an axis around 0 that shows all values up to a bound.
+
+    In a long flight what a figure is about may last for a few of many thousand samples. Only what
+    no vehicle does in flight, and what would flatten the curves, is beyond the axis.
+
+    Args:
+        values: values of any shape; NaN is left out.
+        least: the smallest end of the axis.
+        most: its largest end.
+        unit: unit of the values.
+
+    Returns:
+        The end of the axis, and words for the title about values beyond it; empty if there are
+        none.
+    """
+    sizes = np.abs(values[np.isfinite(values)])
+    largest = float(sizes.max(initial=0.0))
+    limit = min(max(least, 1.1 * largest), most)
+    if largest > limit:
+        return limit, f"; the axes end below the largest value, {largest:.1f} {unit}"
+    return limit, ""
 
 
 def styled() -> AbstractContextManager[None]:

@@ -10,6 +10,7 @@ import tomllib
 import tracemalloc
 from collections.abc import Iterable, Iterator
 from pathlib import Path
+from types import ModuleType
 
 import numpy as np
 import pytest
@@ -516,6 +517,39 @@ def test_no_line_and_no_other_name_crosses_the_name_of_a_pair() -> None:
         for line in lines:
             assert not box.count_contains(line.get_transform().transform(line.get_xydata()))
         assert not box.count_overlaps(boxes[:index])
+
+
+@pytest.mark.parametrize(
+    ("field", "module", "rare", "most", "unit"),
+    [
+        ("thrust_baseline_enu_m_s2", avoidance, 4.3, 15.0, "m/s²"),
+        ("commanded_deg", attitude, 35.0, 60.0, "deg"),
+    ],
+)
+def test_what_is_rare_in_a_long_flight_is_within_the_axis_and_what_is_beyond_it_is_said(
+    tmp_path: Path, field: str, module: ModuleType, rare: float, most: float, unit: str
+) -> None:
+    write_flight(tmp_path)
+    flight = flight_of(tmp_path)
+
+    def drawn(largest: float) -> tuple[float, str]:
+        """Return the end of the axis, and the title, of a flight with such a value."""
+        track = flight.tracks[1]
+        values = getattr(track, field).copy()
+        values[100, 0] = largest
+        changed = dataclasses.replace(track, **{field: values})
+        tracks = (flight.tracks[0], changed, flight.tracks[2])
+        with styled():
+            figure = module.draw(dataclasses.replace(flight, tracks=tracks))
+        return figure.axes[0].get_ylim()[1], figure._suptitle.get_text().replace("\n", " ")
+
+    end, title = drawn(rare)
+    assert rare < end < 1.2 * rare
+    assert "largest value" not in title
+
+    end, title = drawn(170.0)
+    assert end == most
+    assert title.endswith(f"; the axes end below the largest value, 170.0 {unit}")
 
 
 @pytest.mark.long
