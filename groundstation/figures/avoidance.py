@@ -6,8 +6,9 @@ from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
+from matplotlib.patheffects import withStroke
 
-from groundstation.figures.data import FlightData, PairSeparation, Track
+from groundstation.figures.data import FlightData, Track
 from groundstation.figures.style import (
     LIMIT,
     SOFT,
@@ -31,12 +32,13 @@ _LETTER = 0.8  # width of a letter over its size, with some room
 _POINTS_PER_INCH = 72.0
 
 
-class _NamePlace(NamedTuple):
-    """Where the name of a line stands."""
+class _TextPlace(NamedTuple):
+    """Where a text stands in the plot of the distances."""
 
-    grid_index: int
+    grid_index: int  # of its middle
+    half_width: int  # in points of the grid
     middle_m: float
-    room_m: float  # to the nearest other line or name
+    room_m: float = 0.0  # of a line's name: to the nearest other line or text
 
 
 def draw(flight: FlightData) -> Any:
@@ -94,7 +96,7 @@ def _draw_distances(ax: Any, flight: FlightData) -> None:
         _draw_pairs(ax, flight)
     else:
         _draw_nearest(ax, flight)
-    _draw_limit(ax, flight.safety_distance_m)
+    _draw_limit(ax, flight)
     _draw_closest(ax, flight)
     _, top_m = ax.get_ylim()
     ax.set_ylim(0.0, 1.08 * top_m)
@@ -102,7 +104,10 @@ def _draw_distances(ax: Any, flight: FlightData) -> None:
     quantity = "horizontal distance between centres"
     if flight.height_share > 0.0:
         quantity = f"separation (a metre of height counts {flight.height_share:.2f} m)"
-    title = f"{quantity}, while one of the two flies (by {flight.source})"
+    when = "while one of the two flies"
+    if len(flight.pairs) > MAX_PAIRS:
+        when = "to the nearest neighbour while the vehicle flies"
+    title = f"{quantity}, {when} (by {flight.source})"
     ax.set_title(title_lines(title, ax.figure.get_figwidth()), loc="left")
     ax.set_ylabel("distance [m]")
     ax.set_xlabel(flight.time_label)
@@ -124,17 +129,22 @@ def _draw_pairs(ax: Any, flight: FlightData) -> None:
             linestyle=(0, (3, 3)),
         )
     if flight.pairs:
-        _name_lines(ax, flight.grid_s, flight.pairs, flight.safety_distance_m)
+        _name_lines(ax, flight)
 
 
 def _draw_nearest(ax: Any, flight: FlightData) -> None:
-    """Draw a line for each vehicle: the distance to its nearest neighbour."""
+    """Draw a line for each vehicle: the distance to its nearest neighbour, while it flies.
+
+    One that stands is in the lines of those that fly. Its own line would be the distance to the
+    nearest one that flies, which is large while only a few do.
+    """
     for index, track in enumerate(flight.tracks):
         name = track.name
         distances_m = [
             pair.distance_m for pair in flight.pairs if name in (pair.first, pair.second)
         ]
         nearest_m = np.fmin.reduce(distances_m)
+        nearest_m = np.where(track.is_up_at(flight.grid_s), nearest_m, np.nan)
         ax.plot(
             flight.grid_s,
             nearest_m,
@@ -153,21 +163,47 @@ def _draw_nearest(ax: Any, flight: FlightData) -> None:
     )
 
 
-def _draw_limit(ax: Any, limit_m: float) -> None:
+def _draw_limit(ax: Any, flight: FlightData) -> None:
+    limit_m = flight.safety_distance_m
     ax.axhline(limit_m, color=LIMIT, linewidth=1.6, linestyle=(0, (6, 2)))
+
+    # at the other end than the number of the smallest distance
+    place = 0.005
+    side = "left"
+    if _is_closest_early(flight):
+        place = 0.995
+        side = "right"
     ax.annotate(
-        f"safety distance {limit_m:.2f} m",
-        (0.005, limit_m),
+        _limit_words(limit_m),
+        (place, limit_m),
         (0, -11),
         xycoords=("axes fraction", "data"),
         textcoords="offset points",
+        ha=side,
         color=LIMIT,
         fontsize=9,
     )
 
 
+def _limit_words(limit_m: float) -> str:
+    return f"safety distance {limit_m:.2f} m"
+
+
+def _distance_words(distance_m: float) -> str:
+    return f"{distance_m:.2f} m"
+
+
+def _is_closest_early(flight: FlightData) -> bool:
+    """Whether the smallest distance of all pairs is in the first half of the figure."""
+    closest = flight.closest()
+    if closest is None:
+        return False
+    _, grid_index = closest
+    return 2 * grid_index < len(flight.grid_s)
+
+
 def _draw_closest(ax: Any, flight: FlightData) -> None:
-    """Mark the smallest distance of all pairs, with its value."""
+    """Mark the smallest distance of all pairs, with its value below it, where no other line is."""
     closest = flight.closest()
     if closest is None:
         return
@@ -176,49 +212,55 @@ def _draw_closest(ax: Any, flight: FlightData) -> None:
     time_s = flight.grid_s[grid_index]
     distance_m = pair.distance_m[grid_index]
     ax.plot(time_s, distance_m, "o", color="black", markersize=5)
+
+    # towards the middle of the figure
+    shift_pt = -6
+    side = "right"
+    if _is_closest_early(flight):
+        shift_pt = 6
+        side = "left"
     ax.annotate(
-        f"{distance_m:.2f} m",
+        _distance_words(distance_m),
         (time_s, distance_m),
-        (6, -14),
+        (shift_pt, -14),
         textcoords="offset points",
+        ha=side,
         weight="bold",
         fontsize=9.5,
         # readable where the line of the safety distance is behind it
-        bbox={"facecolor": "white", "edgecolor": "none", "alpha": 0.85, "pad": 1.0},
+        path_effects=[withStroke(linewidth=3.5, foreground="white")],
     )
 
 
-def _name_lines(ax: Any, grid_s: Array, pairs: tuple[PairSeparation, ...], limit_m: float) -> None:
-    """Write the name of each pair above or below its line, where other lines and names are furthest
+def _name_lines(ax: Any, flight: FlightData) -> None:
+    """Write the name of each pair above or below its line, where other lines and texts are furthest
     off.
     """
-    lines_m = np.stack([pair.distance_m for pair in pairs])
+    lines_m = np.stack([pair.distance_m for pair in flight.pairs])
     if not np.isfinite(lines_m).any():
         return
 
-    width_pt = _POINTS_PER_INCH * ax.figure.get_figwidth()
     shift_m = _NAME_SHIFT * float(np.nanmax(lines_m))
-    limit_line_m = np.full(len(grid_s), limit_m)
-    names: list[_NamePlace] = []  # that stand there
+    limit_line_m = np.full(len(flight.grid_s), flight.safety_distance_m)
+    texts = _other_texts(ax, flight, shift_m)
 
-    for index, pair in enumerate(pairs):
+    for index, pair in enumerate(flight.pairs):
         text = f"{pair.first} – {pair.second}"
-        width_share = _LETTER * _NAME_PT * len(text) / width_pt
         others_m = np.vstack([np.delete(lines_m, index, axis=0), limit_line_m])
         place = _name_place(
             pair.distance_m,
             others_m,
-            names,
-            half_width=round(0.5 * width_share * len(grid_s)),
+            texts,
+            half_width=_half_width(ax, flight, text),
             shift_m=shift_m,
         )
         if place is None:
             continue
 
-        names.append(place)
+        texts.append(place)
         ax.annotate(
             text,
-            (grid_s[place.grid_index], place.middle_m),
+            (flight.grid_s[place.grid_index], place.middle_m),
             fontsize=_NAME_PT,
             ha="center",
             va="center",
@@ -226,27 +268,58 @@ def _name_lines(ax: Any, grid_s: Array, pairs: tuple[PairSeparation, ...], limit
         )
 
 
+def _half_width(ax: Any, flight: FlightData, text: str) -> int:
+    """Return half the width of a text, in points of the grid."""
+    figure_pt = _POINTS_PER_INCH * float(ax.figure.get_figwidth())
+    width_share = _LETTER * _NAME_PT * len(text) / figure_pt
+    return round(0.5 * width_share * len(flight.grid_s))
+
+
+def _other_texts(ax: Any, flight: FlightData, shift_m: float) -> list[_TextPlace]:
+    """Return the places of the number of the smallest distance and of the limit's text.
+
+    Both are below what they name, at about the distance of a line's name from its line.
+    """
+    limit_m = flight.safety_distance_m
+    half_width = _half_width(ax, flight, _limit_words(limit_m))
+    middle = half_width
+    direction = -1
+    if _is_closest_early(flight):
+        middle = len(flight.grid_s) - half_width
+        direction = 1
+    texts = [_TextPlace(middle, half_width, limit_m - shift_m)]
+
+    closest = flight.closest()
+    if closest is not None:
+        pair, grid_index = closest
+        distance_m = float(pair.distance_m[grid_index])
+        half_width = _half_width(ax, flight, _distance_words(distance_m))
+        middle = grid_index + direction * half_width
+        texts.append(_TextPlace(middle, half_width, distance_m - shift_m))
+    return texts
+
+
 def _name_place(
     line_m: Array,
     others_m: Array,
-    names: Sequence[_NamePlace],
+    texts: Sequence[_TextPlace],
     *,
     half_width: int,
     shift_m: float,
-) -> _NamePlace | None:
+) -> _TextPlace | None:
     """Return the place beside a line with the most room for its name; None: there is no line.
 
     Args:
         line_m: distances (n,) of the pair.
         others_m: the other lines (k, n).
-        names: names that already stand there.
+        texts: texts that already stand there.
         half_width: half of the name's width, in points of the grid.
         shift_m: height from the line to the middle of the name.
     """
     count = len(line_m)
     margin = count // 20  # no name at the very start or end
 
-    best: _NamePlace | None = None
+    best: _TextPlace | None = None
     for grid_index in np.linspace(margin, count - 1 - margin, _PLACES).astype(int).tolist():
         window = slice(max(0, grid_index - half_width), grid_index + half_width + 1)
         own_m = line_m[window]
@@ -258,9 +331,9 @@ def _name_place(
         for middle_m in (float(own_m.max()) + shift_m, float(own_m.min()) - shift_m):
             gaps_m = np.abs(others_m[:, window] - middle_m)
             room_m = float(min(np.fmin.reduce(gaps_m, axis=None), np.fmin.reduce(to_own_m)))
-            for name in names:
-                if abs(name.grid_index - grid_index) < 2 * half_width:
-                    room_m = min(room_m, abs(name.middle_m - middle_m))
+            for text in texts:
+                if abs(text.grid_index - grid_index) < half_width + text.half_width:
+                    room_m = min(room_m, abs(text.middle_m - middle_m))
             if best is None or room_m > best.room_m:
-                best = _NamePlace(grid_index, middle_m, room_m)
+                best = _TextPlace(grid_index, half_width, middle_m, room_m)
     return best

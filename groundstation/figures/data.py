@@ -32,7 +32,7 @@ from groundstation.recording.recorded_flight import (
     is_off_ground,
     lift_off_index,
 )
-from onboard.arrays import Array, IntArray
+from onboard.arrays import Array, BoolArray, IntArray
 from onboard.config.flight_space import Outline
 from onboard.config.pair_separation import separations_m
 from onboard.config.people import Person, body_of
@@ -87,6 +87,11 @@ class Track:
             for axis in range(3)
         ]
         return np.stack(axes, -1)
+
+    def is_up_at(self, time_s: Array) -> BoolArray:
+        """Return whether the vehicle is off the ground (n,) at these times."""
+        is_up: BoolArray = at_times(self.path_time_s, self.is_up, time_s, math.inf) > 0.0
+        return is_up
 
 
 @dataclass(frozen=True, slots=True)
@@ -482,10 +487,7 @@ def _pairs(
     tracks: tuple[Track, ...], grid_s: Array, height_share: float
 ) -> tuple[PairSeparation, ...]:
     paths_enu_m = {track.name: track.path_at(grid_s) for track in tracks}
-    is_up = {
-        track.name: at_times(track.path_time_s, track.is_up, grid_s, math.inf) > 0.0
-        for track in tracks
-    }
+    is_up = {track.name: track.is_up_at(grid_s) for track in tracks}
 
     pairs = []
     for first, second in itertools.combinations(paths_enu_m, 2):

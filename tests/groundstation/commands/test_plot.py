@@ -15,11 +15,12 @@ from types import ModuleType
 import numpy as np
 import pytest
 import tomli_w
+from matplotlib.lines import Line2D
+from matplotlib.text import Annotation
 from mcap.writer import Writer
 
 from groundstation.cli import main
 from groundstation.figures import attitude, avoidance, plan_figure, record_figures, tracking
-from groundstation.figures.avoidance import _name_lines
 from groundstation.figures.data import TOPICS, FlightData, PairSeparation, from_samples
 from groundstation.figures.style import new_figure, refuse_other_picture, styled, write_figure
 from groundstation.recording.reader import Sample
@@ -491,32 +492,54 @@ def test_figures_without_a_fleet_file_say_whose_distance_they_show(
     assert reason in note
 
 
-def test_no_line_and_no_other_name_crosses_the_name_of_a_pair() -> None:
-    grid_s = np.arange(-1.0, 22.0, 0.02)
-    falling_m = np.interp(grid_s, [3.0, 6.6, 8.0, 10.0], [1.5, 0.81, 0.81, 1.6])
-    rising_m = np.interp(grid_s, [6.0, 8.0, 10.0], [1.5, 1.8, 1.6])
-    high_m = np.interp(grid_s, [3.0, 8.3, 10.0], [3.0, 0.98, 1.6])
-    pairs = (
-        PairSeparation("mav0", "mav1", falling_m),
-        PairSeparation("mav1", "mav2", rising_m),
-        PairSeparation("mav0", "mav2", high_m),
-    )
+def _texts_of_distances(flight: FlightData) -> tuple[list[Line2D], list[Annotation]]:
+    """Return lines and texts of the plot of the distances, as it is drawn for three vehicles."""
     with styled():
-        figure = new_figure(11.1, 9.2, "names")
+        figure = new_figure(11.1, 9.2, "distances")
         grid = figure.add_gridspec(3, 1, height_ratios=(1.0, 1.0, 1.5))
         ax = figure.add_subplot(grid[2, :])
-        lines = [ax.plot(grid_s, pair.distance_m)[0] for pair in pairs]
-        ax.set_xlim(grid_s[0], grid_s[-1])
-        ax.set_ylim(0.0, 3.3)
-        _name_lines(ax, grid_s, pairs, 0.8)
+        ax.set_xlim(flight.axis_s)
+        avoidance._draw_distances(ax, flight)
         figure.canvas.draw()
+    return list(ax.lines), list(ax.texts)
 
-    boxes = [name.get_window_extent() for name in ax.texts]
-    assert len(boxes) == 3
+
+@pytest.mark.parametrize(
+    ("falling", "high"),
+    [
+        (
+            ([3.0, 6.6, 8.0, 10.0], [1.5, 0.81, 0.81, 1.6]),
+            ([3.0, 8.3, 10.0], [3.0, 0.98, 1.6]),
+        ),
+        # a name would stand where the number of the smallest distance does
+        (
+            ([3.0, 6.0, 10.8, 11.5, 15.0], [1.5, 0.82, 0.79, 0.8, 1.55]),
+            ([3.0, 6.5, 9.0, 9.8, 11.0, 15.0], [3.0, 1.7, 0.9, 0.85, 1.2, 1.55]),
+        ),
+    ],
+)
+def test_no_line_and_no_other_text_crosses_the_name_of_a_pair(
+    tmp_path: Path, falling: tuple[list[float], list[float]], high: tuple[list[float], list[float]]
+) -> None:
+    write_flight(tmp_path)
+    grid_s = np.arange(-1.0, 27.0, 0.02)
+    rising_m = np.interp(grid_s, [6.0, 8.0, 10.0], [1.5, 1.8, 1.6])
+    pairs = (
+        PairSeparation("mav0", "mav1", np.interp(grid_s, *falling)),
+        PairSeparation("mav1", "mav2", rising_m),
+        PairSeparation("mav0", "mav2", np.interp(grid_s, *high)),
+    )
+    lines, texts = _texts_of_distances(
+        dataclasses.replace(flight_of(tmp_path), grid_s=grid_s, pairs=pairs)
+    )
+
+    assert len(texts) == 5  # with the limit's, and the number of the smallest distance
+    boxes = [text.get_window_extent() for text in texts]
     for index, box in enumerate(boxes):
-        for line in lines:
-            assert not box.count_contains(line.get_transform().transform(line.get_xydata()))
-        assert not box.count_overlaps(boxes[:index])
+        assert not box.count_overlaps(boxes[:index]), texts[index].get_text()
+        if "–" in texts[index].get_text():
+            for line in lines:
+                assert not box.count_contains(line.get_transform().transform(line.get_xydata()))
 
 
 @pytest.mark.parametrize(
@@ -550,6 +573,50 @@ def test_what_is_rare_in_a_long_flight_is_within_the_axis_and_what_is_beyond_it_
     end, title = drawn(170.0)
     assert end == most
     assert title.endswith(f"; the axes end below the largest value, 170.0 {unit}")
+
+
+@pytest.mark.parametrize("closest_s", [0.6, 2.0, 8.0, 14.0, 15.3])
+@pytest.mark.parametrize("closest_m", [0.75, 0.81, 0.97, 1.1])
+def test_the_number_of_the_smallest_distance_covers_no_other_text(
+    tmp_path: Path, closest_s: float, closest_m: float
+) -> None:
+    write_flight(tmp_path)
+    flight = flight_of(tmp_path)
+    near_m = np.interp(np.abs(flight.grid_s - closest_s), [0.0, 1.0], [closest_m, 1.6])
+    far_m = np.full(len(near_m), 3.0)
+    pairs = (PairSeparation("mav0", "mav1", near_m), PairSeparation("mav0", "mav2", far_m))
+
+    _, texts = _texts_of_distances(dataclasses.replace(flight, pairs=pairs))
+
+    (number,) = [text for text in texts if text.get_text() == f"{closest_m:.2f} m"]
+    others = [text for text in texts if text is not number]
+    assert any("safety distance" in text.get_text() for text in others)
+    box = number.get_window_extent()
+    assert number.axes is not None
+    assert number.axes.bbox.x0 <= box.x0 < box.x1 <= number.axes.bbox.x1
+    assert not box.count_overlaps([text.get_window_extent() for text in others])
+
+
+def test_the_nearest_neighbour_of_a_vehicle_that_stands_does_not_stretch_the_distances() -> None:
+    # of six in a row, 1.5 m apart, only the first one flies at first
+    samples = []
+    for step in range(200):
+        for index in range(6):
+            is_up = step > (20 if index == 0 else 100)
+            values = {"position_enu_m": [1.5 * index, 0.0, float(is_up)], "is_on_ground": not is_up}
+            for topic in ("tick", "truth"):
+                samples.append(Sample(f"{topic}/mav{index}", step * SECOND // 50, values))
+    flight = from_samples(samples, title="six", safety_distance_m=0.8)
+    assert flight is not None
+    assert len(flight.pairs) > avoidance.MAX_PAIRS
+
+    with styled():
+        ax = avoidance.draw(flight).axes[-1]
+    drawn_m = np.concatenate([line.get_ydata() for line in ax.lines])
+    assert np.nanmax(drawn_m) == pytest.approx(1.5)
+    lines_m = {line.get_label(): np.asarray(line.get_ydata()) for line in ax.lines}
+    assert np.isfinite(lines_m["mav0"][flight.grid_s > 0.1]).all()
+    assert "to the nearest neighbour while the vehicle flies" in ax.get_title(loc="left")
 
 
 @pytest.mark.long
