@@ -450,7 +450,7 @@ def _pairs(flight: Flight) -> list[list[Any]]:
         [
             numbers[pair.first],
             numbers[pair.second],
-            round(pair.distance_m, 4),
+            pair.distance_m,  # the page rounds it as the verdict does, to what it shows
             round(pair.stamp_ns * 1e-9, 3),
         ]
         for pair in separations(tracks, height_share).values()

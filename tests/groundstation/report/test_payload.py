@@ -11,7 +11,7 @@ import pytest
 from groundstation.recording.flight_reading import read_flight
 from groundstation.report import payload as payload_module
 from groundstation.report.payload import FIX_NUMBERS, payload
-from onboard.bus.schema import Event, Severity, Telemetry, TickSample
+from onboard.bus.schema import Event, Severity, Telemetry, TickSample, Truth
 from onboard.bus.topics import Topic
 from onboard.corrections.fix import FIX_WORDS
 from tests.groundstation.recorded import SECOND
@@ -42,6 +42,24 @@ def test_the_smallest_distance_is_found_with_its_time(folder: Path) -> None:
     assert (first, second) == (0, 1)
     assert distance_m == pytest.approx(0.9, abs=0.001)
     assert time_s == pytest.approx(5.0, abs=0.05)
+
+
+def test_the_page_has_the_smallest_distance_unrounded_so_that_it_rounds_as_the_verdict(
+    tmp_path: Path,
+) -> None:
+    # 1.4335 is a little less in binary, so it would be shown as 1.433 m
+    distance_m = 1.43353
+    told: list[Row] = []
+    for at_ns, topic, name, message in rows():
+        if isinstance(message, Truth):
+            _, _, height_m = message.position_enu_m
+            place = (distance_m * (name == "mav1"), 0.0, height_m)
+            message = msgspec.structs.replace(message, position_enu_m=place)
+        told.append((at_ns, topic, name, message))
+
+    header, _ = opened(payload(read_flight(write(tmp_path, told)), made_by="test"))
+    [[_, _, shown_m, _]] = header["pairs"]
+    assert f"{shown_m:.3f}" == f"{distance_m:.3f}" == "1.434"
 
 
 def test_distances_of_a_record_that_begins_in_flight_count(tmp_path: Path) -> None:
