@@ -53,6 +53,7 @@ CLOCK_APART_NS = 5_000_000_000
 MAX_LATE_NS = 60_000_000_000
 DAMAGED_PIECE = "A piece of the record is damaged; the flight jumps over it."
 _MAGIC = b"\x89MCAP0\r\n"
+_ZIP_MAGIC = b"PK\x03\x04"
 _GROUND = "ground"
 _MAX_METADATA_BYTES = 64 * 1024
 _Part = TypeVar("_Part")  # part of a chunk
@@ -242,7 +243,13 @@ class Timeline:
         stream = self._stream
         size = stream.seek(0, io.SEEK_END)
         stream.seek(0)
-        if stream.read(len(_MAGIC)) != _MAGIC:
+        begin = stream.read(len(_MAGIC))
+        if begin.startswith(_ZIP_MAGIC):
+            raise ConfigError(
+                f"{self.path}: this is a ZIP file. Unpack it, and give the folder of a recorded"
+                " flight."
+            )
+        if begin != _MAGIC:
             raise ConfigError(
                 f"{self.path}: this is no MCAP file. Give the folder of a recorded flight."
             )
@@ -259,13 +266,11 @@ class Timeline:
             if opcode == _DATA_END:
                 stream.seek(max(0, size - len(_MAGIC)))
                 if stream.read() != _MAGIC:
-                    self.broken = (
-                        "The record was cut off in its closing part; what was flown is whole."
-                    )
+                    self.broken = self._cut_off("in its closing part", "what was flown is whole")
                 break
             if offset + length > size:
-                self.broken = (
-                    "The record was cut off in the middle of a piece; what was before it is shown."
+                self.broken = self._cut_off(
+                    "in the middle of a piece", "what was before it is shown"
                 )
                 break
 
@@ -284,6 +289,12 @@ class Timeline:
 
             offset += length
             stream.seek(offset)
+
+    def _cut_off(self, where: str, rest: str) -> str:
+        """Return a sentence about a cut, and about the rest of the flight, if there is any."""
+        if not self._chunks:
+            return f"The record was cut off {where}."
+        return f"The record was cut off {where}; {rest}."
 
     def _read_made_by(self, data: bytes) -> None:
         """Read the metadata about the program that wrote the record; skip it if it is damaged."""

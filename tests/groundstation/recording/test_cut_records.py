@@ -139,6 +139,25 @@ def test_every_command_opens_a_cut_record_in_part_or_refuses_it_in_a_sentence(
             assert str(folder) in shown.err, (end, shown.err)
 
 
+@pytest.mark.parametrize("size", [20, 200, 1000])
+def test_nothing_is_promised_of_a_record_that_is_cut_before_its_first_whole_piece(
+    whole: Path, tmp_path: Path, size: int
+) -> None:
+    with pytest.raises(ConfigError) as refused:
+        Timeline(cut(whole, tmp_path / "cut", size))
+    assert str(refused.value).endswith(
+        "nothing of a flight can be read. The record was cut off in the middle of a piece."
+    )
+
+
+def test_a_zip_of_a_flight_is_refused_with_the_advice_to_unpack_it(
+    whole: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    packed = shutil.make_archive(str(tmp_path / "flight"), "zip", whole)
+    assert main(["log", "info", packed]) == EXIT_WRONG_INPUT
+    assert f"{packed}: this is a ZIP file. Unpack it, and give" in capsys.readouterr().err
+
+
 class SmallDisk(io.FileIO):
     """A file on a disk that has room for some bytes."""
 
