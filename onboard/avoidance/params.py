@@ -383,7 +383,7 @@ def _paper(config: LawConfig, limits: VehicleLimits) -> PaperParams:
         kappa_3_1_s=float(config.paper_kappa_3_1_s),
         kappa_4_1_s=float(config.paper_kappa_4_1_s),
         v_perp_m_s=float(config.paper_v_perp_m_s),
-        d_inf_m=float(limits.safety_distance_m),
+        d_inf_m=float(limits.safety_distance_m + config.paper_margin_m),
         turn_sign=1.0 if config.paper_turn == "eq8" else -1.0,
     )
 

@@ -532,6 +532,7 @@ def parking_distance_m(config: FleetConfig) -> float:
     d_inf = config.fleet.safety_distance_m
 
     if law.built_in == "paper":
+        d_inf += law.paper_margin_m
         return math.sqrt(d_inf**2 + d_inf * law.paper_v_perp_m_s / law.paper_kappa_3_1_s)
     if law.built_in == "off":
         return config.fleet.body_diameter_m

@@ -81,6 +81,8 @@ class LawConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     paper_kappa_3_1_s: float = 1.5  # of (18)
     paper_kappa_4_1_s: float = 1.5  # of (18)
     paper_v_perp_m_s: float = 0.1  # of (8)
+    # D_inf is the safety distance plus this, for control with steps and lags
+    paper_margin_m: float = 0.0
     paper_turn: Literal["eq8", "eq9"] = "eq8"  # which equation turns the vehicles
     # true: in simulation, it may fly more than three vehicles
     paper_force_ring: bool = False
