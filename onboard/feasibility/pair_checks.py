@@ -120,7 +120,7 @@ def _margin(fleet: FleetConfig, accuracy: Accuracy) -> Finding:
             subject = "In flight the margin will be <value>"
     else:
         of_law = " of law covey"
-        subject = "The paper's law has no margin (<value>)"
+        subject = "The paper's law keeps a margin of <value> (law.paper_margin_m)"
         # the paper's law is only for comparison, so the accuracy of a mocap is enough
         if accuracy.name == "mocap":
             refuse_below_m = 0.0
@@ -243,7 +243,7 @@ def _message_age(fleet: FleetConfig, accuracy: Accuracy) -> Finding:
     spare_m = max(0.0, margin_m - bounds.required_margin_m(accuracy, kappa_1, kappa_2))
     tolerated_s = bounds.USUAL_AGE_S + spare_m / bounds.AGE_MARGIN_M_S
 
-    # the paper's law has no margin at all; the finding "margin" already reports this
+    # the paper's law has hardly a margin; the finding "margin" already reports this
     refuse_above_s = tolerated_s
     if fleet.law.built_in == "paper":
         refuse_above_s = _NEVER_REFUSED
@@ -473,7 +473,9 @@ def effective_margin_m(fleet: FleetConfig, accuracy: Accuracy) -> float:
         accuracy: accuracy of the vehicles' estimates.
     """
     law = fleet.law
-    if law.built_in != "covey":
+    if law.built_in == "paper":
+        return law.paper_margin_m
+    if law.built_in == "off":
         return 0.0
 
     configured_m = _configured_margin_m(fleet)
