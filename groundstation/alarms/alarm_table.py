@@ -35,6 +35,7 @@ class GroundCondition(Enum):
     PROCESS_ENDED = "process ended"
     KILLED = "killed in the air"
     DISABLED_FLIES = "flies though disabled"
+    OTHER_FILE = "other fleet file than this ground"
 
 
 Kind = Condition | GroundCondition

@@ -29,6 +29,7 @@ from groundstation.alarms.alarm_table import (
     Kind,
     implied_by,
 )
+from groundstation.fleet.fleet_files import with_other_file
 from groundstation.fleet.slot_owners import out_of_service
 from groundstation.fleet.state import FleetState, LoggedEvent, VehicleView
 from onboard.bus.schema import Telemetry
@@ -155,6 +156,8 @@ class Alarms:
 
         present: dict[_Key, Alarm] = {}
         for alarm in conditions(state, self.fleet, now_ns):
+            if self.is_replay and alarm.kind is GroundCondition.OTHER_FILE:
+                continue  # the hashes of a record may be those of another version of Covey
             if self.is_replay and alarm.kind is GroundCondition.WAITING:
                 alarm = dataclasses.replace(alarm, advice=NOT_RECORDED)
             present[alarm.kind, alarm.subject] = alarm
@@ -401,6 +404,12 @@ def _of_fleet(
     }
     if len(hashes) > 1:
         yield _alarm(GroundCondition.FILES_DIFFER, "", is_flying=bool(state.airborne_names))
+
+    for name in with_other_file(state, state.vehicles, fleet, now_ns):
+        view = state.vehicles[name]
+        is_up = view.is_armed or view.is_airborne
+        if is_up or name not in replaced_or_disabled:
+            yield _alarm(GroundCondition.OTHER_FILE, name, is_flying=is_up)
 
 
 def _close_pairs(state: FleetState, limit_m: float, now_ns: int) -> Iterator[Alarm]:

@@ -50,6 +50,7 @@ from groundstation.orders.intents import (
     Takeoff,
 )
 from groundstation.orders.obstruction import explained
+from groundstation.orders.other_files import without_other_files
 from groundstation.orders.path_orders import path_orders
 from groundstation.orders.plan import (
     PlannedOrder,
@@ -269,7 +270,7 @@ class FleetClient:
             refusals = dict.fromkeys(intent.names, refusal)
             return PlannedOrder(intent, orders={}, refusals=refusals, held=self._held)
 
-        return plan_order(
+        planned = plan_order(
             intent,
             self.fleet,
             self._state,
@@ -279,6 +280,7 @@ class FleetClient:
             now_ns=self._clock_ns(),
             new_id=self.new_order_id,
         )
+        return self._without_other_files(planned)
 
     def order_paths(self, kind: PathVerb, paths: Mapping[str, PathOrder]) -> OrderResult:
         """Send each vehicle a part of its path, or the start of its path, for a mission.
@@ -302,7 +304,7 @@ class FleetClient:
         orders = path_orders(kind, paths, self.new_order_id, self.author, node, self._clock_ns())
         orders = with_heard_stamps(orders, self._state)
         planned = PlannedOrder(intent, orders=orders, refusals={}, held=self._held)
-        return self.send(planned, is_by_mission=True)
+        return self.send(self._without_other_files(planned), is_by_mission=True)
 
     def check_again(self, planned: PlannedOrder) -> PlannedOrder:
         """Check a planned order against the present fleet, and give its messages new stamps.
@@ -319,7 +321,12 @@ class FleetClient:
         if refusal is not None:
             refusals = {**dict.fromkeys(planned.orders, refusal), **planned.refusals}
             return replace(planned, orders={}, refusals=refusals)
-        return check_again(planned, self.fleet, self._state, self._clock_ns())
+        checked = check_again(planned, self.fleet, self._state, self._clock_ns())
+        return self._without_other_files(checked)
+
+    def _without_other_files(self, planned: PlannedOrder) -> PlannedOrder:
+        """Return a planned order, refused to vehicles that would fly with another fleet file."""
+        return without_other_files(planned, self.fleet, self._state, self._clock_ns())
 
     def send(self, planned: PlannedOrder, *, is_by_mission: bool = False) -> OrderResult:
         """Send a planned order without a further check; callable from any thread.

@@ -16,6 +16,7 @@ from functools import cache
 from typing import Any
 
 from groundstation.client.client import FleetClient
+from groundstation.fleet.fleet_files import has_other_file
 from groundstation.fleet.loop_lateness import WINDOW_S
 from groundstation.fleet.state import FleetState, VehicleView
 from onboard.bus.schema import Telemetry
@@ -113,31 +114,23 @@ def _place_lines(name: str, place: str) -> list[PageLine]:
 
 def _file_lines(name: str, telemetry: Telemetry, fleet: FleetConfig) -> list[PageLine]:
     """Return a line if a vehicle flies with another fleet file or another law; otherwise none."""
-    # The hash of a fleet file covers its law. For a vehicle that flies another built-in law, the
-    # hash of this file with that law is compared. A user's own law is not loaded here, because a
-    # message must not make this ground import a module.
-    compared = fleet
-    if telemetry.law in BUILT_IN and telemetry.law != fleet.law.name:
-        compared = fleet.with_law(telemetry.law)
-    own_hash = compared.config_hash
-
-    if telemetry.config_hash != own_hash:
+    if has_other_file(telemetry, fleet):
         sentence = (
             f"{name} flies with another fleet file than {fleet.path} "
-            f"({telemetry.config_hash}, here {own_hash})."
+            f"({telemetry.config_hash}, here {fleet.config_hash})."
         )
         remedy = (
             "Give the vehicle's computer this file and restart its agent, "
             "or give this command the vehicle's file."
         )
-        if telemetry.law not in BUILT_IN and telemetry.law != fleet.law.name:
-            remedy += f" If its agent was started with --law {telemetry.law}, start it without."
         return [PageLine("ground's file", False, sentence, remedy)]
 
     if telemetry.law != fleet.law.name:
         sentence = (
             f"{name} flies the law '{telemetry.law}' instead of the file's '{fleet.law.name}'."
         )
+        if telemetry.law not in BUILT_IN:
+            sentence += " So this ground cannot compare their fleet files."
         remedy = "Restart its agent without --law to fly the file's."
         return [PageLine("ground's file", True, sentence, remedy)]
 

@@ -49,7 +49,7 @@ class HeldFormation:
 
 def formation_names(fleet: FleetConfig) -> tuple[str, ...]:
     """Return the names of all formations, those with slots first."""
-    return (*fleet.formations, *fleet.shapes)
+    return tuple(dict.fromkeys((*fleet.formations, *fleet.shapes)))  # without repetitions
 
 
 def formation_files(fleet: FleetConfig) -> list[str]:
@@ -61,7 +61,7 @@ def formation_files(fleet: FleetConfig) -> list[str]:
 
 
 def formation_slots(fleet: FleetConfig, name: str) -> dict[str, Xyz]:
-    """Return the offsets of a formation as the fleet file defines it.
+    """Return the offsets of a formation as the fleet file defines it, or the mission.
 
     Args:
         fleet: the fleet file.
@@ -73,7 +73,8 @@ def formation_slots(fleet: FleetConfig, name: str) -> dict[str, Xyz]:
     Raises:
         ConfigError: the shape cannot be made, for instance because a file does not exist.
     """
-    if name in fleet.formations:
+    # a shape of the same name is that of a mission
+    if name not in fleet.shapes:
         return fleet.formations[name]
 
     shape = fleet.shapes[name]

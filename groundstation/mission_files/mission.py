@@ -83,9 +83,7 @@ def _conditions(step: MissionStep, key: str) -> Iterator[tuple[str, Until]]:
 def with_shapes(fleet: FleetConfig, shapes: Mapping[str, FormationShape]) -> FleetConfig:
     """Return the fleet with a mission's own formations as well.
 
-    A formation of the mission replaces one of the same name in the fleet file.
+    A formation of the mission counts instead of one of the same name in the fleet file. The hash of
+    the file stays, because only the ground uses shapes.
     """
-    if not shapes:
-        return fleet
-    slots = {name: slots for name, slots in fleet.formations.items() if name not in shapes}
-    return msgspec.structs.replace(fleet, formations=slots, shapes={**fleet.shapes, **shapes})
+    return msgspec.structs.replace(fleet, shapes={**fleet.shapes, **shapes})

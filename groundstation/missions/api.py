@@ -19,6 +19,7 @@ from pathlib import Path
 from typing import Literal, get_args
 
 from groundstation.client.client import FleetClient
+from groundstation.fleet.fleet_files import other_file_words, with_other_file
 from groundstation.fleet.slot_owners import vehicles_of_slots
 from groundstation.fleet.state import FleetState, Separation
 from groundstation.missions.argument_checks import check_duration, check_timeout
@@ -94,7 +95,7 @@ class Fleet(Group):
         Raises:
             ConfigError: no fleet file, or a wrong one; a state at the end that does not exist; or
                 the second connection of a script that has a verdict.
-            NotReady: a vehicle is not ready in time.
+            NotReady: a vehicle is not ready in time, see :meth:`ready`.
         """
         check_first_connection()
         _check_at_end(at_end)
@@ -267,7 +268,8 @@ class Fleet(Group):
 
         Raises:
             ConfigError: the timeout is no number.
-            NotReady: a vehicle is not ready in time, or another ground operates the fleet.
+            NotReady: a vehicle is not ready in time or has another fleet file, or another ground
+                operates the fleet.
         """
         self.ground.check_not_ended()
         check_timeout(timeout_s, "ready")
@@ -282,6 +284,9 @@ class Fleet(Group):
         # The newest telemetry says who operates, and control may not have read it yet.
         self.client.control.update(self.client.state)
         refusal = self.client.control.refusal("takeoff")
+        others = with_other_file(self.state, self.names, self.config, self.client.now_ns())
+        if refusal is None and others:
+            refusal = other_file_words(others, self.config)
         if refusal is not None:
             raise NotReady(refusal, is_anybody_heard=True)
 

@@ -138,7 +138,7 @@ def plan_order(
         grounds_m = {name: _ground_m(name, fleet, state, expected_enu_m or {}) for name in names}
         refusals = _height_refusals(grounds_m, intent.height_m, fleet)
     if intent.is_joint:
-        refusals = _refuse_jointly(refusals, names)
+        refusals = refuse_jointly(refusals, names)
 
     values = intent.message_values()
     orders = {
@@ -336,7 +336,7 @@ def check_again(
             goals_enu_m[name] = order.position_enu_m
 
     refusals = _goal_refusals(goals_enu_m, fleet, state, now_ns)
-    refusals = _refuse_jointly(refusals, planned.orders)
+    refusals = refuse_jointly(refusals, planned.orders)
 
     orders = {
         name: stamped_anew(order, now_ns)
@@ -406,7 +406,7 @@ def _deadline_ns(now_ns: int) -> int:
 # -- refusals --------------------------------------------------------------------------------------
 
 
-def _refuse_jointly(refusals: Mapping[str, str], names: Iterable[str]) -> dict[str, str]:
+def refuse_jointly(refusals: Mapping[str, str], names: Iterable[str]) -> dict[str, str]:
     """Return refusals for all vehicles if there is at least one; otherwise none."""
     if not refusals:
         return {}

@@ -86,7 +86,11 @@ class FakeBus:
         self.accept_only: set[str] = set()  # kinds of orders that are accepted and do not end
         self.orders: list[tuple[str, Order]] = []
         self.vehicles = {
-            name: telemetry(name, position_enu_m=fleet.vehicles[name].start_enu_m)
+            name: telemetry(
+                name,
+                position_enu_m=fleet.vehicles[name].start_enu_m,
+                config_hash=fleet.config_hash,
+            )
             for name in fleet.enabled_names
         }
 

@@ -44,10 +44,11 @@ class Ground3:
 
     def hear(self, vehicle: str = "mav0", **changes: object) -> None:
         self.sequence += 1
-        standing = {
-            "position_enu_m": (2.0 * self.fleet.enabled_names.index(vehicle) - 1.5, 0.0, 1.0)
+        usual = {
+            "position_enu_m": (2.0 * self.fleet.enabled_names.index(vehicle) - 1.5, 0.0, 1.0),
+            "config_hash": self.fleet.config_hash,
         }
-        heard = telemetry(vehicle, sequence=self.sequence, **{**standing, **changes})
+        heard = telemetry(vehicle, sequence=self.sequence, **{**usual, **changes})
         self.state = fleet_state.fold(self.state, heard, self.now_ns)
 
     def all_hear(self, **changes: object) -> None:
@@ -419,7 +420,11 @@ def test_the_same_alarm_of_many_vehicles_is_one_line_and_acknowledged_together(
     state = fleet_state.FleetState(views)
     for index, name in enumerate(names):
         heard = telemetry(
-            name, position_enu_m=(0.2 * index, 0.0, 0.0), is_airborne=False, battery_frac=0.1
+            name,
+            position_enu_m=(0.2 * index, 0.0, 0.0),
+            is_airborne=False,
+            battery_frac=0.1,
+            config_hash=ground.fleet.config_hash,
         )
         state = fleet_state.fold(state, heard, ground.now_ns)
     ground.alarms.update(state, ground.now_ns)
@@ -441,6 +446,7 @@ def test_a_line_of_many_vehicles_says_the_lowest_battery_also_below_ten_percent(
             position_enu_m=(0.2 * index, 0.0, 0.0),
             is_airborne=False,
             battery_frac=charge_pct / 100.0,
+            config_hash=ground.fleet.config_hash,
         )
         state = fleet_state.fold(state, heard, ground.now_ns)
     ground.alarms.update(state, ground.now_ns)

@@ -102,10 +102,13 @@ async def test_an_agent_on_a_real_bus_is_seen_ordered_and_heard(
             )
             loop.call_later(0.05, agent.publish, Topic.EVENT, "mav0", event)
 
+    own_hash = private_fleet.config_hash
+
     async def publish_for_ever() -> None:
         # like telemetry: what is sent before the bus knows its hearers is lost
         for sequence in itertools.count():
-            agent.publish(Topic.TELEMETRY, "mav0", make_telemetry("mav0", sequence=sequence))
+            told = make_telemetry("mav0", sequence=sequence, config_hash=own_hash)
+            agent.publish(Topic.TELEMETRY, "mav0", told)
             # a name that is not the key's
             agent.publish(Topic.TELEMETRY, "mav1", make_telemetry("mav2"))
             await asyncio.sleep(0.05)

@@ -117,9 +117,9 @@ class FakeClient:
     def hear(self, vehicle: str, **changes: object) -> None:
         self._sequence += 1
         roles = self.tokens.roles
-        heard = telemetry(
-            vehicle, sequence=self._sequence, operator=roles.operator, roles=roles.others, **changes
-        )
+        usual = {"operator": roles.operator, "roles": roles.others}
+        usual["config_hash"] = self.fleet.config_hash
+        heard = telemetry(vehicle, sequence=self._sequence, **{**usual, **changes})
         self.state = fleet_state.fold(self.state, heard, self.now_ns())
 
     def say(

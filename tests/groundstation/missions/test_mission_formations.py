@@ -37,7 +37,7 @@ def test_a_formation_of_a_mission_replaces_that_of_the_fleet_file(fleet: FleetCo
     assert formation_names(mission.fleet) == ("triangle",)
     heights = {north_m for _, north_m, _ in formation_slots(mission.fleet, "triangle").values()}
     assert heights == {0.0}
-    assert "triangle" in fleet.formations
+    assert mission.fleet.config_hash == fleet.config_hash, "no other file than the vehicles'"
 
 
 async def test_the_next_mission_does_not_know_the_formations_of_the_one_before(
