@@ -35,6 +35,7 @@ class GroundCondition(Enum):
     PROCESS_ENDED = "process ended"
     KILLED = "killed in the air"
     DISABLED_FLIES = "flies though disabled"
+    UNLISTED = "not in this ground's fleet file"
     OTHER_FILE = "other fleet file than this ground"
 
 

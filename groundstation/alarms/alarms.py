@@ -411,6 +411,22 @@ def _of_fleet(
         if is_up or name not in replaced_or_disabled:
             yield _alarm(GroundCondition.OTHER_FILE, name, is_flying=is_up)
 
+    for view in state.unlisted:
+        is_up = view.is_armed or view.is_airborne
+        if is_up or view.is_fresh(now_ns):
+            what = _unlisted_words(view, now_ns)
+            yield _alarm(GroundCondition.UNLISTED, plain(view.name), is_flying=is_up, what=what)
+
+
+def _unlisted_words(view: VehicleView, now_ns: int) -> str:
+    """Return what a vehicle outside the fleet file does, or did when it was heard last."""
+    state = ""
+    if view.telemetry is not None:
+        state = plain(view.telemetry.state, 20)
+    if view.is_fresh(now_ns):
+        return f"is {state}"
+    return f"is silent, and was {state}"
+
 
 def _close_pairs(state: FleetState, limit_m: float, now_ns: int) -> Iterator[Alarm]:
     """Yield every pair closer than the limit, if at least one of the two flies."""

@@ -70,6 +70,9 @@ from onboard.security.mavlink_key import mavlink_keys
 
 CONTROL_PERIOD_NS = 100_000_000
 _STARTS = ("arm", "takeoff")  # kinds of orders after which a vehicle may fly
+_LISTEN_S = (
+    0.5  # time after the start in which all vehicles are heard: they send ten times a second
+)
 _AGE_PERIOD_S = 0.2  # period at which conditions are tested even without a message, since ages grow
 
 
@@ -106,6 +109,7 @@ class FleetClient:
         self.persons_stops = 0  # number of orders to land, hold or kill that no mission gave
         self.author = author or user_name()
         self._clock_ns = clock_ns
+        self._heard_since_ns: int | None = None  # time of the first telemetry; None: none has come
         bus = bus or session(fleet)
 
         # The state, and its listeners.
@@ -545,6 +549,17 @@ class FleetClient:
 
     # -- the state ---------------------------------------------------------------------------------
 
+    async def listen(self) -> None:
+        """Wait until a vehicle that the fleet file lacks would have been heard, too.
+
+        Nothing else waits for such a vehicle. On a simulated bus there is none.
+        """
+        if self._heard_since_ns is None or self._feed.bus.is_simulated:
+            return
+        listened_s = (self._clock_ns() - self._heard_since_ns) * 1e-9
+        if listened_s < _LISTEN_S:
+            await self.wait_for(lambda state: bool(state.unlisted_up), _LISTEN_S - listened_s)
+
     async def wait_for(self, condition: Callable[[FleetState], bool], timeout_s: float) -> bool:
         """Wait until the state meets a condition.
 
@@ -582,7 +597,7 @@ class FleetClient:
             return
 
         self._excuse_silence(AFTER_STALL_S)
-        if all(view.telemetry is None for view in self._state.vehicles.values()):
+        if not self._state.is_anybody_heard:
             return
 
         sentence = (
@@ -661,6 +676,8 @@ class FleetClient:
         now_ns = self._clock_ns()
         state = fold_batch(self._state, batch, now_ns)
         self._state = state
+        if self._heard_since_ns is None and state.is_anybody_heard:
+            self._heard_since_ns = now_ns
         if now_ns >= self._control_due_ns:
             self._control_due_ns = now_ns + CONTROL_PERIOD_NS
             self.control.update(state)

@@ -105,7 +105,7 @@ async def _wait_until_heard(client: FleetClient, intent: Intent) -> None:
     # reach nobody. It waits for that if there is no other way to a vehicle.
     vehicles = [client.fleet.vehicles[name] for name in intent.names]
     if any(vehicle.direct is None for vehicle in vehicles):
-        await client.wait_for(_is_anybody_heard, CONNECT_S)
+        await client.wait_for(lambda state: state.is_anybody_heard, CONNECT_S)
     await client.wait_for(can_order, _SILENT_S)
 
 
@@ -117,10 +117,6 @@ def _below_killed(client: FleetClient, intent: Kill, state_before: FleetState) -
             vehicles[name] = state_before.vehicles[name]
     state = structs.replace(client.state, vehicles=vehicles)
     return below_words(intent.names, client.fleet, state, client.now_ns())
-
-
-def _is_anybody_heard(state: FleetState) -> bool:
-    return any(view.telemetry is not None for view in state.vehicles.values())
 
 
 def _are_all_heard(state: FleetState) -> bool:

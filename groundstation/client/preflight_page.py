@@ -16,7 +16,7 @@ from functools import cache
 from typing import Any
 
 from groundstation.client.client import FleetClient
-from groundstation.fleet.fleet_files import has_other_file
+from groundstation.fleet.fleet_files import has_other_file, unlisted_words
 from groundstation.fleet.loop_lateness import WINDOW_S
 from groundstation.fleet.state import FleetState, VehicleView
 from onboard.bus.schema import Telemetry
@@ -184,6 +184,7 @@ def pages_of(
         The page of each vehicle, with the lines that are the same for the whole fleet.
     """
     fleet_lines = [
+        *_unlisted_lines(state, fleet),
         *_version_lines(state, fleet, names),
         *_ground_key_lines(fleet),
         *_computer_lines(state),
@@ -196,6 +197,13 @@ def pages_of(
             page = replace(page, lines=(*page.lines, *fleet_lines))
         pages.append(page)
     return tuple(pages)
+
+
+def _unlisted_lines(state: FleetState, fleet: FleetConfig) -> list[PageLine]:
+    """Return a line if vehicles fly that the fleet file lacks; otherwise none."""
+    if not state.unlisted_up:
+        return []
+    return [PageLine("other vehicles", False, unlisted_words(state, fleet), "")]
 
 
 def _version_lines(state: FleetState, fleet: FleetConfig, names: Sequence[str]) -> list[PageLine]:

@@ -13,7 +13,7 @@ from groundstation.fleet.state import FleetState
 from onboard.bus.schema import Telemetry
 from onboard.config.fleet import FleetConfig
 from onboard.config.law import BUILT_IN
-from onboard.plain_text import listed
+from onboard.plain_text import listed, plain_line
 
 
 def has_other_file(telemetry: Telemetry, fleet: FleetConfig) -> bool:
@@ -75,5 +75,21 @@ def other_file_words(names: Sequence[str], fleet: FleetConfig) -> str:
     return (
         f"{listed(names)} {fly} with another fleet file than this ground's: spots, distances and "
         "the list of vehicles may differ. Land, hold and kill stay open. Give both the same file "
-        f"and start them anew; this ground's is {fleet.path}."
+        f"and version of Covey, and start them anew; this ground's file is {fleet.path}."
+    )
+
+
+def unlisted_words(state: FleetState, fleet: FleetConfig) -> str:
+    """Return why nobody flies beside armed or flying vehicles that the fleet file lacks.
+
+    Args:
+        state: the fleet as known now, with at least one such vehicle.
+        fleet: this ground's fleet file.
+    """
+    names = [plain_line(view.name) for view in state.unlisted_up]
+    lacked = "is" if len(names) == 1 else "are"
+    return (
+        f"{listed(names)} {lacked} armed or in the air, and not in this ground's fleet file: no "
+        "landing of all reaches it, and the others may not avoid it. Land it from a ground with "
+        f"its file, or start this one with that file; this ground's is {fleet.path}."
     )

@@ -51,6 +51,7 @@ from onboard.config.pair_separation import separation_m
 from onboard.tuples import Xyz
 
 MAX_EVENTS = 500
+MAX_UNLISTED = 16  # vehicles outside the fleet file that are kept: those heard last
 GROUND_STALLED = "ground_stalled"  # code of the event that the ground itself has stood still
 # code of the event that PX4 itself reports, on the ground's own link to it, that it is disarmed
 DIRECT_DISARMED = "direct_disarmed"
@@ -256,6 +257,8 @@ class FleetState(Struct, frozen=True):
 
     # in the order of the fleet file; vehicles that the file disables are added when they are heard
     vehicles: Mapping[str, VehicleView]
+    # vehicles of this fleet's name that the fleet file lacks, the last one heard at the end
+    unlisted: tuple[VehicleView, ...] = ()
     people: tuple[PersonView, ...] = ()  # in the order of the fleet file
     events: tuple[LoggedEvent, ...] = ()  # the newest MAX_EVENTS, oldest first
     nodes: frozenset[str] = frozenset()  # liveliness tokens of the bus
@@ -348,6 +351,16 @@ class FleetState(Struct, frozen=True):
         return all(view.truth is not None for view in self.vehicles.values())
 
     @property
+    def is_anybody_heard(self) -> bool:
+        """Whether any vehicle of the fleet file has sent telemetry."""
+        return any(view.telemetry is not None for view in self.vehicles.values())
+
+    @property
+    def unlisted_up(self) -> tuple[VehicleView, ...]:
+        """Vehicles that the fleet file lacks and that are armed or fly, by their last telemetry."""
+        return tuple(view for view in self.unlisted if view.is_armed or view.is_airborne)
+
+    @property
     def airborne_names(self) -> tuple[str, ...]:
         """Vehicles that fly, by their last telemetry."""
         return tuple(name for name, view in self.vehicles.items() if view.is_airborne)
@@ -391,9 +404,9 @@ def initial(fleet: FleetConfig) -> FleetState:
 def fold(state: FleetState, message: Message, now_ns: int) -> FleetState:
     """Fold one message into the state.
 
-    Messages of unknown vehicles change nothing. Repeated or overtaken messages do not either: their
-    number is equal to the last number of the same boot, or a little below it. With a new boot id
-    the numbers begin again.
+    Of vehicles that the fleet file lacks, only the telemetry is kept. Repeated or overtaken
+    messages change nothing: their number is equal to the last number of the same boot, or a little
+    below it. With a new boot id the numbers begin again.
 
     Args:
         state: fleet before the message.
@@ -546,6 +559,7 @@ def fold_telemetry(state: FleetState, received: Sequence[tuple[Telemetry, int]])
         if view is None and message.vehicle in state.disabled:
             view = VehicleView(message.vehicle)
         if view is None:
+            state = _with_unlisted(state, message, now_ns)
             continue
         if _is_repeated(view.telemetry, message, _REORDERED_TICKS):
             late += 1
@@ -579,6 +593,13 @@ def fold_telemetry(state: FleetState, received: Sequence[tuple[Telemetry, int]])
     state = replace(state, vehicles=MappingProxyType(vehicles), malformed=malformed, late=late)
     _, last_ns = received[-1]
     return _with_separation_of(state, updated, last_ns)
+
+
+def _with_unlisted(state: FleetState, message: Telemetry, now_ns: int) -> FleetState:
+    """Return the state with the telemetry of a vehicle that the fleet file lacks."""
+    others = [view for view in state.unlisted if view.name != message.vehicle]
+    view = VehicleView(message.vehicle, telemetry=message, received_ns=now_ns)
+    return replace(state, unlisted=(*others, view)[-MAX_UNLISTED:])
 
 
 def _with_separation_of(state: FleetState, updated: Set[str], now_ns: int) -> FleetState:

@@ -19,7 +19,6 @@ from pathlib import Path
 from typing import Literal, get_args
 
 from groundstation.client.client import FleetClient
-from groundstation.fleet.fleet_files import other_file_words, with_other_file
 from groundstation.fleet.slot_owners import vehicles_of_slots
 from groundstation.fleet.state import FleetState, Separation
 from groundstation.missions.argument_checks import check_duration, check_timeout
@@ -34,7 +33,7 @@ from groundstation.missions.ground import MissionGround
 from groundstation.missions.group import Group
 from groundstation.missions.landing import land_all
 from groundstation.missions.readiness import NotReady as NotReady  # missions import it from here
-from groundstation.missions.readiness import is_ready, not_ready
+from groundstation.missions.readiness import fleet_refusal, is_ready, not_ready
 from groundstation.missions.taken import Taken, stay
 from groundstation.missions.vehicle import MissionVehicle
 from groundstation.missions.vehicle_names import Vehicles, as_names
@@ -268,8 +267,8 @@ class Fleet(Group):
 
         Raises:
             ConfigError: the timeout is no number.
-            NotReady: a vehicle is not ready in time or has another fleet file, or another ground
-                operates the fleet.
+            NotReady: a vehicle is not ready in time or has another fleet file, one that this
+                ground's file lacks is armed or flies, or another ground operates the fleet.
         """
         self.ground.check_not_ended()
         check_timeout(timeout_s, "ready")
@@ -284,10 +283,11 @@ class Fleet(Group):
         # The newest telemetry says who operates, and control may not have read it yet.
         self.client.control.update(self.client.state)
         refusal = self.client.control.refusal("takeoff")
-        others = with_other_file(self.state, self.names, self.config, self.client.now_ns())
-        if refusal is None and others:
-            refusal = other_file_words(others, self.config)
-        if refusal is not None:
+        if refusal is None:
+            await self.client.listen()
+            now_ns = self.client.now_ns()
+            refusal = fleet_refusal(self.state, self.names, self.config, now_ns)
+        if refusal:
             raise NotReady(refusal, is_anybody_heard=True)
 
     def leave_out(self, *vehicles: Vehicles) -> None:

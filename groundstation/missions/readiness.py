@@ -4,7 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from groundstation.fleet.fleet_files import other_file_words, unlisted_words, with_other_file
 from groundstation.fleet.state import FleetState, VehicleView
+from onboard.config.fleet import FleetConfig
 
 READY_STATES = ("ready", "landed", "armed", "flying", "holding")
 
@@ -59,6 +61,23 @@ def not_ready(state: FleetState, names: Sequence[str], now_ns: int, timeout_s: f
 
     sentence = f"Not ready within {timeout_s:g} s. {' '.join(reasons)}"
     return NotReady(sentence, is_anybody_heard=is_anybody_heard)
+
+
+def fleet_refusal(state: FleetState, names: Sequence[str], fleet: FleetConfig, now_ns: int) -> str:
+    """Return why no flight begins with this ground's fleet file; empty if one may.
+
+    Args:
+        state: the fleet as known now.
+        names: vehicles that take part.
+        fleet: this ground's fleet file.
+        now_ns: the ground's monotonic clock [ns].
+    """
+    others = with_other_file(state, names, fleet, now_ns)
+    if others:
+        return other_file_words(others, fleet)
+    if state.unlisted_up:
+        return unlisted_words(state, fleet)
+    return ""
 
 
 def _reason(view: VehicleView, now_ns: int) -> str:

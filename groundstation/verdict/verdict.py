@@ -35,7 +35,7 @@ from onboard.exit_status import (
     EXIT_OK,
     EXIT_WRONG_INPUT,
 )
-from onboard.plain_text import listed
+from onboard.plain_text import listed, plain_line
 
 _MAX_LOOPS = 4  # the loop periods of up to this many vehicles are all stated; of more, the longest
 
@@ -188,7 +188,7 @@ def judge(
         touchdowns=touchdowns,
         collided=collided,
         nearest_person=_nearest_person(fleet, report, begin_ns),
-        is_anybody_heard=any(view.telemetry is not None for view in state.vehicles.values()),
+        is_anybody_heard=state.is_anybody_heard,
     )
 
 
@@ -208,7 +208,10 @@ def _nearest_person(
 
 
 def _landed(fleet: FleetConfig, state: FleetState) -> dict[str, bool]:
-    """Return whether each vehicle is landed and disarmed; a disabled one that rests is left out."""
+    """Return whether each vehicle is landed and disarmed; a disabled one that rests is left out.
+
+    A vehicle that the fleet file lacks is named while it is armed or flies.
+    """
     disabled = out_of_service(state)
 
     landed = {}
@@ -217,6 +220,8 @@ def _landed(fleet: FleetConfig, state: FleetState) -> dict[str, bool]:
         rests_disabled = is_landed and name in disabled
         if not rests_disabled:
             landed[name] = is_landed
+    for view in state.unlisted_up:
+        landed[plain_line(view.name)] = False
     return landed
 
 

@@ -51,8 +51,6 @@ def test_it_is_shown_counted_and_alarmed_as_soon_as_it_is_heard() -> None:
         for one in conditions(state, fleet, 5)
         if one.kind is GroundCondition.DISABLED_FLIES
     ] == ["mav2"]
-    unknown_vehicle = telemetry("nobody", sequence=1)
-    assert fleet_state.fold(state, unknown_vehicle, 6) is state
 
 
 def test_it_may_be_brought_down_and_not_flown() -> None:

@@ -148,7 +148,7 @@ async def test_it_gets_no_order_to_fly_and_every_order_that_brings_it_down(
     assert planned.orders == {}, "with it nobody flies in an order for several"
     sentence = planned.refusals["mav1"]
     assert sentence.startswith("mav1 flies with another fleet file than this ground's: spots,")
-    assert sentence.endswith(f"this ground's is {client.fleet.path}.")
+    assert sentence.endswith(f"this ground's file is {client.fleet.path}.")
 
 
 async def test_an_order_and_paths_that_were_planned_before_are_not_sent_either(

@@ -300,7 +300,11 @@ async def test_two_consoles_over_zenoh_share_one_token_and_a_crash_frees_it(
             sequence += 1
             for name, session, roles in agents:
                 message = make_telemetry(
-                    name, sequence=sequence, operator=roles.operator, roles=roles.others
+                    name,
+                    sequence=sequence,
+                    operator=roles.operator,
+                    roles=roles.others,
+                    config_hash=few.config_hash,
                 )
                 session.publish(Topic.TELEMETRY, name, message)
             await asyncio.sleep(0.05)

@@ -37,10 +37,12 @@ def crossing(fleet: FleetConfig, **more: object) -> Mission:
     return mission_from_mapping(values, path="crossing.toml", fleet=fleet)
 
 
-def second_ground(flight: Lockstep, author: str = "ada") -> FleetClient:
-    """Another ground, of another person, who does not operate yet."""
+def second_ground(
+    flight: Lockstep, author: str = "ada", fleet: FleetConfig | None = None
+) -> FleetClient:
+    """Another ground, of another person, who does not operate yet; perhaps with another file."""
     client = FleetClient(
-        flight.config,
+        flight.config if fleet is None else fleet,
         author=author,
         operates=False,
         bus=flight.simulation.bus.node("ground-2"),
