@@ -35,6 +35,7 @@ _STEPS_M = (0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0, 20.0, 50.0, 100.0, 200.0, 500.0,
 _ARROWS = "→↗↑↖←↙↓↘"  # from east, counterclockwise
 _NEAR_M = 0.12  # distance below which a vehicle hides its goal
 _NAMES_WIDTH = 90  # width from which names are written beside the numbers
+_LABEL_WIDTH = 12  # most cells of a name
 _FEW = 12  # largest number of vehicles whose names are written
 _DENSE = 40  # cells per vehicle below which only numbers are written
 _OUTSIDE = -1000  # column and row of a point that cannot be drawn
@@ -296,7 +297,8 @@ class PlanScene:
 
     window: Window
     fleet: FleetConfig
-    numbers: Mapping[str, int]  # number of each vehicle in the fleet file
+    numbers: Mapping[str, int]  # number of each vehicle in the fleet file, which gives its colour
+    labels: Mapping[str, str]  # what orders take for each vehicle: its number, or its name
     history: History
     views: Sequence[VehicleView]
     people: Sequence[PersonView]
@@ -323,6 +325,10 @@ class PlanScene:
     def number_of(self, view: VehicleView) -> int:
         """Return the number of a vehicle in the fleet file."""
         return self.numbers.get(view.name, 0)
+
+    def label_of(self, view: VehicleView) -> str:
+        """Return the text for a vehicle, which means it in an order as well."""
+        return theme.fit_name(theme.clean(self.labels.get(view.name, "?")), _LABEL_WIDTH).rstrip()
 
     def is_stale(self, view: VehicleView) -> bool:
         """Whether a vehicle is silent."""
@@ -518,12 +524,12 @@ def _draw_labels(canvas: Canvas, scene: PlanScene, too_close: set[str]) -> None:
 def _write_number(
     canvas: Canvas, scene: PlanScene, view: VehicleView, *, is_close: bool
 ) -> _Number:
-    """Write a vehicle's number: ``[1]`` is under the cursor, ``1!`` too close, ``1?`` silent.
+    """Write a vehicle's label: ``[1]`` is under the cursor, ``1!`` too close, ``1?`` silent.
 
-    In a dense fleet, numbers have the colour of the height.
+    In a dense fleet, labels have the colour of the height.
     """
     position = scene.positions_enu_m[view.name]
-    number = scene.number_of(view)
+    label = scene.label_of(view)
     if scene.is_stale(view):
         sign = "?"
         colour = FAINT
@@ -535,17 +541,17 @@ def _write_number(
         colour = theme.height_colour(position[2], scene.fleet.fleet.geofence_m.z)
     else:
         sign = ""
-        colour = theme.vehicle_colour(number)
+        colour = theme.vehicle_colour(scene.number_of(view))
 
     column, row = scene.window.cell(*position[:2])
     if view.name == scene.selected:
-        text = f"[{number}]{sign}"
+        text = f"[{label}]{sign}"
         column -= 1
     elif view.name in scene.marked:
-        text = f"✓{number}{sign}"
+        text = f"✓{label}{sign}"
         column -= 1
     else:
-        text = f"{number}{sign}"
+        text = f"{label}{sign}"
 
     canvas.text(column, row, text, colour, bold=True)
     return _Number(column, row, len(text), view)
@@ -558,8 +564,8 @@ def _write_height(canvas: Canvas, scene: PlanScene, number: _Number, *, has_name
     is_stale = scene.is_stale(view)
 
     name = ""
-    if has_name:
-        name = f"{theme.fit_name(theme.clean(view.name), 12).rstrip()} "
+    if has_name and scene.labels.get(view.name) != view.name:
+        name = f"{theme.fit_name(theme.clean(view.name), _LABEL_WIDTH).rstrip()} "
     height = ""
     if view.telemetry and view.telemetry.is_airborne and not is_stale:
         height = f"{theme.number(position[2], 1)}m"

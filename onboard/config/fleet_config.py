@@ -370,6 +370,16 @@ class FleetConfig(msgspec.Struct, frozen=True):
         return {name: number for number, name in enumerate(self.vehicles)}
 
     @property
+    def labels(self) -> dict[str, str]:
+        """Short text for each vehicle, by which :meth:`select` selects it.
+
+        It is the number; in a fleet with numbers as names, where a number means a name, the name.
+        """
+        if any(name.isdecimal() for name in self.vehicles):
+            return {name: name for name in self.vehicles}
+        return {name: str(number) for name, number in self.numbers.items()}
+
+    @property
     def people_bodies(self) -> dict[str, str]:
         """Mocap body of each person, by name."""
         return {name: body_of(name, person) for name, person in self.people.items()}

@@ -157,12 +157,13 @@ class PreviewScreen(Dialog[PlannedOrder | None]):
         return "✔ enter sends it    esc drops it"
 
     def _goals(self, preview: OrderPreview) -> list[str]:
-        """Return a line for each vehicle: its number in the fleet file, its name, its goal."""
-        numbers = self.prepared.fleet.numbers
+        """Return a line for each vehicle: its label in the picture, its name, its goal."""
+        labels = self.prepared.fleet.labels
 
         lines = []
         for name in preview.intent.names[:_MAX_NAMED]:
-            line = f"{numbers.get(name, '?')} {name}"
+            label = labels.get(name, "?")
+            line = name if label == name else f"{label} {name}"
             leg = preview.legs.get(name)
             if leg is not None and leg.is_by_this_order:
                 x_m, y_m, z_m = leg.goal_enu_m

@@ -10,12 +10,12 @@ from groundstation.console.widgets.fleet_columns import COLUMNS, KILLED, Vehicle
 _LAST_CHARACTER = 0x10FFFF
 
 
-def is_match(row: VehicleRow | None, name: str, index: int, filter_text: str) -> bool:
+def is_match(row: VehicleRow | None, name: str, label: str, filter_text: str) -> bool:
     """Whether every word of a filter matches a vehicle.
 
-    A word of a filter is a part of the vehicle's name, a range of indices such as ``0-3``, a state,
+    A word of a filter is a part of the vehicle's name, a range of numbers such as ``0-3``, a state,
     a mode, or a condition: ``silent``, ``waiting``, ``armed``, ``airborne``, ``unready`` or
-    ``low``. A ``!`` before a word negates it.
+    ``low``. A ``!`` before a word negates it. A number means what it means in an order: ``label``.
     """
     words = [name.lower()]
     if row is None:
@@ -24,7 +24,7 @@ def is_match(row: VehicleRow | None, name: str, index: int, filter_text: str) ->
         words += row.state.split()
         words.append(row.telemetry.mode.lower())
         words += _conditions(row)
-    return all(_fits(term, words, index) for term in filter_text.lower().split())
+    return all(_fits(term, words, label) for term in filter_text.lower().split())
 
 
 def _conditions(row: VehicleRow) -> list[str]:
@@ -43,14 +43,14 @@ def _conditions(row: VehicleRow) -> list[str]:
     return [word for word, is_true in conditions.items() if is_true]
 
 
-def _fits(term: str, words: list[str], index: int) -> bool:
+def _fits(term: str, words: list[str], label: str) -> bool:
     """Whether one word of a filter matches; the first of the vehicle's words is its name."""
     if term.startswith("!") and len(term) > 1:
-        return not _fits(term[1:], words, index)
+        return not _fits(term[1:], words, label)
 
     span = re.fullmatch(r"([0-9]{1,6})-([0-9]{1,6})", term)
     if span:
-        return int(span[1]) <= index <= int(span[2])
+        return label.isdecimal() and int(span[1]) <= int(label) <= int(span[2])
 
     name, *others = words
     return term in name or any(word.startswith(term) for word in others)

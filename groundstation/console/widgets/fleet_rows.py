@@ -90,9 +90,24 @@ class RowMarks:
 
 
 def draw_row(
-    layout: RowLayout, view: VehicleView, row: VehicleRow | None, index: int, marks: RowMarks
+    layout: RowLayout,
+    view: VehicleView,
+    row: VehicleRow | None,
+    index: int,
+    label: str,
+    marks: RowMarks,
 ) -> list[Segment]:
-    """Return one row; ``row`` is None if no telemetry was received yet."""
+    """Return one row.
+
+    Args:
+        layout: the parts of a row that have room.
+        view: the vehicle.
+        row: its values; None if no telemetry was received yet.
+        index: its number in the fleet file, which gives its colour.
+        label: its number, or its name, which is not written twice.
+        marks: marks of the row besides its values.
+    """
+    number_text = "" if label == view.name else label
     tint = theme.style(theme.vehicle_colour(index), bold=True)
     if marks.is_blinking:
         tint += Style(reverse=True)
@@ -102,7 +117,7 @@ def draw_row(
     segments = [
         Segment("▌" if marks.has_cursor else " ", cursor_tint),
         Segment("✓" if marks.is_marked else " ", theme.style(CALM, bold=True)),
-        Segment(f"{index:>{layout.digits}} {name} ", tint),
+        Segment(f"{number_text:>{layout.digits}} {name} ", tint),
     ]
 
     if row is None:

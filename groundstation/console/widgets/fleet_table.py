@@ -73,6 +73,7 @@ class FleetTable(Lines, ScrollView, can_focus=True):
         self._views: list[VehicleView] = [VehicleView(name) for name in fleet.enabled_names]
         self._rows: list[VehicleView] = list(self._views)  # filtered and sorted
         self._numbers = fleet.numbers
+        self._labels = fleet.labels
         self._sorted_s = -math.inf  # time of the last sorting
         self._has_nodes = False  # whether the agents on the bus are known
         self.latched: frozenset[str] = frozenset()  # vehicles that were killed from here
@@ -330,7 +331,7 @@ class FleetTable(Lines, ScrollView, can_focus=True):
         return view.name == self._cursor and not is_new_filter
 
     def _is_match(self, view: VehicleView) -> bool:
-        return is_match(self._row(view), view.name, self._numbers.get(view.name, 0), self.filter)
+        return is_match(self._row(view), view.name, self._labels.get(view.name, "?"), self.filter)
 
     def _key(self, view: VehicleView) -> tuple[bool, float, str, int]:
         return sort_key(
@@ -461,7 +462,14 @@ class FleetTable(Lines, ScrollView, can_focus=True):
                 has_focus=self.has_focus,
                 has_nodes=self._has_nodes,
             )
-            segments = draw_row(layout, view, self._row(view), self._numbers.get(name, 0), marks)
+            segments = draw_row(
+                layout,
+                view,
+                self._row(view),
+                self._numbers.get(name, 0),
+                self._labels.get(name, "?"),
+                marks,
+            )
             lines.append(Strip(segments).adjust_cell_length(width))
 
         if hidden_words:

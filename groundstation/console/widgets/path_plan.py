@@ -50,6 +50,7 @@ class PathPlan(Lines):
         window = _window_around(points_enu_m, canvas)
 
         numbers = self.fleet.numbers
+        labels = self.fleet.labels
         colours = {
             name: theme.vehicle_colour(numbers.get(name, 0))
             for name in paths_enu_m.keys() | preview.legs.keys()
@@ -68,7 +69,7 @@ class PathPlan(Lines):
                 column, row = window.cell(*leg.goal_enu_m[:2])
                 canvas.text(column, row, "✛", colours[name], bold=True)
             column, row = window.cell(*leg.start_enu_m[:2])
-            canvas.text(column, row, str(numbers.get(name, "?")), colours[name], bold=True)
+            canvas.text(column, row, labels.get(name, "?"), colours[name], bold=True)
         return canvas.strips()
 
     def _paths(self, preview: OrderPreview) -> dict[str, Array]:

@@ -75,6 +75,15 @@ def crowd(count: int, name: str = "v{:03d}", side_m: float = 30.0) -> FleetConfi
     )
 
 
+def named_by_numbers(fleet: FleetConfig) -> FleetConfig:
+    """The fleet's three vehicles under the names 2, 1 and 0, which are not their numbers."""
+    vehicles = {
+        name: msgspec.structs.replace(vehicle, name=name)
+        for name, vehicle in zip(("2", "1", "0"), fleet.vehicles.values(), strict=True)
+    }
+    return msgspec.structs.replace(fleet, vehicles=vehicles, formations={})
+
+
 def fly(client: FakeClient, time_s: float) -> None:
     """Let every vehicle circle about its start; neighbours come close now and then."""
     fleet = client.fleet

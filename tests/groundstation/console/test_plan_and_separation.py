@@ -18,7 +18,7 @@ from groundstation.fleet.state import VehicleView, fold
 from onboard.bus.schema import MocapPose, MocapPoses
 from onboard.config.fleet import FleetConfig, Person
 from tests.groundstation.console.fake import telemetry
-from tests.groundstation.console.scenes import SteadyClient, crowd, fly
+from tests.groundstation.console.scenes import SteadyClient, crowd, fly, named_by_numbers
 from tests.groundstation.console.seeing import lines, plan_of, see, table_of
 
 
@@ -100,6 +100,30 @@ async def test_separation_shows_pairs_the_time_to_the_closest_approach_and_the_t
         assert "21 ms mav0" in shown
         assert "20 ms mav0" in shown
         assert "0.80" in shown
+
+
+async def test_vehicles_named_by_numbers_have_no_other_numbers(fleet: FleetConfig) -> None:
+    named = named_by_numbers(fleet)
+    client = SteadyClient(named)
+    app = ConsoleApp(named, client)
+    async with app.run_test(size=(240, 60)) as pilot:
+        for east_m, name in enumerate(named.vehicles):
+            client.hear(name, state="ready", is_airborne=False, position_enu_m=(east_m, 0.0, 0.0))
+        client.hear("2", position_enu_m=(0.0, 0.0, 1.0), state="flying", is_airborne=True)
+        await see(app, pilot)
+
+        rows = [line.split() for line in lines(app, FleetTable)]
+        assert ["2", "●", "flying"] in [row[1:4] for row in rows], "after the cursor"
+        assert ["1", "○", "ready"] in [row[:3] for row in rows]
+        plan = "\n".join(lines(app, PlanView))
+        assert "[2] 1.0m" in plan, "it is under the cursor"
+        assert "[0]" not in plan
+
+        await pilot.press("slash", *"1-2", "enter")
+        await see(app, pilot)
+        shown = [line for line in lines(app, FleetTable) if "ready" in line or "flying" in line]
+        assert len(shown) == 2
+        assert not any(line.split()[0] == "0" for line in shown)
 
 
 async def test_the_plan_is_north_up_and_zooms_pans_and_follows(fleet: FleetConfig) -> None:

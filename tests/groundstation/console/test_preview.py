@@ -4,18 +4,21 @@ badly.
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 
 import pytest
 
 from groundstation.console.app import ConsoleApp
 from groundstation.console.screens.preview_screen import PreviewScreen
+from groundstation.console.widgets.path_plan import PathPlan
 from groundstation.orders.forecast import Forecast
 from groundstation.orders.forecast_process import ForecastFailed
 from groundstation.orders.intents import Formation
 from onboard.config.fleet import FleetConfig
 from tests.groundstation.console.fake import FakeClient
 from tests.groundstation.console.rig import FINE, Rig
+from tests.groundstation.console.scenes import named_by_numbers
 from tests.groundstation.console.seeing import words
 
 
@@ -31,6 +34,19 @@ async def test_take_off_is_shown_first_and_sent_by_enter(rig: Rig) -> None:
         await pilot.press("enter")
         assert rig.client.ordered == ["takeoff mav0,mav1,mav2 1.2"]
         assert not isinstance(rig.app.screen, PreviewScreen)
+
+
+async def test_a_preview_of_vehicles_named_by_numbers_shows_their_names(fleet: FleetConfig) -> None:
+    rig = Rig(named_by_numbers(fleet))
+    async with rig.app.run_test(size=(100, 30)) as pilot:
+        for east_m, name in enumerate(("2", "1", "0")):
+            spot = (2.0 * east_m - 2.0, 0.0, 0.0)
+            rig.client.hear(name, state="ready", is_airborne=False, position_enu_m=spot)
+        await rig.preview(pilot, "takeoff 2 1.2")
+        assert "\n2  → -2.00 0.00 1.20 m" in f"\n{words(rig.app, 'vehicles')}"
+        picture = rig.app.screen.query_one(PathPlan)
+        drawn = "".join(picture.render_line(y).text for y in range(picture.size.height))
+        assert re.findall(r"\d", drawn)[:1] == ["2"], "the vehicle stands farthest in the west"
 
 
 async def test_a_preview_that_is_dropped_sends_nothing(rig: Rig) -> None:

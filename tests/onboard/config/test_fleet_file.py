@@ -476,6 +476,24 @@ def test_a_span_is_refused_if_only_some_of_its_numbers_are_names(
         fleet.select(text)
 
 
+@pytest.mark.parametrize(
+    ("names", "labels"),
+    [
+        (("mav0", "mav1", "mav2"), ("0", "1", "2")),
+        (("2", "1", "0"), ("2", "1", "0")),
+        (("1", "2", "3"), ("1", "2", "3")),
+        (("mav0", "0", "mav2"), ("mav0", "0", "mav2")),
+    ],
+)
+def test_a_label_means_its_vehicle_in_an_order(
+    names: tuple[str, ...], labels: tuple[str, ...]
+) -> None:
+    fleet = fleet_named(*names)
+    assert tuple(fleet.labels.values()) == labels
+    for name, label in fleet.labels.items():
+        assert fleet.select(label) == (name,)
+
+
 def test_the_paper_law_parks_no_closer_than_its_own_formula(paper: FleetConfig) -> None:
     data = paper_data()
     data["law"] = {"name": "paper", "paper_v_perp_m_s": 0.3, "paper_kappa_3_1_s": 1.0}
