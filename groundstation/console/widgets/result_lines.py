@@ -18,7 +18,7 @@ from groundstation.orders.result import OrderResult, VehicleResult
 _MAX_FAILURES_SHOWN = 3
 _LONGEST_TITLE = 34  # cells
 _ADVICE = {
-    "no answer": "Is its agent running? ctrl+l lands everybody, past silent agents too.",
+    "no answer": "In the air: ctrl+l lands everybody, past silent agents too.",
     "failed": "Look at it; hold (F6) or land (F7) it, or give the order again.",
     "timed out": (
         "It is still where it stopped: hold (F6) or land (F7) it, or give the order again."
