@@ -13,6 +13,7 @@ from typing import Any
 
 from onboard.config import fences, formation_shape, obstacles
 from onboard.config.corrections import CorrectionsConfig as CorrectionsConfig
+from onboard.config.fleet_config import HEADING_NOISE_RAD as HEADING_NOISE_RAD
 from onboard.config.fleet_config import FleetConfig as FleetConfig
 from onboard.config.fleet_config import FleetSection as FleetSection
 from onboard.config.fleet_config import Geofence as Geofence

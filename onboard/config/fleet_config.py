@@ -32,6 +32,8 @@ from onboard.tuples import Xyz
 PX4_VERSIONS = ("1.16", "1.17", "1.18")  # versions of PX4 that Covey was measured with
 
 _TICKS_PER_S = 50  # rate of the control loop
+_FUSES_HEADING = 8  # bit of EKF2_EV_CTRL
+HEADING_NOISE_RAD = 0.1  # EKF2_EVA_NOISE of a vehicle by vision, unless px4_params names another
 _MAX_QUOTED = 40  # characters of a wrong word that a sentence repeats
 # height on top of the vertical separation for hovering above each other, because the law acts 0.20
 # m early and vehicles hold their heights to about 0.05 m
@@ -203,6 +205,12 @@ class Vehicle(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     def flies_by_vision(self) -> bool:
         """Whether it flies on PX4's own position, by vision."""
         return not self.mocap_required and self.px4_position == "vision"
+
+    @property
+    def has_heading_by_vision(self) -> bool:
+        """Whether its PX4 takes the heading, too, from a camera, and so from no compass."""
+        fused = int(self.px4_params.get("EKF2_EV_CTRL", _FUSES_HEADING))
+        return self.flies_by_vision and bool(fused & _FUSES_HEADING)
 
     @property
     def lag_s(self) -> float:

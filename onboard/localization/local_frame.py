@@ -68,9 +68,9 @@ _FITS_OF_PUSH = 0.2
 _LONGEST_GAP_S = 3.5  # in a longer one the vehicle lands, and then stands where it is
 # standard deviation of a position that continues dead reckoning, per second of the gap
 _RECKONED_STD_M_S = 0.1
-# A camera whose heading differs from PX4's for this time in a flight has begun its frame anew,
-# turned. PX4 follows such a heading later, within some seconds.
-_TURNED_NS = 1_000_000_000
+# A camera whose heading differs from PX4's for this time (in two reports) has begun its frame anew,
+# turned. PX4 may follow such a heading later.
+_TURNED_NS = 250_000_000
 # After a landing, a position that continues dead reckoning with a larger one is not used.
 _STANDS_STD_M = 0.15
 
@@ -192,11 +192,22 @@ class LocalFrame:
         self._has_gap = True
         self._follow_height(snapshot)
 
-        if not is_turned or not self._has_flown:
+        if not is_turned or self._offset_enu_m is None:  # before the first heading
             self._turned_since_ns = 0
         elif self._turned_since_ns == 0:
             self._turned_since_ns = snapshot.local_position_ns
         elif snapshot.local_position_ns - self._turned_since_ns > _TURNED_NS:
+            self._is_turned = True
+
+    def turn(self, snapshot: Snapshot) -> None:
+        """Note that PX4's heading has jumped: it follows a camera that has begun its frame anew.
+
+        Before the first flight, and after a restart, PX4 aligns its heading.
+
+        Args:
+            snapshot: newest snapshot of PX4.
+        """
+        if self._has_flown and snapshot.restarts == self._restarts:
             self._is_turned = True
 
     def _follow_height(self, snapshot: Snapshot) -> None:

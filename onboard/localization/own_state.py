@@ -22,7 +22,7 @@ from onboard import vectors
 from onboard.autopilot import Snapshot
 from onboard.bus.codec import is_finite
 from onboard.bus.schema import MocapPose
-from onboard.config.fleet import CorrectionsConfig, Origin, Vehicle
+from onboard.config.fleet import HEADING_NOISE_RAD, CorrectionsConfig, Origin, Vehicle
 from onboard.config.wind_limit import largest_push_m_s2
 from onboard.corrections import fix
 from onboard.estimation import kalman, wind
@@ -51,9 +51,13 @@ _TRUSTED_S = 0.1  # an estimate without a sample newer than this is not compared
 # For positions from PX4. ACCURACIES has their slow error.
 _PX4_POSITION_STD_M = 0.05  # noise between two positions
 _PX4_JUMP_GATE_M = 1.0  # a larger innovation is a jump
-# A larger Snapshot.heading_ratio is no heading of a camera whose frame is the one at the start: 8
-# to 9 degrees with EKF2_EVA_NOISE = 0.1, which PX4 takes as a variance before v1.18.
-_LARGEST_HEADING_RATIOS = {"1.16": 0.2, "1.17": 0.2, "1.18": 0.55}
+# A camera whose heading differs by more than this from PX4's has not the frame of the start.
+_LARGEST_TURN_RAD = math.radians(8.5)
+# A heading jumps if it changes by that and more than by this rate within a short time.
+_FASTEST_TURN_RAD_S = math.radians(220.0)
+_LONGEST_ATTITUDE_GAP_S = 0.2
+_HEADING_GATE_SIGMAS = 2.6  # EKF2_HDG_GATE
+_TAKING_NOISE_AS_VARIANCE = ("1.16", "1.17")  # versions of PX4 that do so with EKF2_EVA_NOISE
 _ZERO: Xyz = (0.0, 0.0, 0.0)
 _SQRT_HALF = math.sqrt(0.5)
 
@@ -64,6 +68,16 @@ class _Sample(NamedTuple):
     position_enu_m: vectors.Vec3
     stamp_ns: int
     yaw_rad: float
+
+
+class _TimedYaw(NamedTuple):
+    """A heading that PX4 reported."""
+
+    stamp_ns: int  # of its arrival; 0: none yet
+    yaw_rad: float
+
+
+_NO_YAW = _TimedYaw(0, 0.0)
 
 
 class OwnEstimate(NamedTuple):
@@ -121,6 +135,8 @@ class OwnState:
     _has_heading: bool = False  # whether the heading offset is known
     _yaw_rad: float = 0.0  # heading of the newest sample
 
+    _attitude: _TimedYaw = _NO_YAW  # newest heading of PX4
+    _largest_heading_ratio: float = field(init=False)  # of a camera with the frame of the start
     _local_frame: LocalFrame = field(init=False)
     _local_ns: int = 0  # stamp of PX4's newest local position
     _fix_ns: int = 0  # last time at which PX4 had a fix; 0: never
@@ -131,6 +147,7 @@ class OwnState:
         # A PX4 that flies by vision does not know where on Earth its local frame begins.
         origin = self.origin if vehicle.flies_by_satellites else None
         self._local_frame = LocalFrame(vehicle.start_enu_m, origin, self.ground_at)
+        self._largest_heading_ratio = _LARGEST_TURN_RAD / _heading_gate_rad(vehicle)
         self._params = KalmanParams(
             drag_1_s=vehicle.drag_1_s,
             gust_time_s=kalman.gust_time_s(vehicle.lag_s),
@@ -337,6 +354,9 @@ class OwnState:
 
     def _queue_local_position(self, snapshot: Snapshot) -> None:
         """Queue PX4's local position, if there is a new one that PX4's estimator stands for."""
+        if self.vehicle.has_heading_by_vision and self._has_heading_jumped(snapshot):
+            self._local_frame.turn(snapshot)
+
         is_known = snapshot.is_position_known and not self.has_lost_satellites
         # a camera whose heading PX4 does not use may have begun its frame anew, turned
         is_turned = is_known and self.has_turned_camera(snapshot)
@@ -363,18 +383,32 @@ class OwnState:
             yaw_rad = yaw_from_quaternion(snapshot.quaternion_enu_flu_wxyz)
             self._queue.append(_Sample(vectors.Vec3(*position_enu_m), self._local_ns, yaw_rad))
 
-    def has_turned_camera(self, snapshot: Snapshot) -> bool:
-        """Return whether the camera's heading is missing, or differs from PX4's by some 9 degrees.
+    def _has_heading_jumped(self, snapshot: Snapshot) -> bool:
+        """Return whether PX4's heading has changed faster than a vehicle turns."""
+        before = self._attitude
+        if snapshot.attitude_ns == before.stamp_ns:
+            return False
+        yaw_rad = yaw_from_quaternion(snapshot.quaternion_enu_flu_wxyz)
+        self._attitude = _TimedYaw(snapshot.attitude_ns, yaw_rad)
 
-        Headings by cameras that PX4 fused differed by 1 degree.
+        dt_s = (snapshot.attitude_ns - before.stamp_ns) * 1e-9
+        if before.stamp_ns == 0 or dt_s > _LONGEST_ATTITUDE_GAP_S:
+            return False
+        turned_rad = abs(wrap_rad(yaw_rad - before.yaw_rad))
+        return turned_rad > _LARGEST_TURN_RAD + _FASTEST_TURN_RAD_S * dt_s
+
+    def has_turned_camera(self, snapshot: Snapshot) -> bool:
+        """Return whether the camera's heading is missing, or differs from PX4's by 8.5 degrees.
+
+        Headings by cameras that PX4 fused differed by 1 degree. Of a camera that knows no heading
+        nothing can be said: PX4 then compares a compass.
 
         Args:
             snapshot: newest snapshot of PX4.
         """
-        if not self.vehicle.flies_by_vision:
+        if not self.vehicle.has_heading_by_vision:
             return False
-        largest_ratio = _LARGEST_HEADING_RATIOS[self.vehicle.px4_version]
-        return not snapshot.heading_ratio <= largest_ratio  # also for NaN
+        return not snapshot.heading_ratio <= self._largest_heading_ratio  # also for NaN
 
     def _reckoned_position(self, snapshot: Snapshot) -> ReckonedPosition | None:
         """Return the position that a camera's position is compared with after a gap.
@@ -531,6 +565,17 @@ def normalised(pose: MocapPose) -> MocapPose:
 
 def _is_nearly_unit(norm: float) -> bool:
     return 0.9 < norm < 1.1
+
+
+def _heading_gate_rad(vehicle: Vehicle) -> float:
+    """Return the largest difference of a camera's heading that PX4 fuses; its own state is exact.
+
+    Source: PX4, ev_yaw_control.cpp of v1.16 and v1.18.
+    """
+    noise_rad = vehicle.px4_params.get("EKF2_EVA_NOISE", HEADING_NOISE_RAD)
+    if vehicle.px4_version in _TAKING_NOISE_AS_VARIANCE:
+        noise_rad = math.sqrt(noise_rad)
+    return _HEADING_GATE_SIGMAS * noise_rad
 
 
 def _is_usable(pose: MocapPose) -> bool:

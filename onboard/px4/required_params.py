@@ -11,7 +11,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 
 from onboard.autopilot import Version, plausible_version
-from onboard.config.fleet import FleetConfig, Vehicle
+from onboard.config.fleet import HEADING_NOISE_RAD, FleetConfig, Vehicle
 from onboard.px4.own_failsafes import FIRST, LAST, OwnParameter, demanded_parameters
 from onboard.safety.geofence import fence_of
 
@@ -175,6 +175,11 @@ _CAMERA = (
         accepts=(15,),
     ),
     RequiredParam(
+        "EKF2_EVA_NOISE",
+        HEADING_NOISE_RAD,
+        "what PX4 says of the odometry's heading shows a camera that has begun anew, turned [rad]",
+    ),
+    RequiredParam(
         "EKF2_GPS_CTRL",
         0,
         "PX4's position comes from the odometry alone (without bit 1: no position of satellites)",
@@ -257,8 +262,7 @@ def _for_camera(vehicle: Vehicle) -> tuple[RequiredParam, ...]:
 
     If its fleet file has PX4 fuse no heading of the odometry, PX4 needs its compass.
     """
-    fused = int(vehicle.px4_params.get("EKF2_EV_CTRL", FUSES_HEADING))
-    if fused & FUSES_HEADING:
+    if vehicle.has_heading_by_vision:
         return WITH_CAMERA
     return _CAMERA
 

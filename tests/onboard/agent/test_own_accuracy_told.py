@@ -16,10 +16,21 @@ from onboard.px4.message_parsers import PARSERS
 from tests.onboard.agent.rig import Rig, fleet
 
 
-def _rig(accuracy_m: float, px4_position: str = "gps") -> Rig:
+def _rig(
+    accuracy_m: float,
+    px4_position: str = "gps",
+    px4_params: dict[str, float] | None = None,
+    px4_version: str = "1.17",
+) -> Rig:
     whole = fleet(("mav0",))
     bare = {
-        name: msgspec.structs.replace(vehicle, mocap_required=False, px4_position=px4_position)
+        name: msgspec.structs.replace(
+            vehicle,
+            mocap_required=False,
+            px4_position=px4_position,
+            px4_version=px4_version,
+            px4_params=px4_params or vehicle.px4_params,
+        )
         for name, vehicle in whole.vehicles.items()
     }
     rig = Rig(
@@ -245,3 +256,26 @@ def test_a_vehicle_whose_px4_does_not_use_its_cameras_heading_does_not_take_off(
     rig.snapshot = msgspec.structs.replace(rig.snapshot, heading_ratio=0.05)
     rig.run(4.0)
     assert rig.order("takeoff", height_m=1.0).is_accepted
+
+
+def test_a_heading_by_a_compass_says_nothing_about_a_camera() -> None:
+    """A camera that knows no heading flies with a compass, which differs by more."""
+    rig = _rig(0.02, "vision", {"EKF2_EV_CTRL": 3})
+    rig.snapshot = msgspec.structs.replace(rig.snapshot, heading_ratio=0.7)
+    rig.run(4.0)
+    assert rig.order("takeoff", height_m=1.0).is_accepted
+
+
+@pytest.mark.parametrize(
+    ("px4_version", "noise_rad", "heading_ratio"),
+    [("1.16", 0.1, 0.2), ("1.16", 0.3, 0.12), ("1.18", 0.1, 0.62), ("1.18", 0.5, 0.13)],
+)
+def test_the_same_turn_is_noticed_whatever_noise_px4_counts_on(
+    px4_version: str, noise_rad: float, heading_ratio: float
+) -> None:
+    """PX4 compares with 2.6 times the noise, or before v1.18 times the root of it."""
+    for ratio, is_turned in ((heading_ratio, True), (0.8 * heading_ratio, False)):
+        rig = _rig(0.02, "vision", {"EKF2_EVA_NOISE": noise_rad}, px4_version=px4_version)
+        rig.snapshot = msgspec.structs.replace(rig.snapshot, heading_ratio=ratio)
+        rig.run(1.0)
+        assert rig.core.own.has_turned_camera(rig.snapshot) is is_turned

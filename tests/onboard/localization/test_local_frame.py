@@ -411,8 +411,8 @@ def test_the_wind_makes_dead_reckoning_worse_and_a_camera_more_credible(
     assert (position_enu_m[1] == pytest.approx(0.0)) is is_believed
 
 
-@pytest.mark.parametrize(("turned_s", "knows_its_place"), [(0.5, True), (2.0, False)])
-def test_a_camera_whose_heading_has_differed_from_px4s_for_long_is_not_believed_any_more(
+@pytest.mark.parametrize(("turned_s", "knows_its_place"), [(0.2, True), (0.5, False)])
+def test_a_camera_whose_heading_has_differed_from_px4s_is_not_believed_any_more(
     turned_s: float, knows_its_place: bool
 ) -> None:
     """PX4 follows its heading within some seconds, and then it looks as if all were right."""
@@ -441,3 +441,15 @@ def test_a_place_by_dead_reckoning_is_given_up_after_the_landing(
     landed = frame.take(parked(9.0, (5.0, 0.0, 0.0)))
     assert (landed is not None) is knows_its_place
     assert (frame.displaced_m > 0.0) is not knows_its_place
+
+
+@pytest.mark.parametrize("has_flown", [True, False])
+def test_a_jump_of_px4s_heading_after_the_first_take_off_turns_the_frame(has_flown: bool) -> None:
+    """PX4 follows at once a camera that says that it has begun anew."""
+    frame = LocalFrame((0.0, 0.0, 0.0), None)
+    frame.take(parked(0.0, (0.0, 0.0, 0.0)))
+    newest = flying(1.0, (0.0, 0.0, -1.0)) if has_flown else parked(1.0, (0.0, 0.0, 0.0))
+    frame.take(newest)
+    frame.turn(newest)
+    later = flying(1.1, (0.0, 0.0, -1.0)) if has_flown else parked(1.1, (0.0, 0.0, 0.0))
+    assert (frame.take(later) is None) is has_flown

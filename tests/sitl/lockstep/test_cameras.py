@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -130,3 +131,37 @@ def test_vehicles_whose_cameras_begin_anew_turned_come_down_and_keep_the_promise
     flight.run(2.0)
     for name in by_vision.enabled_names:
         assert flight.agents[name].core.preflight.not_ready
+
+
+@pytest.mark.failsafe("own position lost", step="flying")
+def test_cameras_that_say_that_they_begin_anew_turned_are_not_believed(
+    lockstep: Any, by_vision: FleetConfig
+) -> None:
+    """PX4 follows a new reset counter at once, with its heading, too."""
+    flight = lockstep(by_vision, seed=4)
+    at_s = _CROSSING_S + 1.0
+    emulator = flight.simulation.emulator
+    for index, name in enumerate(by_vision.enabled_names):
+        flight.inject(Fault("vision_turned", name, at_s=at_s, parameters={"yaw_deg": 40.0}))
+        flight.at(at_s + 0.01, partial(emulator.estimator.begin_vision_anew, index))
+    verdict = flight.fly(_crossing(by_vision))
+
+    assert not verdict.passed
+    assert verdict.closest.distance_m >= 0.8
+    assert all(flight.state.is_landed(name) for name in by_vision.enabled_names)
+
+
+@pytest.mark.parametrize("px4_version", ["1.16", "1.18"])
+def test_a_camera_that_turns_before_the_first_flight_refuses_it(
+    lockstep: Any, by_vision: FleetConfig, px4_version: str
+) -> None:
+    vehicles = {
+        name: replace(vehicle, px4_version=px4_version)
+        for name, vehicle in by_vision.vehicles.items()
+    }
+    flight = lockstep(replace(by_vision, vehicles=vehicles), seed=4)
+    flight.ready()
+    flight.inject(Fault("vision_turned", "mav1", at_s=0.0, parameters={"yaw_deg": 40.0}))
+    flight.run(12.0)
+    assert flight.agents["mav1"].core.preflight.not_ready
+    assert not flight.agents["mav0"].core.own.displaced_m
