@@ -71,6 +71,7 @@ _RECKONED_STD_M_S = 0.1
 # A camera whose heading differs from PX4's for this time (in two reports) has begun its frame anew,
 # turned. PX4 may follow such a heading later.
 _TURNED_NS = 250_000_000
+_WITHOUT_HEADING_NS = 1_000_000_000  # the same without a heading, as PX4 is for a while in any gap
 # After a landing, a position that continues dead reckoning with a larger one is not used.
 _STANDS_STD_M = 0.15
 
@@ -196,8 +197,11 @@ class LocalFrame:
             self._turned_since_ns = 0
         elif self._turned_since_ns == 0:
             self._turned_since_ns = snapshot.local_position_ns
-        elif snapshot.local_position_ns - self._turned_since_ns > _TURNED_NS:
-            self._is_turned = True
+        else:
+            turned_ns = snapshot.local_position_ns - self._turned_since_ns
+            has_no_heading = math.isnan(snapshot.heading_ratio)
+            longest_ns = _WITHOUT_HEADING_NS if has_no_heading else _TURNED_NS
+            self._is_turned |= turned_ns > longest_ns
 
     def turn(self, snapshot: Snapshot) -> None:
         """Note that PX4's heading has jumped: it follows a camera that has begun its frame anew.

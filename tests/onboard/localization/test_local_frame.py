@@ -411,16 +411,20 @@ def test_the_wind_makes_dead_reckoning_worse_and_a_camera_more_credible(
     assert (position_enu_m[1] == pytest.approx(0.0)) is is_believed
 
 
-@pytest.mark.parametrize(("turned_s", "knows_its_place"), [(0.2, True), (0.5, False)])
+@pytest.mark.parametrize(
+    ("heading_ratio", "turned_s", "knows_its_place"),
+    [(2.0, 0.2, True), (2.0, 0.5, False), (math.nan, 0.5, True), (math.nan, 1.5, False)],
+)
 def test_a_camera_whose_heading_has_differed_from_px4s_is_not_believed_any_more(
-    turned_s: float, knows_its_place: bool
+    heading_ratio: float, turned_s: float, knows_its_place: bool
 ) -> None:
     """PX4 follows its heading within some seconds, and then it looks as if all were right."""
     frame = LocalFrame((0.0, 0.0, 0.0), None)
     frame.take(parked(0.0, (0.0, 0.0, 0.0)))
     frame.take(flying(1.0, (0.0, 0.0, -1.0)))
     for tick in range(round(10 * turned_s)):
-        frame.skip(flying(1.1 + 0.1 * tick, (0.0, 0.0, -1.0)), is_turned=True)
+        turned = flying(1.1 + 0.1 * tick, (0.0, 0.0, -1.0), heading_ratio=heading_ratio)
+        frame.skip(turned, is_turned=True)
     back = flying(1.2 + turned_s, (0.1, 0.0, -1.0))
     assert (frame.take(back, _reckoned(0.0, 0.0, 1.0)) is not None) is knows_its_place
 
