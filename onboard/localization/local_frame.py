@@ -65,7 +65,7 @@ _ON_SPOT_M = 0.5
 _FITS_M = 0.3
 _FITS_M_S = 0.15
 _FITS_OF_PUSH = 0.2
-_LONGEST_GAP_S = 3.5  # in a longer one the vehicle lands, and then stands where it is
+_LONGEST_GAP_S = 4.0  # in a longer one the vehicle lands, and then stands where it is
 # standard deviation of a position that continues dead reckoning, per second of the gap
 _RECKONED_STD_M_S = 0.1
 # A camera whose heading differs from PX4's for this time (in two reports) has begun its frame anew,
@@ -122,6 +122,7 @@ class LocalFrame:
     _newest: _LocalPosition | None = None  # newest local position
     _has_gap: bool = False  # whether positions were skipped since the last one that was taken
     _turned_since_ns: int = 0  # since when the camera's heading differs from PX4's; 0: not now
+    _is_doubted: bool = False  # whether a position was believed that only the wind explained
     _is_turned: bool = False  # whether the camera has begun its frame anew, turned
     _has_flown: bool = False
     # Height of the ground on which it has stood since its last flight [m]; None: it has not yet.
@@ -256,6 +257,9 @@ class LocalFrame:
     ) -> None:
         """Keep the offset if it fits dead reckoning; otherwise continue at the reckoned position.
 
+        A position that only the wind explains is used in the air, where dead reckoning is worse
+        then, but not after the landing.
+
         Args:
             local: first local position after the gap.
             reckoned: position by the agent's dead reckoning.
@@ -263,6 +267,9 @@ class LocalFrame:
         """
         assert self._offset_enu_m is not None
         if self._fits(local, reckoned, gap_s):
+            return
+        if self._fits(local, reckoned, gap_s, push_m_s2=reckoned.push_m_s2):
+            self._is_doubted = True
             return
 
         self.jumps += 1
@@ -278,7 +285,8 @@ class LocalFrame:
         """Find out whether the place of a parked vehicle is lost.
 
         It is if PX4's local frame has moved until it had landed, or has been turned, or if it has
-        landed by a position that continued dead reckoning for long.
+        landed by a position that continued dead reckoning for long or that only the wind explained.
+        On the ground nothing has to be believed, so the wind explains nothing here.
 
         Args:
             local: newest local position.
@@ -288,7 +296,8 @@ class LocalFrame:
         """
         if self.origin is not None or self._offset_enu_m is None:
             return
-        if self._is_turned or self.offset_std_m > _STANDS_STD_M:
+        is_vague = self._is_doubted or self.offset_std_m > _STANDS_STD_M
+        if self._is_turned or is_vague:
             self._lose_place(self._fleet_position_m(local))
             return
 
@@ -307,13 +316,27 @@ class LocalFrame:
         self._has_px4_lost_it = True
         self._forget_offset()
 
-    def _fits(self, local: _LocalPosition, reckoned: ReckonedPosition, gap_s: float) -> bool:
-        """Return whether a position after a gap is where dead reckoning expects it."""
+    def _fits(
+        self,
+        local: _LocalPosition,
+        reckoned: ReckonedPosition,
+        gap_s: float,
+        *,
+        push_m_s2: float = 0.0,
+    ) -> bool:
+        """Return whether a position after a gap is where dead reckoning expects it.
+
+        Args:
+            local: first local position after the gap.
+            reckoned: position by the agent's dead reckoning.
+            gap_s: time since the last local position that was taken.
+            push_m_s2: push of the wind that may explain a difference.
+        """
         here_m = self._fleet_position_m(local)
         miss_m = math.dist(here_m[:2], reckoned.position_enu_m[:2])
 
         reckoned_s = min(gap_s, _LONGEST_GAP_S)
-        pushed_m = 0.5 * reckoned.push_m_s2 * reckoned_s * reckoned_s
+        pushed_m = 0.5 * push_m_s2 * reckoned_s * reckoned_s
         return miss_m <= _FITS_M + _FITS_M_S * reckoned_s + _FITS_OF_PUSH * pushed_m
 
     def _fleet_position_m(self, local: _LocalPosition) -> Xyz:
@@ -326,6 +349,7 @@ class LocalFrame:
     def _forget_offset(self) -> None:
         self._offset_enu_m = None
         self.offset_std_m = 0.0
+        self._is_doubted = False
 
     def _notice_restart(
         self, snapshot: Snapshot, last: _LocalPosition | None, local: _LocalPosition

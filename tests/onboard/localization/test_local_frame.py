@@ -369,17 +369,19 @@ def test_a_height_that_comes_back_with_a_jump_across_is_not_a_jump_of_the_height
     assert back == pytest.approx((0.0, 0.0, 1.0))
 
 
+@pytest.mark.parametrize("push_m_s2", [0.0, 2.0])
 @pytest.mark.parametrize(("moved_m", "knows_its_place"), [(0.2, True), (2.0, False)])
 def test_a_camera_that_begins_anew_after_the_landing_leaves_no_position(
-    moved_m: float, knows_its_place: bool
+    moved_m: float, knows_its_place: bool, push_m_s2: float
 ) -> None:
     frame = LocalFrame((0.0, 0.0, 0.0), None)
     frame.take(parked(0.0, (0.0, 0.0, 0.0)))
     frame.take(flying(1.0, (0.0, 2.0, -1.0)))
     frame.skip(flying(1.1, (0.0, 2.0, -1.0)))
     frame.skip(parked(4.0, (0.0, 2.0, 0.0)))
+    reckoned = _reckoned(2.0, 0.0, 0.0, push_m_s2=push_m_s2)
     for time_s in (30.0, 31.0):
-        back = frame.take(parked(time_s, (0.0, 2.0 - moved_m, 0.0)), _reckoned(2.0, 0.0, 0.0))
+        back = frame.take(parked(time_s, (0.0, 2.0 - moved_m, 0.0)), reckoned)
         assert (back is not None) is knows_its_place
         assert (frame.displaced_m > 0.0) is not knows_its_place
 
@@ -409,6 +411,10 @@ def test_the_wind_makes_dead_reckoning_worse_and_a_camera_more_credible(
     position_enu_m = frame.take(flying(3.0, (0.0, 0.0, -1.0)), reckoned)
     assert position_enu_m is not None
     assert (position_enu_m[1] == pytest.approx(0.0)) is is_believed
+
+    # on the ground nothing has to be believed
+    assert frame.take(parked(9.0, (0.0, 0.0, 0.0))) is None
+    assert frame.displaced_m > 0.0
 
 
 @pytest.mark.parametrize(
