@@ -339,7 +339,7 @@ def resolved(intent: Intent, fleet: FleetConfig) -> Intent:
         if not goals:
             raise ConfigError("'goals' is empty. Write goals = { mav0 = [0, 0, 1] }.")
         others = ", ".join(name for name in goals if name not in names)
-        if others:
+        if others and not is_everybody:
             raise ConfigError(
                 f"'goals' has {others}, which 'vehicles' does not name. Remove 'vehicles': the "
                 "order goes to the vehicles that have goals."

@@ -144,11 +144,10 @@ def judge(
     checks = check(expect, fleet, closest, flown.arrivals, landed, collided, fallen)
 
     is_collision = bool(collided)
-    if closest is not None and not closest.is_truth:
-        # The emulator knows which vehicles have touched. Without it a small distance shows it,
-        # unless the fleet passes above each other.
-        is_near = closest.distance_m < fleet.fleet.body_diameter_m
-        is_collision |= is_near and fleet.fleet.vertical_separation_m is None
+    if closest is not None and fleet.fleet.vertical_separation_m is None:
+        # With a vertical separation, a small distance may be between two vehicles one above the
+        # other. Then only the emulator knows which vehicles have touched.
+        is_collision = is_collision or closest.distance_m < fleet.fleet.body_diameter_m
 
     unknown_times = _unknown_times(flown, expect)
     failures = (

@@ -299,6 +299,9 @@ class FleetConfig(msgspec.Struct, frozen=True):
         # the folders of keys and laws, and the nearest router, may differ between computers
         fleet = msgspec.structs.replace(self.fleet, keys="keys", routers=())
         law = msgspec.structs.replace(self.law, folder=".")
+        law_values = msgspec.json.decode(msgspec.json.encode(law))
+        if law.paper_margin_m == 0.0:  # so that files without it keep the hash of earlier versions
+            del law_values["paper_margin_m"]
         source = ""
         if self.own_law is not None:
             source = self.own_law.source_hash
@@ -308,7 +311,7 @@ class FleetConfig(msgspec.Struct, frozen=True):
 
         parts = [
             fleet,
-            law,
+            msgspec.Raw(msgspec.json.encode(law_values)),
             source,
             self.formations,
             self.vehicles,
