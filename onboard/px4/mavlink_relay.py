@@ -18,7 +18,7 @@ from typing import NamedTuple
 from msgspec.structs import replace
 
 from onboard.autopilot import AUTOPILOT_COMPONENT, EndpointAbsentError, LinkError, Refused
-from onboard.px4.packets import Packet, Remainder, cut, is_read, packed
+from onboard.px4.packets import Packet, Remainder, cut, cut_stream, is_read, packed
 from onboard.px4.signing import SignatureVerdict, Signer
 from onboard.px4.transport import Address, Transport, open_transport
 from onboard.security.mavlink_key import signing_time
@@ -166,28 +166,25 @@ class MavlinkRelay:
 
     def _take(self, data: bytes, address: Address | None) -> None:
         """Take a datagram, or bytes from a serial device, which may end within a packet."""
-        is_serial = address is None
+        if address is not None:
+            for piece in cut(data):
+                self._take_piece(piece, address)
+            return
+
         pending = self._begun + data
         self._begun = b""
-
-        while pending:
-            remainder = Remainder(b"", is_junk=False)
-            for piece in cut(pending):
-                if isinstance(piece, Packet):
-                    self._judge(piece, address)
-                else:
-                    remainder = piece
-
+        for piece in cut_stream(pending):
             # a serial device delivers the rest of a packet later; a datagram is always complete
-            if is_serial and not remainder.is_junk:
-                self._begun = remainder.data
-            elif remainder.data:
-                self._refuse("malformed", address)
+            if isinstance(piece, Remainder) and not piece.is_junk:
+                self._begun = piece.data
+            else:
+                self._take_piece(piece, address)
 
-            # on a serial device, more packets may follow after junk
-            pending = b""
-            if is_serial and remainder.is_junk:
-                pending = _from_next_magic(remainder.data)
+    def _take_piece(self, piece: Packet | Remainder, address: Address | None) -> None:
+        if isinstance(piece, Packet):
+            self._judge(piece, address)
+        else:
+            self._refuse("malformed", address)
 
     def _judge(self, packet: Packet, address: Address | None) -> None:
         """Accept a packet, or count it as refused."""
@@ -255,15 +252,6 @@ class MavlinkRelay:
             source=_in_words(address),
             newest_ns=time.monotonic_ns(),
         )
-
-
-def _from_next_magic(data: bytes) -> bytes:
-    """Return the bytes from the next possible start of a packet; empty if there is none."""
-    indices = (data.find(b"\xfd", 1), data.find(b"\xfe", 1))
-    begins = [index for index in indices if index > 0]
-    if not begins:
-        return b""
-    return data[min(begins) :]
 
 
 def _in_words(address: Address | None) -> str:

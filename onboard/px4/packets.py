@@ -13,6 +13,7 @@ from typing import Any, NamedTuple
 
 _MAGIC_1 = 0xFE  # first byte of a packet of MAVLink 1
 _MAGIC_2 = 0xFD  # first byte of a packet of MAVLink 2
+_MAGICS = (_MAGIC_1, _MAGIC_2)
 _SIGNED = 0x01  # flag of a packet with a signature
 
 _HEADER_1_BYTES = 6
@@ -201,54 +202,100 @@ def checksum(data: bytes, seed: int) -> bytes:
 
 
 def cut(data: bytes) -> Iterator[Packet | Remainder]:
-    """Cut bytes into packets.
+    """Cut a datagram into packets.
 
-    Args:
-        data: a datagram, or bytes from a serial device, which may begin anywhere.
     Yields:
         Each packet, and finally any bytes after the last packet.
     """
     start = 0
     while start < len(data):
-        magic = data[start]
-        if magic == _MAGIC_1:
-            header_bytes = _HEADER_1_BYTES
-        elif magic == _MAGIC_2:
-            header_bytes = _HEADER_2_BYTES
-        else:
-            yield Remainder(data[start:], is_junk=True)
+        piece = _piece_at(data, start)
+        yield piece
+        if isinstance(piece, Remainder):
             return
+        start += len(piece.data)
 
-        header = data[start : start + header_bytes]
-        if len(header) < header_bytes:
-            break
 
-        _, payload_bytes, flags = header[:3]
-        is_signed = magic == _MAGIC_2 and bool(flags & _SIGNED)
-        size = header_bytes + payload_bytes + _CHECKSUM_BYTES
-        if is_signed:
-            size += SIGNATURE_BYTES
+def cut_stream(data: bytes) -> Iterator[Packet | Remainder]:
+    """Cut the bytes of a serial device, which may begin anywhere, into packets.
 
-        whole = data[start : start + size]
-        if len(whole) < size:
-            break
+    Any byte may look like the start of a packet: of the timestamps of signed packets some byte does
+    so for minutes. What looks like a packet but is none takes no other bytes with it.
 
-        ids = header[3:]  # system, component, number
-        if magic == _MAGIC_2:
-            ids = header[5:]
-        system_id, component_id, *number = ids
-        yield Packet(
-            system_id=system_id,
-            component_id=component_id,
-            number=int.from_bytes(number, "little"),
-            payload=whole[header_bytes : header_bytes + payload_bytes],
-            is_signed=is_signed,
-            data=whole,
-        )
-        start += size
+    Yields:
+        Each packet, what is junk between packets, and finally the start of a packet, if any.
+    """
+    start = 0
+    while start < len(data):
+        piece = _piece_at(data, start)
+        if isinstance(piece, Packet) and not _is_real(piece, data[start + len(piece.data) :]):
+            piece = Remainder(piece.data, is_junk=True)
+        if isinstance(piece, Remainder) and piece.is_junk:
+            piece = Remainder(data[start : _next_magic(data, start + 1)], is_junk=True)
 
-    if start < len(data):
-        yield Remainder(data[start:], is_junk=False)
+        yield piece
+        start += len(piece.data)
+
+
+def _piece_at(data: bytes, start: int) -> Packet | Remainder:
+    """Return the packet that begins at an index, or all bytes from there on if none does."""
+    rest = Remainder(data[start:], is_junk=False)
+    magic = data[start]
+    if magic == _MAGIC_1:
+        header_bytes = _HEADER_1_BYTES
+    elif magic == _MAGIC_2:
+        header_bytes = _HEADER_2_BYTES
+    else:
+        return rest._replace(is_junk=True)
+
+    header = data[start : start + header_bytes]
+    if len(header) < header_bytes:
+        return rest
+
+    _, payload_bytes, flags = header[:3]
+    is_signed = magic == _MAGIC_2 and bool(flags & _SIGNED)
+    if magic == _MAGIC_2 and flags & ~_SIGNED:  # flags that nobody knows: it cannot be read
+        return rest._replace(is_junk=True)
+
+    size = header_bytes + payload_bytes + _CHECKSUM_BYTES
+    if is_signed:
+        size += SIGNATURE_BYTES
+
+    whole = data[start : start + size]
+    if len(whole) < size:
+        return rest
+
+    ids = header[3:]  # system, component, number
+    if magic == _MAGIC_2:
+        ids = header[5:]
+    system_id, component_id, *number = ids
+    return Packet(
+        system_id=system_id,
+        component_id=component_id,
+        number=int.from_bytes(number, "little"),
+        payload=whole[header_bytes : header_bytes + payload_bytes],
+        is_signed=is_signed,
+        data=whole,
+    )
+
+
+def _is_real(packet: Packet, following: bytes) -> bool:
+    """Return whether bytes of a stream that look like a packet are one.
+
+    The checksum of a kind that is not known here cannot be checked; after a packet of such a kind,
+    another packet must begin.
+    """
+    if packet.number in _SEEDS:
+        return packet.has_right_checksum
+    return not following or following[0] in _MAGICS
+
+
+def _next_magic(data: bytes, start: int) -> int:
+    """Return the index of the next byte that may begin a packet; the length if there is none."""
+    for index in range(start, len(data)):
+        if data[index] in _MAGICS:
+            return index
+    return len(data)
 
 
 def fields_of(name: str, payload: bytes) -> dict[str, Any]:

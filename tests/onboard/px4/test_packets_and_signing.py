@@ -12,7 +12,7 @@ os.environ["MAVLINK20"] = "1"
 from pymavlink.dialects.v20 import common as mavlink
 
 from onboard.px4 import packets
-from onboard.px4.packets import READ, SENT, Packet, Remainder, cut, fields_of, packed
+from onboard.px4.packets import READ, SENT, Packet, Remainder, cut, cut_stream, fields_of, packed
 from onboard.px4.signing import SignatureVerdict, Signer
 from onboard.security.mavlink_key import signing_time
 
@@ -117,6 +117,38 @@ def test_no_bytes_stop_the_cutting_and_no_flipped_bit_passes() -> None:
                 assert verdict is not SignatureVerdict.FRESH
             elif isinstance(packet, Remainder):
                 assert packet.data
+
+
+@pytest.mark.parametrize("magic", [0xFD, 0xFE])
+@pytest.mark.parametrize("index", range(6))
+@pytest.mark.parametrize(
+    "junk",
+    [b"", b"\xfd", b"\xfd\x09noise\xfe\x03", bytes(range(256))],
+    ids=["none", "magic", "noise", "all"],
+)
+def test_no_packet_of_a_stream_is_lost_to_bytes_that_look_like_the_start_of_one(
+    junk: bytes, index: int, magic: int
+) -> None:
+    """A byte of the timestamp looks so in every packet, the fourth one for 168 s every 12 hours."""
+    stamp = bytearray(NOW.to_bytes(6, "little"))
+    stamp[index] = magic
+    end = theirs(stamp=int.from_bytes(stamp, "little"))
+    beats = [
+        bytes(mavlink.MAVLink_heartbeat_message(2, 12, 81, 0, 3, 3).pack(end)) for _ in range(20)
+    ]
+    unread = bytes(mavlink.MAVLink_altitude_message(1, *(0.5,) * 6).pack(end))
+    data = junk + unread.join(beats)
+
+    for piece_bytes in (1, 7, len(data)):
+        begun = b""
+        found = []
+        for start in range(0, len(data), piece_bytes):
+            pieces = list(cut_stream(begun + data[start : start + piece_bytes]))
+            begun = b""
+            if pieces and isinstance(pieces[-1], Remainder) and not pieces[-1].is_junk:
+                begun = pieces.pop().data
+            found += [piece.data for piece in pieces if isinstance(piece, Packet)]
+        assert [packet for packet in found if packet in beats] == beats
 
 
 def test_signatures_are_those_of_mavlink_in_both_directions() -> None:

@@ -84,8 +84,8 @@ def test_packets_are_found_in_a_stream_of_pieces_and_junk_and_answers_leave(line
         packet = line.beat()
         os.write(line.px4, junk + packet[:7])
         os.write(line.px4, packet[7:])
-        # what looks like the begin of a packet takes one packet's length of bytes with it, and what
-        # has waited too long on a busy machine is dropped
+        # what looks like the start of a packet may wait for as many bytes as it says, and what has
+        # waited too long on a busy machine is dropped
         until(lambda: len(line.let_in) >= wanted or not os.write(line.px4, line.beat()))  # noqa: B023  within this round
         until(lambda: not select.select([line.device], [], [], 0.0)[0])
     assert all(packet.is_signed == line.relay.is_signed for packet in line.let_in)
