@@ -72,6 +72,8 @@ _RECKONED_STD_M_S = 0.1
 # turned. PX4 may follow such a heading later.
 _TURNED_NS = 250_000_000
 _WITHOUT_HEADING_NS = 1_000_000_000  # the same without a heading, as PX4 is for a while in any gap
+# PX4 aligns its heading at the latest so long after its first position.
+_ALIGNING_NS = 1_000_000_000
 # After a landing, a position that continues dead reckoning with a larger one is not used.
 _STANDS_STD_M = 0.15
 
@@ -121,6 +123,8 @@ class LocalFrame:
     _last: _LocalPosition | None = None  # newest local position that was taken
     _newest: _LocalPosition | None = None  # newest local position
     _has_gap: bool = False  # whether positions were skipped since the last one that was taken
+    # since when PX4 has sent positions that were taken, without a restart of it; 0: not yet
+    _began_ns: int = 0
     _turned_since_ns: int = 0  # since when the camera's heading differs from PX4's; 0: not now
     _is_doubted: bool = False  # whether a position was believed that only the wind explained
     _is_turned: bool = False  # whether the camera has begun its frame anew, turned
@@ -152,13 +156,13 @@ class LocalFrame:
         self._last = local
 
         self._notice_restart(snapshot, last, local)
-        if snapshot.is_armed:
-            self._has_flown = True
-            self._stands_on_m = None
         anchored_m = self._anchored_offset_m(local.position_m, snapshot.global_origin)
         if self.displaced_m > 0.0 or anchored_m is None:
             return None
 
+        if snapshot.is_armed:
+            self._has_flown = True
+            self._stands_on_m = None
         is_parked = not snapshot.is_armed and snapshot.landed is Landed.ON_GROUND
         if is_parked:
             self._look_where_it_stands(local, reckoned, gap_s)
@@ -207,12 +211,15 @@ class LocalFrame:
     def turn(self, snapshot: Snapshot) -> None:
         """Note that PX4's heading has jumped: it follows a camera that has begun its frame anew.
 
-        Before the first flight, and after a restart, PX4 aligns its heading.
+        While PX4 aligns its heading, after its start, it jumps by itself.
 
         Args:
             snapshot: newest snapshot of PX4.
         """
-        if self._has_flown and snapshot.restarts == self._restarts:
+        has_restarted = snapshot.restarts != self._restarts
+        if self._began_ns == 0 or has_restarted:
+            return
+        if snapshot.local_position_ns - self._began_ns > _ALIGNING_NS:
             self._is_turned = True
 
     def _follow_height(self, snapshot: Snapshot) -> None:
@@ -296,14 +303,18 @@ class LocalFrame:
         """
         if self.origin is not None or self._offset_enu_m is None:
             return
-        is_vague = self._is_doubted or self.offset_std_m > _STANDS_STD_M
-        if self._is_turned or is_vague:
+        if self._is_place_vague:
             self._lose_place(self._fleet_position_m(local))
             return
 
         is_back = gap_s > 0.0 and self._has_flown
         if is_back and reckoned is not None and not self._fits(local, reckoned, gap_s):
             self._lose_place(reckoned.position_enu_m)
+
+    @property
+    def _is_place_vague(self) -> bool:
+        """Whether the place of this flight is not good enough for another one."""
+        return self._is_turned or self._is_doubted or self.offset_std_m > _STANDS_STD_M
 
     def _lose_place(self, likely_enu_m: Xyz) -> None:
         """Give up the place of a vehicle that stands, until it is put on its spot.
@@ -363,6 +374,9 @@ class LocalFrame:
         """
         has_restarted = snapshot.restarts != self._restarts
         self._restarts = snapshot.restarts
+        if has_restarted or self._began_ns == 0:
+            self._began_ns = local.stamp_ns
+
         if self.origin is None:
             self._look_where_it_began(snapshot, last, local, has_restarted=has_restarted)
         elif has_restarted:
@@ -402,14 +416,12 @@ class LocalFrame:
 
         if not has_restarted or not self._has_flown or last is None:
             return
-        x, y, _ = last.position_m
-        offset_x, offset_y, _ = self._offset_enu_m
-        away_m = math.dist((x + offset_x, y + offset_y), self.start_enu_m[:2])
-        self._forget_offset()
-        if away_m > _ON_SPOT_M + wandered_m:
-            self.displaced_m = away_m
-            self._has_px4_lost_it = True
+        stood_enu_m = self._fleet_position_m(last)
+        away_m = math.dist(stood_enu_m[:2], self.start_enu_m[:2])
+        if away_m > _ON_SPOT_M + wandered_m or self._is_place_vague:
+            self._lose_place(stood_enu_m)
         else:
+            self._forget_offset()
             self._has_flown = False
 
     def _parked_offset_m(self, anchored_m: Xyz, local: _LocalPosition, snapshot: Snapshot) -> Xyz:

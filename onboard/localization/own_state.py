@@ -57,6 +57,7 @@ _LARGEST_TURN_RAD = math.radians(8.5)
 _FASTEST_TURN_RAD_S = math.radians(220.0)
 _LONGEST_ATTITUDE_GAP_S = 0.2
 _HEADING_GATE_SIGMAS = 2.6  # EKF2_HDG_GATE
+_LEAST_HEADING_NOISE_RAD = 0.01  # PX4 counts on no smaller one
 _TAKING_NOISE_AS_VARIANCE = ("1.16", "1.17")  # versions of PX4 that do so with EKF2_EVA_NOISE
 _ZERO: Xyz = (0.0, 0.0, 0.0)
 _SQRT_HALF = math.sqrt(0.5)
@@ -574,8 +575,8 @@ def _heading_gate_rad(vehicle: Vehicle) -> float:
     """
     noise_rad = vehicle.px4_params.get("EKF2_EVA_NOISE", HEADING_NOISE_RAD)
     if vehicle.px4_version in _TAKING_NOISE_AS_VARIANCE:
-        noise_rad = math.sqrt(noise_rad)
-    return _HEADING_GATE_SIGMAS * noise_rad
+        noise_rad = math.sqrt(max(noise_rad, 0.0))
+    return _HEADING_GATE_SIGMAS * max(noise_rad, _LEAST_HEADING_NOISE_RAD)
 
 
 def _is_usable(pose: MocapPose) -> bool:

@@ -57,6 +57,8 @@ def _position(facts: PreflightFacts, fleet: FleetConfig, vehicle: Vehicle) -> Ju
         return SKIP, {"reason": "before the clocks agree"}
     if facts.conditions & _REJECTED:
         return SKIP, {"reason": "while the mocap's samples are rejected"}
+    if facts.displaced_m > 0.0 and vehicle.flies_by_vision:
+        return "camera began anew", {"away": facts.displaced_m}
     if facts.displaced_m > 0.0:
         return "displaced", {"away": facts.displaced_m}
     if facts.is_camera_turned:

@@ -60,6 +60,7 @@ _USES_VELOCITY = 4
 _USES_YAW = 8
 
 _HEADING_GATE_SIGMAS = 2.6  # EKF2_HDG_GATE
+_LEAST_HEADING_NOISE_RAD = 0.01  # ev_yaw_control.cpp counts on no smaller one
 # Shares of a difference by which one heading of a camera corrects the estimate, the second where
 # its noise counts as a variance. PX4 v1.16 followed a turn of 40 degrees within some 5 s.
 _HEADING_GAIN = 0.1
@@ -569,11 +570,13 @@ class Emulator:
         sensors.has_gps = uses_satellites and has_receiver
         sensors.uses_vision_yaw = uses_vision_yaw
         sensors.vision_noise_m = params["EKF2_EVP_NOISE"]
-        sensors.heading_gate_rad = _HEADING_GATE_SIGMAS * params["EKF2_EVA_NOISE"]
+        heading_noise_rad = params["EKF2_EVA_NOISE"]
         sensors.heading_gain = _HEADING_GAIN
         if self.autopilots[index].version.takes_heading_noise_as_variance:
-            sensors.heading_gate_rad = _HEADING_GATE_SIGMAS * math.sqrt(params["EKF2_EVA_NOISE"])
+            heading_noise_rad = math.sqrt(max(heading_noise_rad, 0.0))
             sensors.heading_gain = _HEADING_GAIN_OF_VARIANCE
+        heading_noise_rad = max(heading_noise_rad, _LEAST_HEADING_NOISE_RAD)
+        sensors.heading_gate_rad = _HEADING_GATE_SIGMAS * heading_noise_rad
         self._set_vision_level(index, has_velocity=False)
         self._attitude_control_changed(index)
 

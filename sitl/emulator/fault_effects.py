@@ -235,11 +235,11 @@ def _gps_late(emulator: FaultyEmulator, index: int, fault: Fault, is_on: bool) -
 
 
 def _gps_drift(emulator: FaultyEmulator, index: int, fault: Fault, is_on: bool) -> None:
-    drift_ned_m_s = np.zeros(3)
+    drift_ned_m_s = None
     if is_on:
-        drift_ned_m_s[0] = fault.number("north_m_s")
-        drift_ned_m_s[1] = fault.number("east_m_s")
-        drift_ned_m_s[2] = -fault.number("up_m_s")
+        drift_ned_m_s = np.array(
+            [fault.number("north_m_s"), fault.number("east_m_s"), -fault.number("up_m_s")]
+        )
     emulator.estimator.sensors[index].gps_drift_ned_m_s = drift_ned_m_s
 
 

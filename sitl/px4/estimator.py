@@ -231,7 +231,7 @@ class Estimator:
         for index, (sensors, vehicle) in enumerate(zip(self.sensors, self._vehicles, strict=True)):
             if sensors.gps_delay_s or vehicle.late:
                 self._delay(index, sensors.gps_delay_s)
-            if vehicle.source is Source.GPS:
+            if sensors.gps_drift_ned_m_s is not None and vehicle.source is Source.GPS:
                 self.offset_ned_m[index] += PERIOD_S * sensors.gps_drift_ned_m_s
 
     def _delay(self, index: int, delay_s: float) -> None:

@@ -6,17 +6,11 @@ import math
 from collections import deque
 from dataclasses import dataclass, field
 
-import numpy as np
-
 from sitl.physics.frames import Array
 from sitl.px4.estimator_errors import GPS, VISION_DEFAULT, ErrorLevel, Source
 
 # The horizontal error in ESTIMATOR_STATUS with a source, measured on PX4 v1.18 (SIH).
 GPS_ACCURACY_M = 0.3
-
-
-def _no_drift() -> Array:
-    return np.zeros(3)
 
 
 @dataclass(slots=True)
@@ -29,7 +23,8 @@ class SensorSettings:
         gps_level: error level of the estimate with satellites.
         gps_accuracy_m: horizontal error in ESTIMATOR_STATUS with satellites.
         gps_delay_s: delay of horizontal position and velocity by satellites.
-        gps_drift_ned_m_s: drift (3,) of positions by satellites, which velocities do not show.
+        gps_drift_ned_m_s: drift (3,) of positions by satellites, which velocities do not show; None
+            if there is none.
         uses_vision_yaw: whether the parameters take the heading from vision.
         heading_gate_rad: largest difference of an external heading that is fused.
         heading_gain: share of the difference by which one heading corrects the estimate.
@@ -42,7 +37,7 @@ class SensorSettings:
     gps_level: ErrorLevel = GPS
     gps_accuracy_m: float = GPS_ACCURACY_M
     gps_delay_s: float = 0.0
-    gps_drift_ned_m_s: Array = field(default_factory=_no_drift)
+    gps_drift_ned_m_s: Array | None = None
 
     uses_vision_yaw: bool = True
     heading_gate_rad: float = 0.26

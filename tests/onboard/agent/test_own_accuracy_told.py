@@ -268,12 +268,19 @@ def test_a_heading_by_a_compass_says_nothing_about_a_camera() -> None:
 
 @pytest.mark.parametrize(
     ("px4_version", "noise_rad", "heading_ratio"),
-    [("1.16", 0.1, 0.2), ("1.16", 0.3, 0.12), ("1.18", 0.1, 0.62), ("1.18", 0.5, 0.13)],
+    [
+        ("1.16", 0.1, 0.2),
+        ("1.16", 0.3, 0.12),
+        ("1.16", -0.1, 6.0),
+        ("1.18", 0.1, 0.62),
+        ("1.18", 0.5, 0.13),
+        ("1.18", 0.0, 6.0),
+    ],
 )
 def test_the_same_turn_is_noticed_whatever_noise_px4_counts_on(
     px4_version: str, noise_rad: float, heading_ratio: float
 ) -> None:
-    """PX4 compares with 2.6 times the noise, or before v1.18 times the root of it."""
+    """PX4 compares with 2.6 times the noise, or before v1.18 times its root; 0.01 at least."""
     for ratio, is_turned in ((heading_ratio, True), (0.8 * heading_ratio, False)):
         rig = _rig(0.02, "vision", {"EKF2_EVA_NOISE": noise_rad}, px4_version=px4_version)
         rig.snapshot = msgspec.structs.replace(rig.snapshot, heading_ratio=ratio)

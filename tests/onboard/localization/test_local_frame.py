@@ -453,13 +453,43 @@ def test_a_place_by_dead_reckoning_is_given_up_after_the_landing(
     assert (frame.displaced_m > 0.0) is not knows_its_place
 
 
-@pytest.mark.parametrize("has_flown", [True, False])
-def test_a_jump_of_px4s_heading_after_the_first_take_off_turns_the_frame(has_flown: bool) -> None:
+@pytest.mark.parametrize("begin", [parked, flying])
+@pytest.mark.parametrize(
+    ("restarts", "turns_at_s", "is_turned"),
+    [(0, 0.5, False), (0, 1.5, True), (1, 50.5, False), (1, 51.5, True)],
+)
+def test_a_jump_of_px4s_heading_turns_the_frame_unless_px4_has_just_started(
+    begin: Callable[..., Snapshot], restarts: int, turns_at_s: float, is_turned: bool
+) -> None:
     """PX4 follows at once a camera that says that it has begun anew."""
     frame = LocalFrame((0.0, 0.0, 0.0), None)
     frame.take(parked(0.0, (0.0, 0.0, 0.0)))
-    newest = flying(1.0, (0.0, 0.0, -1.0)) if has_flown else parked(1.0, (0.0, 0.0, 0.0))
+    if restarts:
+        frame.take(parked(50.0, (0.0, 0.0, 0.0), restarts=restarts))
+
+    newest = begin(turns_at_s, (0.0, 0.0, 0.0), restarts=restarts)
     frame.take(newest)
     frame.turn(newest)
-    later = flying(1.1, (0.0, 0.0, -1.0)) if has_flown else parked(1.1, (0.0, 0.0, 0.0))
-    assert (frame.take(later) is None) is has_flown
+    later = begin(turns_at_s + 0.1, (0.0, 0.0, 0.0), restarts=restarts)
+    assert (frame.take(later) is None) is is_turned
+
+
+def test_a_camera_that_has_turned_before_px4_restarts_leaves_no_position() -> None:
+    frame = LocalFrame((0.0, 0.0, 0.0), None)
+    frame.take(parked(0.0, (0.0, 0.0, 0.0)))
+    flown = flying(6.0, (0.0, 0.0, -1.0))
+    frame.take(flown)
+    frame.turn(flown)
+    assert frame.take(parked(9.0, (0.0, 0.0, 0.0), restarts=1)) is None
+    assert frame.displaced_m > 0.0
+
+
+def test_flights_before_the_place_is_known_do_not_count() -> None:
+    """A pilot flies the vehicle to its spot, where PX4 restarts and its position settles."""
+    frame = LocalFrame((0.0, 0.0, 0.0), None)
+    frame.take(parked(0.0, (5.0, 0.0, 0.0)))
+    frame.take(flying(1.0, (5.0, 0.0, -1.0)))
+    assert frame.displaced_m > 0.0
+    for settling_m in (0.0, 0.3):
+        settled = parked(9.0 + settling_m, (settling_m, 0.0, 0.0), restarts=1)
+        assert frame.take(settled) == pytest.approx((0.0, 0.0, 0.0))

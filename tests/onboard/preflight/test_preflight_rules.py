@@ -25,6 +25,7 @@ from tests.architecture import tables
 FLEET = load_fleet("configs/fleets/paper.toml")
 VEHICLE = FLEET.vehicles["mav1"]
 BARE = msgspec.structs.replace(VEHICLE, mocap_required=False)
+BY_VISION = msgspec.structs.replace(BARE, px4_position="vision")
 EMULATED = msgspec.structs.replace(VEHICLE, emulated=True)
 REACHED = msgspec.structs.replace(VEHICLE, px4_version="1.18", direct="udpout://192.168.1.11:18570")
 SIGNS = msgspec.structs.replace(VEHICLE, mavlink_signing=True)
@@ -195,6 +196,10 @@ CASES: dict[tuple[str, str], tuple[dict[str, Any], str]] = {
     ("position", "displaced"): (
         {"position_age_s": 0.3, "vehicle": BARE, "displaced_m": 4.2},
         "begun anew 4.2 m from the take-off spot",
+    ),
+    ("position", "camera began anew"): (
+        {"position_age_s": 0.3, "vehicle": BY_VISION, "displaced_m": 0.1},
+        "likely 0.1 m from its take-off spot",
     ),
     ("position", "camera turned"): (
         {"position_age_s": 0.3, "vehicle": BARE, "is_camera_turned": True},

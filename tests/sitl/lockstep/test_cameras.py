@@ -128,9 +128,13 @@ def test_vehicles_whose_cameras_begin_anew_turned_come_down_and_keep_the_promise
     assert not verdict.passed
     assert verdict.closest.distance_m >= 0.8
     assert all(flight.state.is_landed(name) for name in by_vision.enabled_names)
-    flight.run(2.0)
+    # PX4 has followed the camera's heading by now, as if all were right
+    flight.run(8.0)
+    reason = "Where it stands is not known"
+    if px4_version == "1.18" and gap_s > 0.0:  # which refuses that heading for ever then
+        reason = "PX4 does not use the heading of its camera"
     for name in by_vision.enabled_names:
-        assert flight.agents[name].core.preflight.not_ready
+        assert any(reason in one for one in flight.agents[name].core.preflight.not_ready)
 
 
 @pytest.mark.failsafe("own position lost", step="flying")
@@ -149,6 +153,23 @@ def test_cameras_that_say_that_they_begin_anew_turned_are_not_believed(
     assert not verdict.passed
     assert verdict.closest.distance_m >= 0.8
     assert all(flight.state.is_landed(name) for name in by_vision.enabled_names)
+
+
+def test_a_camera_that_says_before_the_first_flight_that_it_begins_anew_turned_refuses_it(
+    lockstep: Any, by_vision: FleetConfig
+) -> None:
+    """A process that computes the odometry is restarted while the vehicle stands on its spot."""
+    flight = lockstep(by_vision, seed=4)
+    flight.ready()
+    flight.run(6.0)
+    flight.inject(Fault("vision_turned", "mav1", at_s=0.0, parameters={"yaw_deg": 40.0}))
+    index = by_vision.enabled_names.index("mav1")
+    estimator = flight.simulation.emulator.estimator
+    flight.at(flight.time_s + 0.01, partial(estimator.begin_vision_anew, index))
+    flight.run(3.0)
+    (reason,) = flight.agents["mav1"].core.preflight.not_ready
+    assert "Where it stands is not known" in reason
+    assert not flight.agents["mav0"].core.own.displaced_m
 
 
 @pytest.mark.parametrize("px4_version", ["1.16", "1.18"])
