@@ -18,6 +18,7 @@ from onboard.config.pair_separation import separation_m
 
 _TOPICS = frozenset(("tick", "telemetry", "truth", "event", "order"))
 AFTER_S = 2.0  # what is done about a silent vehicle, and most falls, come later than in a second
+
 # larger values are mentioned
 _SILENT_S = 0.2  # time since the last tick of a vehicle
 _OLD_S = 0.1  # age of a neighbour's state

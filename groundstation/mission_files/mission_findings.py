@@ -251,15 +251,12 @@ def _landed_finding(course_step: CourseStep, where: str) -> Iterator[Finding]:
     verb = "cannot"
     if not course_step.flying:  # PX4 disarms a vehicle that does not take off
         verb = "may not"
-    yield at_most(
+    yield _advice(
         name="ending",
         where=where,
-        value=float(len(course_step.flying) + len(course_step.unsure) + len(course_step.armed)),
-        bound=0.0,
-        unit="",
+        vehicle_count=len(course_step.flying) + len(course_step.unsure) + len(course_step.armed),
         sentence=f"{begin} with {' and '.join(parts)}, so it {verb} pass",
         remedy=remedy,
-        refuse_above=math.inf,
     )
 
 
@@ -304,6 +301,20 @@ def _path_time_limit(course_step: CourseStep, where: str) -> Iterator[Finding]:
     )
 
 
+def _advice(*, name: str, where: str, vehicle_count: int, sentence: str, remedy: str) -> Finding:
+    """Return a finding about some vehicles that does not refuse the mission."""
+    return at_most(
+        name=name,
+        where=where,
+        value=float(vehicle_count),
+        bound=0.0,
+        unit="",
+        sentence=sentence,
+        remedy=remedy,
+        refuse_above=math.inf,
+    )
+
+
 def _pathless_finding(fleet: FleetConfig, course_step: CourseStep, where: str) -> Iterator[Finding]:
     """Yield the finding about vehicles that fly while others follow paths, without one."""
     if course_step.branches or not course_step.is_known:
@@ -316,16 +327,13 @@ def _pathless_finding(fleet: FleetConfig, course_step: CourseStep, where: str) -
     ]
     if not pathless:
         return
-    yield at_most(
+    yield _advice(
         name="no path",
         where=where,
-        value=float(len(pathless)),
-        bound=0.0,
-        unit="",
+        vehicle_count=len(pathless),
         sentence=f"{capitalised(where)}: {', '.join(pathless)} will hover on the spot, in the "
         "air and without a path",
         remedy="Name a file for each of them in paths, or let them land before.",
-        refuse_above=math.inf,
     )
 
 
@@ -350,17 +358,14 @@ def _reaction_finding(course_step: CourseStep, where: str) -> Iterator[Finding]:
 
     react_key = next(iter(unsure.values()))
     wrong_place = "on the ground" if begins == "in air" else "in the air"
-    yield at_most(
+    yield _advice(
         name="reaction",
         where=where,
-        value=float(len(unsure)),
-        bound=0.0,
-        unit="",
+        vehicle_count=len(unsure),
         sentence=f"{capitalised(where)}: {', '.join(unsure)} may be {wrong_place}, and would "
         f"refuse it: that depends on whether the reaction of {react_key} has come",
         remedy=f"Let the steps of {react_key} and its then both end in the air, or both on the "
         "ground.",
-        refuse_above=math.inf,
     )
 
 
@@ -368,17 +373,14 @@ def _branches_findings(course_steps: Iterable[CourseStep]) -> Iterator[Finding]:
     """Yield findings about vehicles that several branches of a parallel step order."""
     for shared in shared_vehicles(course_steps):
         where = f"{shared.block} (parallel)"
-        yield at_most(
+        yield _advice(
             name="branches",
             where=where,
-            value=float(len(shared.vehicles)),
-            bound=0.0,
-            unit="",
+            vehicle_count=len(shared.vehicles),
             sentence=f"{capitalised(where)}: several branches order {', '.join(shared.vehicles)}; "
             "an order that comes while the vehicle carries out one of another branch ends that "
             "one, and the mission",
             remedy="Order each vehicle in one branch only, or before or after the parallel.",
-            refuse_above=math.inf,
         )
 
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 import math
 import re
 import tomllib
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -15,7 +16,7 @@ import pytest
 from onboard.autopilot import Version
 from onboard.config.fleet import FleetConfig
 from tests.px4.build import Px4Build
-from tests.px4.flight import break_in, end, fleet_of, flying, verdict, written
+from tests.px4.flight import Flight, break_in, end, fleet_of, flying, verdict, written
 from tests.px4.table import Table
 
 pytestmark = [pytest.mark.long, pytest.mark.timeout(900)]
@@ -59,37 +60,30 @@ def test_the_papers_mission_is_flown_by_vision(
 
 
 @pytest.mark.parametrize(
-    ("words", "lost_s"),
-    [("cut for 0.6 s", 0.6), ("cut for 2 s", 2.0), ("cut for good", math.inf)],
+    ("words", "change"),
+    [
+        ("cut for 0.6 s", lambda flight: flight.cut_poses(0.6)),
+        ("cut for 2 s", lambda flight: flight.cut_poses(2.0)),
+        ("cut for good", lambda flight: flight.cut_poses(math.inf)),
+        ("turned by 40 degrees at once", lambda flight: flight.turn_cameras(0.0)),
+        ("turned by 40 degrees after 0.6 s without", lambda flight: flight.turn_cameras(0.6)),
+    ],
 )
-def test_vehicles_that_lose_their_odometry_in_the_crossing_keep_the_promise_and_come_down(
-    build: Px4Build, table: Table, tmp_path: Path, words: str, lost_s: float
+def test_vehicles_with_bad_odometry_in_the_crossing_keep_the_promise_and_come_down(
+    build: Px4Build,
+    table: Table,
+    tmp_path: Path,
+    words: str,
+    change: Callable[[Flight], None],
 ) -> None:
+    """Odometry is lost, or its frame begins anew with another heading."""
     with flying(build, 3, tmp_path, _mission(), _by_vision) as flight:
-        break_in(flight, "formation", _CROSSING_S, lambda one: one.cut_poses(lost_s))
+        break_in(flight, "formation", _CROSSING_S, change)
         flight.wait_until_down()
         closest_m = flight.closest_m()
         down_s = flight.down_after_s()
         table.add(
             f"the odometry of all {words}",
-            f"closest {closest_m:.2f} m, all down after {down_s:.1f} s",
-        )
-        assert math.isfinite(down_s), flight.log
-        assert closest_m >= _PROMISE_M, flight.log
-
-
-@pytest.mark.parametrize(("words", "gap_s"), [("at once", 0.0), ("after 0.6 s without", 0.6)])
-def test_vehicles_whose_cameras_turn_in_the_crossing_keep_the_promise_and_come_down(
-    build: Px4Build, table: Table, tmp_path: Path, words: str, gap_s: float
-) -> None:
-    """A camera that has lost its track begins its frame anew, with another heading."""
-    with flying(build, 3, tmp_path, _mission(), _by_vision) as flight:
-        break_in(flight, "formation", _CROSSING_S, lambda one: one.turn_cameras(gap_s))
-        flight.wait_until_down()
-        closest_m = flight.closest_m()
-        down_s = flight.down_after_s()
-        table.add(
-            f"the odometry of all turned by 40 degrees {words}",
             f"closest {closest_m:.2f} m, all down after {down_s:.1f} s",
         )
         assert math.isfinite(down_s), flight.log
