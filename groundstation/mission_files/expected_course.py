@@ -13,6 +13,7 @@ The avoidance law is not simulated: durations are those of vehicles that fly alo
 
 from __future__ import annotations
 
+import contextlib
 import itertools
 import math
 from collections import Counter
@@ -35,6 +36,7 @@ from groundstation.mission_files.steps import (
     ParallelStep,
     ReactStep,
     RepeatStep,
+    Until,
     WaitStep,
 )
 from groundstation.orders.grammar import default_formation
@@ -108,6 +110,9 @@ class CourseStep:
     unsure: Mapping[str, str]
     armed: frozenset[str]  # vehicles that are armed on the ground before the step
     is_known: bool  # whether all this is certain; not after a fault
+    # vehicles that may fly or not, since another branch takes them off or lands them meanwhile, or
+    # since a condition has waited until they had landed
+    doubtful: frozenset[str] = frozenset()
     index: int = 0  # index of the mission's step that is, or contains, this one
     branches: tuple[Branch, ...] = ()  # branches that contain the step, the outermost first
     times: int = 1  # number of times that the step is flown
@@ -129,6 +134,11 @@ class CourseStep:
         if self.planned is None:
             return frozenset(self.goals)
         return frozenset(self.planned.orders)
+
+    @property
+    def may_fly_before(self) -> frozenset[str]:
+        """Vehicles that may fly before the step, if this is known at all."""
+        return self.flying.union(self.unsure, self.doubtful)
 
     @property
     def flying_after(self) -> frozenset[str]:
@@ -171,6 +181,7 @@ class _CourseFleet:
     flying: frozenset[str] = frozenset()
     unsure: Mapping[str, str] = field(default_factory=dict)
     armed: frozenset[str] = frozenset()
+    doubtful: frozenset[str] = frozenset()
     is_known: bool = True
 
 
@@ -442,6 +453,9 @@ def _course_steps(
     if isinstance(step, ReactStep):
         yield from _react_steps(fleet, step, key, course_fleet, paths_of, path)
         return
+    if isinstance(step, ParallelStep):
+        yield from _parallel_steps(fleet, step, key, course_fleet, paths_of, path)
+        return
     if isinstance(step, BlockStep):
         for inner in inner_steps(step, key):
             yield from _steps_inside(fleet, inner, course_fleet, paths_of, path)
@@ -461,8 +475,11 @@ def _course_steps(
     course_fleet.flying = course_step.flying_after
     course_fleet.unsure = course_step.unsure_after
     course_fleet.armed = course_step.armed_after
+    course_fleet.doubtful -= course_step.ordered
     if step.do == "fault":
         course_fleet.is_known = False
+    if isinstance(step, WaitStep) and step.until is not None:
+        _doubt_landed(step.until, fleet, f"{path}: '{key}.until'", course_fleet)
 
 
 def _steps_inside(
@@ -471,6 +488,70 @@ def _steps_inside(
     """Yield the steps of the course for a step inside another one."""
     for course_step in _course_steps(fleet, inner.step, inner.key, course_fleet, paths_of, path):
         yield _inside(inner, course_step)
+
+
+def _parallel_steps(
+    fleet: FleetConfig,
+    parallel: ParallelStep,
+    key: str,
+    course_fleet: _CourseFleet,
+    paths_of: PathsOf,
+    path: str,
+) -> Iterator[CourseStep]:
+    """Yield the steps of branches one branch after the other, as the file has them.
+
+    Of a vehicle that one branch takes off or lands, the others do not know whether it flies.
+    """
+    own = [_taken_off_or_landed(fleet, branch) for branch in parallel.branches]
+    inner_list = list(inner_steps(parallel, key))
+
+    for number, own_names in enumerate(own):
+        others = frozenset().union(*own[:number], *own[number + 1 :])
+        before = _state(parallel, key, course_fleet)
+
+        for inner in inner_list:
+            if inner.branch != Branch(key, number):
+                continue
+            for course_step in _steps_inside(fleet, inner, course_fleet, paths_of, path):
+                yield replace(course_step, doubtful=course_step.doubtful | others)
+        _leave_as_before(others - own_names, before, course_fleet)
+
+
+def _taken_off_or_landed(fleet: FleetConfig, steps: Iterable[MissionStep]) -> frozenset[str]:
+    """Return the vehicles that steps, and the steps inside them, take off or land."""
+    names: set[str] = set()
+    for step in steps:
+        if isinstance(step, BlockStep):
+            inside = (inner.step for inner in inner_steps(step, ""))
+            names |= _taken_off_or_landed(fleet, inside)
+        elif isinstance(step, _VerticalIntent):
+            # the course refuses unknown names where it comes to the step
+            with contextlib.suppress(ConfigError):
+                names.update(fleet.select(step.vehicles))
+    return frozenset(names)
+
+
+def _leave_as_before(names: frozenset[str], before: CourseStep, course_fleet: _CourseFleet) -> None:
+    """Let vehicles fly, or be armed, as in an earlier state."""
+    kept = {name: react for name, react in course_fleet.unsure.items() if name not in names}
+    earlier = {name: react for name, react in before.unsure.items() if name in names}
+
+    course_fleet.flying = (course_fleet.flying - names) | (before.flying & names)
+    course_fleet.armed = (course_fleet.armed - names) | (before.armed & names)
+    course_fleet.unsure = {**kept, **earlier}
+
+
+def _doubt_landed(
+    condition: Until, fleet: FleetConfig, written_key: str, course_fleet: _CourseFleet
+) -> None:
+    """Count vehicles as doubtful that are down when a condition holds, without an order."""
+    if condition.landed is None:
+        return
+    try:
+        landed = fleet.select(condition.landed)
+    except ConfigError as error:
+        raise ConfigError(f"{written_key}: {error}") from None
+    course_fleet.doubtful = course_fleet.doubtful.union(landed)
 
 
 def _react_steps(
@@ -499,6 +580,7 @@ def _react_steps(
         for name in state.flying:
             course_fleet.positions[name] = state.positions[name]
     _leave_as_in_any(states, key, course_fleet)
+    _doubt_landed(react.when, fleet, f"{path}: '{key}.when'", course_fleet)
     begins = dict(course_fleet.positions)
 
     for inner in inner_list[len(react.steps) :]:
@@ -600,6 +682,7 @@ def _state(step: MissionStep, key: str, course_fleet: _CourseFleet) -> CourseSte
         unsure=course_fleet.unsure,
         armed=course_fleet.armed,
         is_known=course_fleet.is_known,
+        doubtful=course_fleet.doubtful,
     )
 
 

@@ -3,7 +3,8 @@
 Every order is checked as if it were given at its place in the expected course. After a fault it is
 not known which vehicles fly, so the later steps are checked against the fleet file only. After a
 react, an order is refused only if its vehicles can carry it out neither with the reaction nor
-without it.
+without it. Nor is one refused to vehicles that another branch takes off or lands, or that have
+landed by a condition of the mission.
 """
 
 from __future__ import annotations
@@ -61,7 +62,7 @@ def _check_course_step(course_step: CourseStep, mission: Mission) -> None:
 
     may_fly: Collection[str] = fleet.enabled_names
     if course_step.is_known:
-        may_fly = {*course_step.flying, *course_step.unsure}
+        may_fly = course_step.may_fly_before
 
     if isinstance(step, FaultStep):
         _check_fault(step, fleet, path, key)
@@ -87,14 +88,14 @@ def _flying_problem(course_step: CourseStep, names: Sequence[str]) -> str:
     if not isinstance(step, Intent):
         return ""
 
-    may_fly = {*course_step.flying, *course_step.unsure}
-    on_ground = ", ".join(name for name in names if name not in may_fly)
+    on_ground = ", ".join(name for name in names if name not in course_step.may_fly_before)
     if step.begins == "in air" and on_ground:
         return (
             f'{on_ground} would be on the ground at this step. Put a step do = "takeoff" before it.'
         )
 
-    in_air = ", ".join(name for name in names if name in course_step.flying)
+    must_fly = course_step.flying - course_step.doubtful
+    in_air = ", ".join(name for name in names if name in must_fly)
     if step.begins == "on ground" and in_air:
         return (
             f"{in_air} would fly already at this step. "

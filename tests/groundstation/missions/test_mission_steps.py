@@ -500,6 +500,52 @@ def test_a_step_after_a_react_that_fits_neither_of_its_ends_is_refused(fleet: Fl
         make(fleet, UP, react([LAND], [HOME]), ONE_MOVE)
 
 
+HOLD = {"do": "hold", "vehicles": "mav0"}
+WATCH = [{"do": "wait", "until": {"flying": "mav0"}}, react([PAUSE], [PAUSE]), HOLD]
+
+
+@pytest.mark.parametrize("late_land", [[], [PAUSE, LAND, PAUSE]])
+def test_a_branch_may_order_vehicles_that_another_branch_takes_off_or_lands(
+    fleet: FleetConfig, late_land: list[dict[str, Any]]
+) -> None:
+    """The branches are flown side by side, so their order in the file says nothing."""
+    takes_off = [UP, PAUSE]
+    in_three = [WATCH, [UP, *late_land], [PAUSE, HOLD]]
+    for branches in ([WATCH, takes_off], [takes_off, WATCH], in_three):
+        mission = make(fleet, {"do": "parallel", "branches": branches}, LAND)
+        assert not [one for one in mission_findings(mission) if one.name in ("ending", "reaction")]
+
+    watched = make(fleet, UP, {"do": "parallel", "branches": [[PAUSE, LAND], WATCH]})
+    assert not [one for one in mission_findings(watched) if one.name == "ending"]
+
+
+def test_a_branch_is_refused_vehicles_that_no_branch_takes_off(fleet: FleetConfig) -> None:
+    up = {**UP, "vehicles": "mav1"}
+    with pytest.raises(ConfigError, match=r"branches\[0\]\[2\]' \(hold\): mav0 would be on the"):
+        make(fleet, {"do": "parallel", "branches": [WATCH, [up]]}, LAND)
+
+    side_by_side = {"do": "parallel", "branches": [WATCH, [UP]]}
+    with pytest.raises(ConfigError, match=r"'step\[1\]' \(takeoff\): .* would fly already"):
+        make(fleet, side_by_side, UP)
+
+
+def test_vehicles_may_be_down_after_a_condition_that_says_so(fleet: FleetConfig) -> None:
+    down = {"landed": "mav0"}
+    again = {**UP, "vehicles": "mav0"}
+    wait = {"do": "wait", "until": down}
+    make(fleet, UP, wait, again, LAND)
+    make(fleet, UP, wait, TURN, LAND)  # the others may go on without it
+    with pytest.raises(ConfigError, match="mav0 would fly already"):
+        make(fleet, UP, wait, again, again)
+
+    reacting_to = {**react([LONG], [PAUSE]), "when": down}
+    make(fleet, UP, reacting_to, again, LAND)
+    make(fleet, UP, {**reacting_to, "then": [again, TURN]}, LAND)
+
+    with pytest.raises(ConfigError, match=r"'step\[1\].when': .*mav9"):
+        make(fleet, UP, {**reacting_to, "when": {"landed": "mav9"}}, LAND)
+
+
 @pytest.mark.parametrize(
     ("steps", "words"),
     [
