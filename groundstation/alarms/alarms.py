@@ -340,8 +340,7 @@ def conditions(state: FleetState, fleet: FleetConfig, now_ns: int) -> list[Alarm
     alarms = list(_of_fleet(state, fleet, now_ns, replaced_or_disabled))
     is_after_stall = state.is_after_stall(now_ns)
     for view in state.vehicles.values():
-        is_at_rest = not (view.is_armed or view.is_airborne)
-        if is_at_rest and view.name in replaced_or_disabled:
+        if not view.is_up and view.name in replaced_or_disabled:
             continue  # such a vehicle is being repaired or carried about
         alarms.extend(_of_vehicle(view, fleet, now_ns, is_after_stall))
     return sorted(alarms, key=_urgency)
@@ -407,15 +406,14 @@ def _of_fleet(
 
     for name in with_other_file(state, state.vehicles, fleet, now_ns):
         view = state.vehicles[name]
-        is_up = view.is_armed or view.is_airborne
-        if is_up or name not in replaced_or_disabled:
-            yield _alarm(GroundCondition.OTHER_FILE, name, is_flying=is_up)
+        if view.is_up or name not in replaced_or_disabled:
+            yield _alarm(GroundCondition.OTHER_FILE, name, is_flying=view.is_up)
 
     for view in state.unlisted:
-        is_up = view.is_armed or view.is_airborne
-        if is_up or view.is_fresh(now_ns):
+        if view.is_up or view.is_fresh(now_ns):
             what = _unlisted_words(view, now_ns)
-            yield _alarm(GroundCondition.UNLISTED, plain(view.name), is_flying=is_up, what=what)
+            name = plain(view.name)
+            yield _alarm(GroundCondition.UNLISTED, name, is_flying=view.is_up, what=what)
 
 
 def _unlisted_words(view: VehicleView, now_ns: int) -> str:
@@ -515,7 +513,7 @@ def _is_starting(view: VehicleView, telemetry: Telemetry) -> bool:
     The telemetry's number counts the agent's ticks, so that a ground that starts later than the
     agent knows the agent's start as well.
     """
-    if view.is_armed or view.is_airborne or view.has_restarted_in_flight:
+    if view.is_up or view.has_restarted_in_flight:
         return False
     running_s = (telemetry.sequence + telemetry.missed_ticks) * TICK_S
     return running_s < START_S

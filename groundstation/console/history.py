@@ -270,11 +270,9 @@ def closest_pairs(
         relative_m_s = velocities_m_s[second[index]] - velocities_m_s[first[index]]
         approach_s = _approach_s(gaps_m[index], relative_m_s)
         closest_gap_m = gaps_m[index]
-        if math.isnan(approach_s):
-            pass  # they hover
-        elif approach_s > 0.0:
+        if approach_s > 0.0:
             closest_gap_m = closest_gap_m + approach_s * relative_m_s
-        else:
+        elif approach_s <= 0.0:  # NaN stays: they hover
             approach_s = math.inf  # they move apart
 
         pair = ClosePair(

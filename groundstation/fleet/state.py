@@ -159,7 +159,7 @@ class VehicleView(Struct, frozen=True):
         if self.seen_ns == _NEVER:
             return None
 
-        is_flying = self.is_airborne or self.is_armed
+        is_flying = self.is_up
         if self.truth is not None and self.truth_received_ns == self.seen_ns:
             is_flying = is_flying or not self.truth.is_on_ground
         return Sighting(self.name, self.seen_enu_m, self.seen_ns, is_flying)
@@ -170,7 +170,7 @@ class VehicleView(Struct, frozen=True):
         telemetry = self.telemetry
         if telemetry is None or not telemetry.is_position_valid:
             return None
-        if self.is_armed or self.is_airborne:
+        if self.is_up:
             return None
         return telemetry.position_enu_m
 
@@ -237,6 +237,11 @@ class VehicleView(Struct, frozen=True):
         if self.telemetry is None or self.is_disarmed_by_px4:
             return False
         return self.telemetry.is_airborne
+
+    @property
+    def is_up(self) -> bool:
+        """Whether the vehicle is armed or flies, by the last telemetry."""
+        return self.is_armed or self.is_airborne
 
 
 class PersonView(Struct, frozen=True):
@@ -358,7 +363,7 @@ class FleetState(Struct, frozen=True):
     @property
     def unlisted_up(self) -> tuple[VehicleView, ...]:
         """Vehicles that the fleet file lacks and that are armed or fly, by their last telemetry."""
-        return tuple(view for view in self.unlisted if view.is_armed or view.is_airborne)
+        return tuple(view for view in self.unlisted if view.is_up)
 
     @property
     def airborne_names(self) -> tuple[str, ...]:
@@ -759,7 +764,7 @@ def _was_up(view: VehicleView) -> bool:
 
     An agent that has never heard PX4 does not know this. Then the agent before it counts.
     """
-    if view.is_armed or view.is_airborne:
+    if view.is_up:
         return True
     has_heard_px4 = view.telemetry is not None and math.isfinite(view.telemetry.autopilot_age_s)
     return view.has_restarted_in_flight and not has_heard_px4

@@ -346,8 +346,7 @@ def _still_up(client: FleetClient) -> list[str]:
         longest_s = client.fleet.vehicles[name].hover_time_s
         if not longest_s:
             longest_s = _ASSUMED_FLIGHT_S
-        was_up = view.is_airborne or view.is_armed
-        if was_up and view.age_s(now_ns) <= longest_s and name not in by_hand:
+        if view.is_up and view.age_s(now_ns) <= longest_s and name not in by_hand:
             up.append(name)
     return up
 

@@ -119,7 +119,7 @@ def _in_the_way(intent: Swap, fleet: FleetConfig, state: FleetState, now_ns: int
 def _not_standing(view: VehicleView) -> str:
     """Return a sentence if a vehicle is armed or flies; empty if it stands or was never heard."""
     telemetry = view.telemetry
-    if telemetry is None or not (view.is_armed or view.is_airborne):
+    if telemetry is None or not view.is_up:
         return ""
     doing = telemetry.state if view.is_airborne else "armed"
     return f"Vehicles are swapped on the ground only, disarmed: {view.name} is {doing}."
