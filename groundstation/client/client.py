@@ -37,6 +37,7 @@ from groundstation.fleet.state import (
     fold_batch,
     initial,
     without_earlier_flights,
+    without_silent,
 )
 from groundstation.fleet.tick_stream import BusTickStream
 from groundstation.orders.grammar import OrderError, default_formation, parse
@@ -670,6 +671,16 @@ class FleetClient:
     def forget_earlier_flights(self) -> None:
         """Forget smallest distances and refused laws so far; a mission counts only its own."""
         self._state = without_earlier_flights(self._state)
+
+    def forget_silent(self, name: str) -> bool:
+        """Forget a vehicle that the fleet file lacks, if it is silent; return whether it was.
+
+        Args:
+            name: the vehicle's name as it is shown.
+        """
+        before = self._state
+        self._state = without_silent(before, name, self._clock_ns())
+        return self._state.unlisted != before.unlisted
 
     def _take_batch(self, batch: Sequence[ReceivedMessage]) -> None:
         """Fold a batch into the state, update the control, end orders, and call the listeners."""

@@ -184,7 +184,7 @@ def pages_of(
         The page of each vehicle, with the lines that are the same for the whole fleet.
     """
     fleet_lines = [
-        *_unlisted_lines(state, fleet),
+        *_unlisted_lines(state, fleet, now_ns),
         *_version_lines(state, fleet, names),
         *_ground_key_lines(fleet),
         *_computer_lines(state),
@@ -199,11 +199,11 @@ def pages_of(
     return tuple(pages)
 
 
-def _unlisted_lines(state: FleetState, fleet: FleetConfig) -> list[PageLine]:
+def _unlisted_lines(state: FleetState, fleet: FleetConfig, now_ns: int) -> list[PageLine]:
     """Return a line if vehicles fly that the fleet file lacks; otherwise none."""
     if not state.unlisted_up:
         return []
-    return [PageLine("other vehicles", False, unlisted_words(state, fleet), "")]
+    return [PageLine("other vehicles", False, unlisted_words(state, fleet, now_ns), "")]
 
 
 def _version_lines(state: FleetState, fleet: FleetConfig, names: Sequence[str]) -> list[PageLine]:

@@ -42,6 +42,9 @@ class OrderingClient(ConsoleClient, Protocol):
 
     control: Control
 
+    def forget_silent(self, name: str) -> bool:
+        """Forget a silent vehicle that the fleet file lacks; return whether there was one."""
+
     def plan(self, order: Intent | str) -> PlannedOrder:
         """Plan an order and check it; nothing is sent."""
 

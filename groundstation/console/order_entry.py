@@ -40,7 +40,7 @@ from groundstation.orders.falling import below_words
 from groundstation.orders.forecast_process import Forecaster
 from groundstation.orders.grammar import OrderError, default_formation, parse
 from groundstation.orders.intents import INTENTS, Intent, Kill, Takeoff, Verb
-from groundstation.orders.kill_latch import KillLatch
+from groundstation.orders.kill_latch import KillLatch, reset
 from groundstation.orders.plan import PlannedOrder
 from groundstation.orders.result import OrderResult, VehicleResult
 from onboard.config.fleet import ConfigError, FleetConfig
@@ -453,18 +453,15 @@ class OrderEntry:
                 screen.action_drop()
 
     def _reset(self, names: str) -> None:
-        vehicles = self.latch.killed
-        if names:
-            try:
-                vehicles = frozenset(self._fleet.select(names))
-            except ConfigError as error:
-                self._refuse(f"reset {names}", str(error))
-                return
-
-        released = ", ".join(sorted(self.latch.reset(vehicles)))
-        sentence = "No vehicle was killed from here."
-        if released:
-            sentence = f"{released} may be ordered again."
+        """Carry out a reset, see :func:`groundstation.orders.kill_latch.reset`."""
+        if self._ordering is None:
+            self._panels.results.show_sentence("There is nobody to reset here.", FAINT)
+            return
+        try:
+            sentence = reset(names, self.latch, self._fleet, self._ordering.forget_silent)
+        except ConfigError as error:
+            self._refuse(f"reset {names}", str(error))
+            return
         self._panels.results.show_sentence(sentence, FAINT)
         self.update()
 

@@ -79,17 +79,25 @@ def other_file_words(names: Sequence[str], fleet: FleetConfig) -> str:
     )
 
 
-def unlisted_words(state: FleetState, fleet: FleetConfig) -> str:
+def unlisted_words(state: FleetState, fleet: FleetConfig, now_ns: int) -> str:
     """Return why nobody flies beside armed or flying vehicles that the fleet file lacks.
 
     Args:
         state: the fleet as known now, with at least one such vehicle.
         fleet: this ground's fleet file.
+        now_ns: the ground's monotonic clock [ns].
     """
     names = [plain_line(view.name) for view in state.unlisted_up]
     lacked = "is" if len(names) == 1 else "are"
-    return (
+    sentence = (
         f"{listed(names)} {lacked} armed or in the air, and not in this ground's fleet file: no "
         "landing of all reaches it, and the others may not avoid it. Land it from a ground with "
         f"its file, or start this one with that file; this ground's is {fleet.path}."
     )
+    for view, name in zip(state.unlisted_up, names, strict=True):
+        if not view.is_fresh(now_ns):
+            sentence += (
+                f" {name} is silent now. If you see that it is down, write reset {name} in the "
+                "console or on the page, or start this ground anew."
+            )
+    return sentence

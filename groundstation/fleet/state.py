@@ -48,10 +48,11 @@ from onboard.bus.schema import (
 from onboard.bus.topics import TOPICS, Topic
 from onboard.config.fleet import FleetConfig
 from onboard.config.pair_separation import separation_m
+from onboard.plain_text import plain_line
 from onboard.tuples import Xyz
 
 MAX_EVENTS = 500
-MAX_UNLISTED = 16  # vehicles outside the fleet file that are kept: those heard last
+MAX_UNLISTED = 16  # vehicles outside the fleet file that are kept: those that are up come first
 GROUND_STALLED = "ground_stalled"  # code of the event that the ground itself has stood still
 # code of the event that PX4 itself reports, on the ground's own link to it, that it is disarmed
 DIRECT_DISARMED = "direct_disarmed"
@@ -390,6 +391,20 @@ def without_earlier_flights(state: FleetState) -> FleetState:
     )
 
 
+def without_silent(state: FleetState, name: str, now_ns: int) -> FleetState:
+    """Return the state without a vehicle that the fleet file lacks, if it is silent.
+
+    Args:
+        state: fleet before.
+        name: the vehicle's name as it is shown.
+        now_ns: the ground's monotonic clock [ns].
+    """
+    unlisted = tuple(
+        view for view in state.unlisted if plain_line(view.name) != name or view.is_fresh(now_ns)
+    )
+    return replace(state, unlisted=unlisted)
+
+
 def initial(fleet: FleetConfig) -> FleetState:
     """Return the state before the first message."""
     enabled = fleet.enabled_names
@@ -602,9 +617,13 @@ def fold_telemetry(state: FleetState, received: Sequence[tuple[Telemetry, int]])
 
 def _with_unlisted(state: FleetState, message: Telemetry, now_ns: int) -> FleetState:
     """Return the state with the telemetry of a vehicle that the fleet file lacks."""
-    others = [view for view in state.unlisted if view.name != message.vehicle]
-    view = VehicleView(message.vehicle, telemetry=message, received_ns=now_ns)
-    return replace(state, unlisted=(*others, view)[-MAX_UNLISTED:])
+    kept = [view for view in state.unlisted if view.name != message.vehicle]
+    kept.append(VehicleView(message.vehicle, telemetry=message, received_ns=now_ns))
+    if len(kept) > MAX_UNLISTED:
+        # the longest at rest, or else the longest up
+        dropped = min(range(len(kept)), key=lambda index: kept[index].is_up)
+        del kept[dropped]
+    return replace(state, unlisted=tuple(kept))
 
 
 def _with_separation_of(state: FleetState, updated: Set[str], now_ns: int) -> FleetState:

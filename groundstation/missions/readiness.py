@@ -76,7 +76,7 @@ def fleet_refusal(state: FleetState, names: Sequence[str], fleet: FleetConfig, n
     if others:
         return other_file_words(others, fleet)
     if state.unlisted_up:
-        return unlisted_words(state, fleet)
+        return unlisted_words(state, fleet, now_ns)
     return ""
 
 

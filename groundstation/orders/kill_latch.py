@@ -1,13 +1,15 @@
 """The kill key: it must be pressed twice within a second. Pure.
 
 The console stops motors only at the second press. It gives a killed vehicle no orders until the
-operator resets it.
+operator resets it. The same word makes it forget a silent vehicle that the fleet file lacks.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from typing import NamedTuple
+
+from onboard.config.fleet import FleetConfig
 
 KILL_WINDOW_S = 1.0
 
@@ -69,3 +71,32 @@ class KillLatch:
         released = self.killed.intersection(vehicles)
         self.killed -= released
         return released
+
+
+def reset(
+    names: str, latch: KillLatch, fleet: FleetConfig, forget_silent: Callable[[str], bool]
+) -> str:
+    """Allow orders to killed vehicles again, or forget a silent one that the fleet file lacks.
+
+    Args:
+        names: what the operator has written behind the word; empty: all killed vehicles.
+        latch: the killed vehicles.
+        fleet: the fleet file.
+        forget_silent: forgets a silent vehicle by its name; returns whether there was one.
+
+    Returns:
+        What was done, in words.
+
+    Raises:
+        ConfigError: no vehicle has such a name.
+    """
+    if names and forget_silent(names):
+        return f"{names} is forgotten until it is heard again."
+
+    vehicles = latch.killed
+    if names:
+        vehicles = frozenset(fleet.select(names))
+    released = ", ".join(sorted(latch.reset(vehicles)))
+    if not released:
+        return "No vehicle was killed from here."
+    return f"{released} may be ordered again."

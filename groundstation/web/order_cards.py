@@ -25,7 +25,7 @@ from groundstation.orders.falling import below_words
 from groundstation.orders.forecast_process import Forecaster
 from groundstation.orders.grammar import OrderError, parse
 from groundstation.orders.intents import INTENTS, Intent, Takeoff
-from groundstation.orders.kill_latch import KillLatch
+from groundstation.orders.kill_latch import KillLatch, reset
 from groundstation.orders.plan import PlannedOrder
 from groundstation.orders.prepared_order import PreparedOrder
 from groundstation.orders.preview import OrderPreview
@@ -370,19 +370,13 @@ class OrderCards:
                 self._drop(card, f"{', '.join(names)} was killed.")
 
     def _reset(self, text: str, names: str) -> None:
-        """Allow orders to killed vehicles again: to the named ones, or to all."""
-        vehicles = self.latch.killed
-        if names:
-            try:
-                vehicles = frozenset(self._client.fleet.select(names))
-            except ConfigError as error:
-                self._new_card(text, "refused", str(error))
-                return
-
-        freed = ", ".join(sorted(self.latch.reset(vehicles)))
-        sentence = "No vehicle was killed from here."
-        if freed:
-            sentence = f"{freed} may be ordered again."
+        """Carry out a reset, see :func:`groundstation.orders.kill_latch.reset`."""
+        client = self._client
+        try:
+            sentence = reset(names, self.latch, client.fleet, client.forget_silent)
+        except ConfigError as error:
+            self._new_card(text, "refused", str(error))
+            return
         self._new_card(text, "answered", sentence)
 
     def _send(self, card: OrderCard, planned: PlannedOrder) -> None:

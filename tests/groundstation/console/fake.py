@@ -141,6 +141,11 @@ class FakeClient:
         )
         self.state = fleet_state.fold(self.state, event, self.now_ns())
 
+    def forget_silent(self, name: str) -> bool:
+        before = self.state
+        self.state = fleet_state.without_silent(before, name, self.now_ns())
+        return self.state.unlisted != before.unlisted
+
     def plan(self, order: Intent | str) -> PlannedOrder:
         intent = grammar.parse(order, self.fleet) if isinstance(order, str) else order
         held = HeldFormation(grammar.default_formation(self.fleet))

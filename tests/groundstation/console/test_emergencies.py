@@ -124,6 +124,16 @@ async def test_a_killed_vehicle_stays_latched_until_it_is_reset(rig: Rig) -> Non
         await rig.preview(pilot, "takeoff all 1.0")
 
 
+async def test_a_silent_vehicle_outside_the_fleet_file_is_forgotten_by_a_reset(rig: Rig) -> None:
+    async with rig.app.run_test(size=(120, 30)) as pilot:
+        rig.stand()
+        rig.client.hear("ghost", is_armed=True)
+        rig.client.skew_ns += int(9e9)
+        await rig.write(pilot, "reset ghost")
+        assert "ghost is forgotten" in rig.line(ResultLines)
+        assert rig.client.state.unlisted == ()
+
+
 async def test_a_killed_vehicle_on_the_ground_looks_killed_until_it_is_reset(rig: Rig) -> None:
     async with rig.app.run_test(size=(80, 24)) as pilot:
         rig.hover()

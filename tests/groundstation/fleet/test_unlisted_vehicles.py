@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import itertools
+import time
 import tomllib
 from typing import Any
 
@@ -18,11 +19,13 @@ from groundstation.fleet import state as fleet_state
 from groundstation.fleet.state import MAX_UNLISTED, FleetState
 from groundstation.mission_files.loading import mission_from_mapping
 from groundstation.missions.api import Fleet, NotReady
+from groundstation.missions.readiness import fleet_refusal
 from groundstation.missions.runner import MissionRun
+from groundstation.orders.kill_latch import KillLatch, reset
 from groundstation.processes.free_ports import with_free_ports
 from onboard.bus.session import BusSession
 from onboard.bus.topics import Topic
-from onboard.config.fleet import FleetConfig, fleet_from_mapping
+from onboard.config.fleet import ConfigError, FleetConfig, fleet_from_mapping
 from onboard.exit_status import EXIT_FAILED
 from tests.groundstation.conftest import FakeBus, telemetry
 
@@ -54,12 +57,46 @@ def test_it_is_kept_beside_the_fleet_with_its_newest_telemetry(fleet: FleetConfi
     assert state.unlisted_up == ()
 
 
-def test_of_many_false_names_only_the_last_ones_are_kept(fleet: FleetConfig) -> None:
-    state = fleet_state.initial(fleet)
+def test_vehicles_at_rest_do_not_push_out_one_that_flies(fleet: FleetConfig) -> None:
+    state = hear(fleet_state.initial(fleet), "real", **UP)
     for number in range(3 * MAX_UNLISTED):
-        state = hear(hear(state, f"ghost{number}"), "real", **UP)
+        state = hear(state, f"ghost{number}", state="ready")
     assert len(state.unlisted) == MAX_UNLISTED
+    assert state.unlisted[-1].name == f"ghost{3 * MAX_UNLISTED - 1}"
     assert [view.name for view in state.unlisted_up] == ["real"]
+
+    for number in range(2 * MAX_UNLISTED):
+        state = hear(state, f"flying{number}", **UP)
+    assert len(state.unlisted) == MAX_UNLISTED
+    assert state.unlisted[0].name == f"flying{MAX_UNLISTED}"
+
+
+async def test_an_operators_word_forgets_one_that_is_silent(fleet: FleetConfig, bus: Any) -> None:
+    """Otherwise one that lost its power once keeps missions from beginning for ever."""
+    late_ns = 0
+
+    def refusal() -> str:
+        return fleet_refusal(client.state, fleet.enabled_names, fleet, client.now_ns())
+
+    client = FleetClient(fleet, bus=bus, clock_ns=lambda: time.monotonic_ns() + late_ns)
+    await client.start()
+    try:
+        tell(bus, "ghost", **UP)
+        assert await client.wait_for(lambda state: bool(state.unlisted_up), 1.0)
+        assert "reset" not in refusal()
+        with pytest.raises(ConfigError, match="ghost"):
+            reset("ghost", KillLatch(), fleet, client.forget_silent)
+
+        late_ns = 9 * SECOND
+        assert "ghost is silent now. If you see that it is down, write reset ghost" in refusal()
+        said = reset("ghost", KillLatch(), fleet, client.forget_silent)
+        assert said == "ghost is forgotten until it is heard again."
+        assert refusal() == ""
+
+        tell(bus, "ghost", sequence=2, **UP)
+        assert await client.wait_for(lambda state: bool(state.unlisted_up), 1.0)
+    finally:
+        await client.stop()
 
 
 @pytest.mark.parametrize(
