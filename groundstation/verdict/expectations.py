@@ -54,7 +54,8 @@ def check(
         fleet: the fleet file.
         closest: smallest separation; None if none was measured.
         arrivals: distances from goals at the end of orders.
-        landed: whether each vehicle that takes part is landed and disarmed.
+        landed: whether each vehicle is landed and disarmed: those that take part, and others that
+            the fleet file lacks.
         collided: vehicles that touched another one.
         fallen: vehicles that came to the ground by a fall.
 
@@ -67,6 +68,8 @@ def check(
     if expect.arrived_within_m is not None:
         results.append(_check_arrivals(expect.arrived_within_m, arrivals))
     if expect.all_landed is not None:
+        if not expect.all_landed:  # one of the mission's own is up
+            landed = {name: landed[name] for name in landed if name in fleet.vehicles}
         results.append(_check_landed(expect.all_landed, landed, fallen))
     return results
 

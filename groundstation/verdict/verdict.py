@@ -391,23 +391,30 @@ def _still_up(flown: FlightObservations, expect: Expect) -> str:
     if expect.all_landed is not None or flown.is_left_flying:
         return ""
 
-    state = flown.state
-    still_up = []
-    for name, view in state.vehicles.items():
-        if view.telemetry is None or state.is_landed(name) or name in flown.pilots:
-            continue
-        if view.is_airborne or view.telemetry.is_armed:
-            still_up.append(name)
-    if not still_up:
-        return ""
+    sentences = []
+    still_up = [
+        name
+        for name, view in flown.state.vehicles.items()
+        if view.is_up and name not in flown.pilots
+    ]
+    if still_up:
+        sentences.append(
+            f"The mission has ended and {_with_verb(still_up)} not down. End it with a step "
+            "'land', or declare expect.all_landed = false."
+        )
+    others = [plain_line(view.name) for view in flown.state.unlisted_up]
+    if others:
+        sentences.append(
+            f"The mission has ended and {_with_verb(others)} not down, which the fleet file lacks. "
+            "Land it from a ground with its file."
+        )
+    return " ".join(sentences)
 
-    verb = "are"
-    if len(still_up) == 1:
-        verb = "is"
-    return (
-        f"The mission has ended and {', '.join(still_up)} {verb} not down. End it with a step "
-        "'land', or declare expect.all_landed = false."
-    )
+
+def _with_verb(names: Sequence[str]) -> str:
+    """Return names with "is" or "are"."""
+    verb = "is" if len(names) == 1 else "are"
+    return f"{', '.join(names)} {verb}"
 
 
 def _other_ends(flown: FlightObservations) -> str:
