@@ -128,7 +128,7 @@ def test_of_a_vehicle_out_of_service_it_is_alarmed_only_while_it_is_armed(
         ("disable mav1", True),
     ],
 )
-async def test_it_gets_no_order_to_fly_and_every_order_that_brings_it_down(
+async def test_it_gets_no_order_to_fly_and_those_that_need_no_spot(
     client: FleetClient, bus: Any, line: str, is_sent: bool
 ) -> None:
     for east_m, name in zip((-2.0, 0.0, 2.0), bus.vehicles, strict=True):
