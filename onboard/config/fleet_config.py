@@ -302,6 +302,11 @@ class FleetConfig(msgspec.Struct, frozen=True):
         law_values = msgspec.json.decode(msgspec.json.encode(law))
         if law.paper_margin_m == 0.0:  # so that files without it keep the hash of earlier versions
             del law_values["paper_margin_m"]
+        # in a rehearsal all are emulated
+        vehicles = {
+            name: msgspec.structs.replace(vehicle, emulated=False)
+            for name, vehicle in self.vehicles.items()
+        }
         source = ""
         if self.own_law is not None:
             source = self.own_law.source_hash
@@ -314,7 +319,7 @@ class FleetConfig(msgspec.Struct, frozen=True):
             msgspec.Raw(msgspec.json.encode(law_values)),
             source,
             self.formations,
-            self.vehicles,
+            vehicles,
             self.obstacles,
             self.mocap,
             late_s,
