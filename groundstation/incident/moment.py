@@ -20,6 +20,13 @@ from onboard.bus.schema import Event
 from onboard.config.fleet import FleetConfig
 from onboard.plain_text import numbered
 
+# a list of names where sentences have names and no quantities: "Nothing heard from 1, 2 for 2 s"
+_NAMES = re.compile(
+    r"(?:^|\(|heard from |pilot has |Pilots have )"
+    r"([\w-]+(?:, [\w-]+)*)"
+    r"(?='|:|\)|\. | for | is | are )"
+)
+
 MomentKind = Literal["distance", "event", "none"]
 
 
@@ -95,10 +102,16 @@ def _kept_promise(smallest: Separation, promise_m: float, in_air_at_end: Collect
 def vehicles_of(event: Event, fleet: FleetConfig) -> tuple[str, ...]:
     """Return the vehicles that an event is about: the one that says it, then those that it names.
 
-    Of a vehicle whose agent hangs or is cut off only the others and the ground speak.
+    Of a vehicle whose agent hangs or is cut off only the others and the ground speak. A number is a
+    vehicle's name only where it cannot be a quantity.
     """
     words = set(re.split(r"[^\w-]+", event.sentence))
-    named = [name for name in fleet.vehicles if name in words and name != event.vehicle]
+    surely_names = set(", ".join(_NAMES.findall(event.sentence)).split(", "))
+    named = []
+    for name in fleet.vehicles:
+        is_named = name in (surely_names if name.isdecimal() else words)
+        if is_named and name != event.vehicle:
+            named.append(name)
     if event.vehicle in fleet.vehicles:
         return (event.vehicle, *named)
     return tuple(named)

@@ -321,6 +321,28 @@ def test_an_event_is_about_who_says_it_and_whom_it_names(
     assert vehicles_of(_said(speaker, 0, "warning", sentence), fleet) == vehicles
 
 
+@pytest.mark.parametrize(
+    ("speaker", "sentence", "vehicles"),
+    [
+        ("1", "Its position is lost for 3 s.", ("1",)),
+        ("1", "A wind of 3.6 m/s.", ("1",)),
+        ("ground", "The disk has 2 GB left.", ()),
+        ("ground", "2 messages were refused.", ()),
+        ("ground", "Nothing heard from 3, 1 for 2 s in flight: the agent hangs.", ("1", "3")),
+        ("ground", "Nothing heard from 3 for 2 s in flight: the agent hangs.", ("3",)),
+        ("ground", "2's agent did not answer within 3 s: land is sent again.", ("2",)),
+        ("ground", "Pilots have 2, 3. The mission ends.", ("2", "3")),
+        ("1", "Neighbour silent (3): going on.", ("1", "3")),
+    ],
+)
+def test_a_quantity_is_no_vehicle_of_a_fleet_with_numbers_as_names(
+    fleet: FleetConfig, speaker: str, sentence: str, vehicles: tuple[str, ...]
+) -> None:
+    named = dict(zip(("1", "2", "3"), fleet.vehicles.values(), strict=True))
+    numbers = msgspec.structs.replace(fleet, vehicles=named)
+    assert vehicles_of(_said(speaker, 0, "warning", sentence), numbers) == vehicles
+
+
 @pytest.mark.parametrize(("neighbour", "end"), [("mav1", ", mostly for mav1."), ("", ".")])
 def test_the_account_names_for_whom_the_law_acted_only_if_it_was_a_neighbour(
     tmp_path: Path, fleet: FleetConfig, neighbour: str, end: str
