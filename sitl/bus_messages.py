@@ -122,6 +122,7 @@ class Broadcast:
                 touchdown_m_s=float(motion["touchdown_speed"][index]),
                 had_thrust=bool(motion["touchdown_powered"][index]),
                 is_flown_by_agent=emulator.follows_setpoints(index),
+                contacts_known_by=self._boot_id,
             )
             for index, name in enumerate(self._names)
         ]

@@ -135,7 +135,7 @@ class Body:
             velocity_enu_m_s=velocity,
             quaternion_enu_flu_wxyz=(w, x, y, z),
             is_on_ground=is_low and is_still,
-            is_collided=False,  # the simulators of different PX4s are independent
+            is_collided=False,  # not known: the simulators of different PX4s are independent
             touchdowns=self._touchdowns,
             touchdown_m_s=self._touchdown_m_s,
         )

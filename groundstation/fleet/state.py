@@ -357,6 +357,15 @@ class FleetState(Struct, frozen=True):
         return all(view.truth is not None for view in self.vehicles.values())
 
     @property
+    def knows_contacts(self) -> bool:
+        """Whether one simulator has all vehicles, and so knows which have touched each other."""
+        simulators = {
+            0 if view.truth is None else view.truth.contacts_known_by
+            for view in self.vehicles.values()
+        }
+        return len(simulators) == 1 and 0 not in simulators
+
+    @property
     def is_anybody_heard(self) -> bool:
         """Whether any vehicle of the fleet file has sent telemetry."""
         return any(view.telemetry is not None for view in self.vehicles.values())

@@ -144,10 +144,11 @@ def judge(
     checks = check(expect, fleet, closest, flown.arrivals, landed, collided, fallen)
 
     is_collision = bool(collided)
-    if closest is not None and fleet.fleet.vertical_separation_m is None:
-        # With a vertical separation, a small distance may be between two vehicles one above the
-        # other. Then only the emulator knows which vehicles have touched.
-        is_collision = is_collision or closest.distance_m < fleet.fleet.body_diameter_m
+    is_small = closest is not None and closest.distance_m < fleet.fleet.body_diameter_m
+    if fleet.fleet.vertical_separation_m is None and not state.knows_contacts:
+        # Otherwise a small distance may be between two vehicles one above the other, and only an
+        # emulator of all vehicles knows which have touched.
+        is_collision |= is_small
 
     unknown_times = _unknown_times(flown, expect)
     failures = (

@@ -472,8 +472,11 @@ class Truth(Message, frozen=True, array_like=True, kw_only=True):
     velocity_enu_m_s: Xyz
     quaternion_enu_flu_wxyz: Wxyz
     is_on_ground: bool
-    is_collided: bool  # it has touched another vehicle
+    is_collided: bool  # it has touched another vehicle of its simulator
     touchdowns: int = 0  # number of first ground contacts after flights; 0 if not counted
     touchdown_m_s: float = 0.0  # vertical speed at the newest touchdown
     had_thrust: bool = True  # its motors had their full thrust at that touchdown
     is_flown_by_agent: bool = True  # PX4 follows new setpoints in OFFBOARD; True if not known
+    # boot id of the simulator that knows which of its vehicles touch each other; 0: none knows, as
+    # with PX4s that are simulated one by one
+    contacts_known_by: int = 0

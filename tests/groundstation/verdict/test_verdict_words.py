@@ -25,7 +25,7 @@ from groundstation.verdict.verdict import (
     describe,
     judge,
 )
-from onboard.bus.schema import Event, Telemetry
+from onboard.bus.schema import Event, Telemetry, Truth
 from onboard.config.fleet import FleetConfig
 
 
@@ -241,6 +241,41 @@ def test_a_mission_in_which_vehicles_touched_each_other_has_not_passed(
     assert not verdict.passed
     assert verdict.exit_status == 1
     assert verdict.summary.endswith(words)
+
+
+@pytest.mark.parametrize(
+    ("simulators", "is_collision"),
+    [
+        ((7, 7, 7), False),
+        ((0, 0, 0), True),  # real PX4s that are simulated one by one
+        ((7, 0, 7), True),  # mixed reality
+        ((7, 7, 8), True),  # the emulators of two computers
+        ((7, 7), True),  # one without truth
+    ],
+)
+def test_only_a_simulator_of_all_vehicles_says_that_those_above_each_other_did_not_touch(
+    fleet: FleetConfig, simulators: tuple[int, ...], is_collision: bool
+) -> None:
+    state = initial(fleet)
+    names = fleet.enabled_names[: len(simulators)]
+    positions = ((0.0, 0.0, 1.0), (0.0, 0.0, 2.0), (2.0, 0.0, 1.0))[: len(simulators)]
+    for name, simulator, position_enu_m in zip(names, simulators, positions, strict=True):
+        true = Truth(
+            vehicle=name,
+            stamp_ns=1,
+            position_enu_m=position_enu_m,
+            velocity_enu_m_s=(0.0, 0.0, 0.0),
+            quaternion_enu_flu_wxyz=(1.0, 0.0, 0.0, 0.0),
+            is_on_ground=False,
+            is_collided=False,
+            contacts_known_by=simulator,
+        )
+        state = fold(state, true, 1)
+    verdict = judge(_observed(fleet, state=state), Expect())
+    assert verdict.closest is not None
+    assert verdict.closest.distance_m == 0.0
+    assert verdict.is_collision is is_collision
+    assert verdict.passed is not is_collision
 
 
 def test_a_flight_in_which_an_own_law_was_replaced_has_not_passed(fleet: FleetConfig) -> None:

@@ -62,6 +62,7 @@ def test_a_vehicle_that_hits_the_ground_on_its_side_has_collided_with_nobody() -
     told = Broadcast(emu, vehicles, None, seed=1, boot_id=1, stamp_ns=lambda time_s: 0)
     _, truths = told.messages()
     assert [truth.is_collided for truth in truths] == [False, True]
+    assert [truth.contacts_known_by for truth in truths] == [1, 1]
 
 
 def test_vehicles_side_by_side_beyond_a_diameter_do_not_touch() -> None:
