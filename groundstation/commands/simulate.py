@@ -56,12 +56,9 @@ _DEFAULT_SCALE = 1.0
 _MAP_FILE = Path("law-map.jsonl")
 _FLIGHTS_OF_CELL = 500
 
-# Names of the options that each way of flying takes, besides --jobs.
-_SUITE_OPTIONS = frozenset(
-    {"--suite", "--law", "--seeds", "--physics", "--scheduler", "--keep", "--anew"}
-)
-_MAP_OPTIONS = frozenset({"--map", "--map-file", "--cells", "--flights", "--scheduler", "--anew"})
-_NOT_FOR_SCENARIOS = frozenset({"--map-file", "--cells", "--flights", "--scheduler", "--anew"})
+# Names of the options that go with --suite and with --map, besides --jobs.
+_SUITE_OPTIONS = ("--law", "--seeds", "--physics", "--scheduler", "--keep", "--anew")
+_MAP_OPTIONS = ("--map-file", "--cells", "--flights", "--scheduler", "--anew")
 
 _KEEP_IS_FOR_SUITE = "--keep is for --suite; --json prints the flights of scenarios."
 
@@ -207,13 +204,7 @@ def _check_suite_options(suite: str, scenario: Sequence[str], given: Sequence[st
     if suite != "open":
         raise ConfigError(f"--suite is '{suite}'; there is only the suite 'open'.")
 
-    extra = [*scenario, *(name for name in given if name not in _SUITE_OPTIONS)]
-    if extra:
-        raise ConfigError(
-            f"--suite flies its own scenes and values: leave out {', '.join(extra)}. Of the "
-            "other options it takes --law, --seeds, --physics, --jobs, --scheduler, --keep and "
-            "--anew."
-        )
+    _check_extra("--suite", "scenes", _SUITE_OPTIONS, scenario, given)
     if "--anew" in given and "--keep" not in given:
         raise ConfigError(
             "--anew begins the file of --keep anew, and no file is named. Add --keep FILE, or "
@@ -226,12 +217,24 @@ def _check_map_options(scenario: Sequence[str], given: Sequence[str]) -> None:
     if "--keep" in given:
         raise ConfigError(_KEEP_IS_FOR_SUITE)
 
-    extra = [*scenario, *(name for name in given if name not in _MAP_OPTIONS)]
+    hint = " Its cells are chosen with --cells, for instance --cells errors=vision."
+    _check_extra("--map", "scenarios", _MAP_OPTIONS, scenario, given, hint)
+
+
+def _check_extra(
+    option: str,
+    what: str,
+    taken: Sequence[str],
+    scenario: Sequence[str],
+    given: Sequence[str],
+    hint: str = "",
+) -> None:
+    """Refuse scenarios, and options that do not go with another one."""
+    extra = [*scenario, *(name for name in given if name not in (option, *taken))]
     if extra:
         raise ConfigError(
-            f"--map flies its own scenarios and values: leave out {', '.join(extra)}. Of the "
-            "other options it takes --map-file, --cells, --flights, --jobs, --scheduler and "
-            "--anew. Its cells are chosen with --cells, for instance --cells errors=vision."
+            f"{option} flies its own {what} and values: leave out {', '.join(extra)}. Of the other "
+            f"options it takes --jobs, {', '.join(taken[:-1])} and {taken[-1]}.{hint}"
         )
 
 
@@ -239,7 +242,7 @@ def _check_scenario_options(scenario: Sequence[str], given: Sequence[str]) -> No
     """Refuse what only the suite and the map take, and a command line without a scenario."""
     if "--keep" in given:
         raise ConfigError(_KEEP_IS_FOR_SUITE)
-    if any(name in _NOT_FOR_SCENARIOS for name in given):
+    if any(name in _MAP_OPTIONS for name in given):
         raise ConfigError(
             "--map-file, --cells and --flights are for --map; --scheduler and --anew are for --map "
             "and --suite."
