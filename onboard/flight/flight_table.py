@@ -265,6 +265,10 @@ TAKEOFF = (
     Row((S.ARM_ARMING, S.TAKEOFF_ARMING), E.TICK, request=Arm()),
 
     Row((S.LIFTOFF,), E.TICK, when=p.lifted_off, to=S.CLIMB),
+    # its poses may be those of another body
+    Row((S.LIFTOFF,), E.TICK, when=p.lift_off_unseen, to=S.PX4_LANDING, request=Px4Land(),
+        reason=sentences.UNSEEN_LIFTOFF, ends=("failed", sentences.UNSEEN_LIFTOFF),
+        says=("critical", "unseen-liftoff", sentences.UNSEEN_LIFTOFF)),
     Row((S.LIFTOFF,), E.TICK, when=p.lift_off_late, to=S.CONTACT, effect=effects.look_for_ground,
         reason=sentences.NO_LIFTOFF, ends=("failed", sentences.NO_LIFTOFF),
         says=("critical", "no-liftoff", sentences.NO_LIFTOFF)),

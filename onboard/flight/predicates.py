@@ -184,6 +184,11 @@ def climbs_on(flight: FlightContext, view: FlightView) -> bool:
     return has_second_leg and z_m > flight.expected_ground.z_m + 0.5 * LIFT_M
 
 
+def lift_off_unseen(flight: FlightContext, view: FlightView) -> bool:
+    """Return whether it has not lifted off in time, although PX4 reports that it flies."""
+    return lift_off_late(flight, view) and px4_is_armed_in_the_air(flight, view)
+
+
 def lift_off_late(flight: FlightContext, view: FlightView) -> bool:
     """Return whether it has not lifted off in time."""
     return flight.seconds(view) > LIFTOFF_TIMEOUT_S

@@ -34,6 +34,10 @@ NOBODY_KNOWS_OF_A_PILOT = (
 NO_LIFTOFF = (
     "The vehicle did not leave the ground: check propellers, battery and hover_thrust_frac."
 )
+UNSEEN_LIFTOFF = (
+    "The vehicle was not seen to leave the ground, but PX4 reports that it flies: PX4 lands it. "
+    "Check which mocap body is on it, propellers, battery and hover_thrust_frac."
+)
 
 
 def killed(flight: FlightContext, view: FlightView) -> str:

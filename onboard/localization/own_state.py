@@ -32,7 +32,7 @@ from onboard.frames import enu_from_ned, turned_about_up, wrap_rad, yaw_from_qua
 from onboard.localization.dead_reckoning import DeadReckoning, VerticalMotion
 from onboard.localization.local_frame import LocalFrame, ReckonedPosition
 from onboard.localization.motion_fit import LATE_BY_S, MotionFit
-from onboard.localization.pose_validator import PoseValidator, PoseVerdict
+from onboard.localization.pose_validator import PoseValidator, PoseVerdict, Px4Evidence
 from onboard.localization.px4_position_check import Px4PositionCheck
 from onboard.message_counts import MessageCounts
 from onboard.safety.limits import LARGEST_POSITION_STD_M, LARGEST_VELOCITY_STD_M_S
@@ -121,6 +121,7 @@ class OwnState:
     # reckoning needs.
     is_flown: bool = False
 
+    _has_flown: bool = False  # by this agent
     _params: KalmanParams = field(init=False)
     _memory: kalman.KalmanMemory | None = None  # filter's memory; None before the first sample
     _reckoning: DeadReckoning = field(default_factory=DeadReckoning)
@@ -134,6 +135,8 @@ class OwnState:
     _rejected_enu_m: Xyz | None = None
 
     _has_heading: bool = False  # whether the heading offset is known
+    # heading of the newest used mocap sample minus PX4's; NaN while it is not known
+    _heading_difference_rad: float = math.nan
     _yaw_rad: float = 0.0  # heading of the newest sample
 
     _attitude: _TimedYaw = _NO_YAW  # newest heading of PX4
@@ -177,21 +180,47 @@ class OwnState:
             return False
         self._newest_ns = pose.stamp_ns
 
+        yaw_rad = yaw_from_quaternion(pose.quaternion_enu_flu_wxyz)
+        difference_rad = math.nan
+        if self._attitude.stamp_ns != 0:
+            difference_rad = wrap_rad(yaw_rad - self._attitude.yaw_rad)
+
         verdict = self.validator.judge(
             pose.position_enu_m,
             pose.quaternion_enu_flu_wxyz,
             pose.stamp_ns,
             received_ns,
-            is_contradicted=self.px4_check.contradicts(pose.position_enu_m, received_ns),
+            evidence=self._px4_evidence(pose.position_enu_m, difference_rad, received_ns),
         )
         if verdict is not PoseVerdict.ACCEPTED:
             self.counts.refused += 1
             return False
 
-        yaw_rad = yaw_from_quaternion(pose.quaternion_enu_flu_wxyz)
+        self._heading_difference_rad = difference_rad
         self._queue.append(_Sample(vectors.Vec3(*pose.position_enu_m), pose.stamp_ns, yaw_rad))
         del self._queue[:-_MAX_QUEUE]
         return True
+
+    def _px4_evidence(
+        self, position_enu_m: Xyz, heading_difference_rad: float, received_ns: int
+    ) -> Px4Evidence:
+        """Return what PX4's own estimate says about a mocap sample.
+
+        Args:
+            position_enu_m: position of the sample.
+            heading_difference_rad: its heading minus PX4's; NaN if PX4's is not known.
+            received_ns: time of its arrival.
+        """
+        heading_jump_rad = wrap_rad(heading_difference_rad - self._heading_difference_rad)
+        if math.isnan(heading_jump_rad):
+            heading_jump_rad = 0.0
+        is_position_known = self.px4_check.motion(received_ns) is not None
+        return Px4Evidence(
+            is_position_known=is_position_known,
+            is_after_landing=self._has_flown and not is_position_known,
+            is_contradicted=self.px4_check.contradicts(position_enu_m, received_ns),
+            heading_jump_rad=heading_jump_rad,
+        )
 
     def update(
         self,
@@ -212,6 +241,8 @@ class OwnState:
             hover_frac: hover throttle.
             is_on_ground: whether the vehicle stands on the ground.
         """
+        self._has_flown |= self.is_flown and not is_on_ground
+        self._follow_px4_heading(snapshot)
         if self.vehicle.flies_by_satellites:
             self._notice_lost_satellites(snapshot, now_ns)
         if not self.vehicle.mocap_required:
@@ -355,9 +386,6 @@ class OwnState:
 
     def _queue_local_position(self, snapshot: Snapshot) -> None:
         """Queue PX4's local position, if there is a new one that PX4's estimator stands for."""
-        if self.vehicle.has_heading_by_vision and self._has_heading_jumped(snapshot):
-            self._local_frame.turn(snapshot)
-
         is_known = snapshot.is_position_known and not self.has_lost_satellites
         # a camera whose heading PX4 does not use may have begun its frame anew, turned
         is_turned = is_known and self.has_turned_camera(snapshot)
@@ -384,19 +412,31 @@ class OwnState:
             yaw_rad = yaw_from_quaternion(snapshot.quaternion_enu_flu_wxyz)
             self._queue.append(_Sample(vectors.Vec3(*position_enu_m), self._local_ns, yaw_rad))
 
-    def _has_heading_jumped(self, snapshot: Snapshot) -> bool:
-        """Return whether PX4's heading has changed faster than a vehicle turns."""
+    def _follow_px4_heading(self, snapshot: Snapshot) -> None:
+        """Take PX4's newest heading. It jumps if it changes faster than a vehicle turns.
+
+        PX4 then follows a camera that has begun its frame anew, or corrects itself. The vehicle has
+        not turned, so its heading in the fleet frame stays.
+        """
         before = self._attitude
         if snapshot.attitude_ns == before.stamp_ns:
-            return False
+            return
         yaw_rad = yaw_from_quaternion(snapshot.quaternion_enu_flu_wxyz)
         self._attitude = _TimedYaw(snapshot.attitude_ns, yaw_rad)
 
         dt_s = (snapshot.attitude_ns - before.stamp_ns) * 1e-9
         if before.stamp_ns == 0 or dt_s > _LONGEST_ATTITUDE_GAP_S:
-            return False
-        turned_rad = abs(wrap_rad(yaw_rad - before.yaw_rad))
-        return turned_rad > _LARGEST_TURN_RAD + _FASTEST_TURN_RAD_S * dt_s
+            self._heading_difference_rad = math.nan  # PX4 may have jumped unseen
+            return
+        turned_rad = wrap_rad(yaw_rad - before.yaw_rad)
+        if abs(turned_rad) <= _LARGEST_TURN_RAD + _FASTEST_TURN_RAD_S * dt_s:
+            return
+
+        if self.vehicle.has_heading_by_vision:
+            self._local_frame.turn(snapshot)
+        if self.vehicle.mocap_required:
+            self.heading_offset_rad = wrap_rad(self.heading_offset_rad - turned_rad)
+            self._heading_difference_rad = wrap_rad(self._heading_difference_rad - turned_rad)
 
     def has_turned_camera(self, snapshot: Snapshot) -> bool:
         """Return whether the camera's heading is missing, or differs from PX4's by 8.5 degrees.

@@ -1,9 +1,11 @@
 """Checks the mocap poses of a body before they are used. Pure.
 
 The validator detects jumps, repetitions, late samples, clocks that jump, and old samples after an
-outage. The Kalman filter also has a gate for jumps, but it is wide because a process may stall. The
-validator is stricter. It allows only the distance that the vehicle's acceleration permits between
-two samples. A rejected sample reaches neither the estimate nor PX4.
+outage. It also detects a heading that PX4's attitude does not explain: a body whose markers form
+a symmetric pattern may be seen turned. The Kalman filter also has a gate for jumps, but it is wide
+because a process may stall. The validator is stricter. It allows only the distance that the
+vehicle's acceleration permits between two samples. A rejected sample reaches neither the estimate
+nor PX4.
 """
 
 from __future__ import annotations
@@ -12,6 +14,7 @@ import math
 from dataclasses import dataclass, field
 from enum import IntEnum
 from operator import mul
+from typing import NamedTuple
 
 from onboard.tuples import Wxyz, Xyz
 
@@ -34,6 +37,10 @@ _MIN_SPEED_2_M2_S2 = 0.01  # square of 0.1 m/s; a slower velocity has no clear d
 # moved anywhere. So samples are accepted only once this many in a row agree with each other.
 _CONFIRMED_BY = 2
 _CONFIRMED_AGAINST_PX4_BY = 25  # the same if PX4's position contradicts them: half a second
+# After an outage shorter than this, PX4's position is still right, and samples that it contradicts
+# are not accepted.
+_SHORT_OUTAGE_S = 1.0
+_STEP_M = 0.5  # no vehicle that people carry moves so far between two samples
 
 
 class PoseVerdict(IntEnum):
@@ -45,6 +52,19 @@ class PoseVerdict(IntEnum):
     UNCONFIRMED = 3  # one of the first samples after an outage
 
 
+class Px4Evidence(NamedTuple):
+    """Evidence of PX4's own estimate about a sample."""
+
+    is_position_known: bool = False
+    is_after_landing: bool = False  # whether the vehicle has flown, and PX4's position is not known
+    is_contradicted: bool = False  # whether PX4's position is somewhere else
+    # change of the heading since the last accepted sample minus that of PX4's heading
+    heading_jump_rad: float = 0.0
+
+
+_NO_EVIDENCE = Px4Evidence()
+
+
 @dataclass(frozen=True, slots=True)
 class PoseBounds:
     """Bounds of possible motions and of usual samples."""
@@ -53,6 +73,7 @@ class PoseBounds:
     max_acceleration_m_s2: float = 15.0  # includes a reserve for gusts and collisions
     noise_m: float = 0.01  # least noise of a sample; a larger noise is learned
     max_turn_rad_s: float = 12.0  # largest angular rate
+    max_heading_jump_rad: float = math.radians(20.0)  # that PX4's attitude does not explain
     outage_s: float = 0.2  # after this time without an accepted sample, samples must be confirmed
     # after this time, identical samples mean a lost body, because a tracked body always has noise
     frozen_after_s: float = 0.075
@@ -74,9 +95,11 @@ class PoseValidator:
     frozen_s: float = 0.0  # how long the same numbers have been arriving
     delay_s: float = 0.0  # mean time from measurement to arrival
     clock_jump_ns: int = 0  # time of the last jump of a clock; 0: never
+    # how often a sample was accepted that may be of another body, or of a source with another frame
+    doubts: int = 0
 
-    # the last accepted sample; without one the stamp is 0
-    _position: Xyz = (0.0, 0.0, 0.0)
+    # the last accepted sample; the stamp is 0 without one, and after a jump back of the stamps
+    _position: Xyz | None = None
     _velocity: Xyz = (0.0, 0.0, 0.0)
     _quaternion: Wxyz = (1.0, 0.0, 0.0, 0.0)
     _stamp_ns: int = 0
@@ -86,6 +109,7 @@ class PoseValidator:
     _candidate: Xyz = (0.0, 0.0, 0.0)
     _candidate_ns: int = 0
     _agreeing: int = 0
+    _agreeing_since_ns: int = 0  # stamp of the first of them
 
     _last: tuple[Xyz, Wxyz] | None = None  # position and attitude of the newest sample of all
     _same_since_ns: int = 0  # stamp of the first sample with these numbers
@@ -110,13 +134,13 @@ class PoseValidator:
         stamp_ns: int,
         received_ns: int,
         *,
-        is_contradicted: bool = False,
+        evidence: Px4Evidence = _NO_EVIDENCE,
     ) -> PoseVerdict:
         """Return the verdict on one sample. A rejected sample does not change the expected path.
 
         The allowed distance grows with the time since the last accepted sample, so a body that
-        moved in a gap is accepted again. After a jump, this is so only if PX4's own position does
-        not contradict the sample (``is_contradicted``).
+        moved in a gap is accepted again. After a jump or a short outage, this is so only if PX4's
+        own position does not contradict the sample.
         """
         self._update_delay(stamp_ns, received_ns)
         self._update_repetitions(position_enu_m, quaternion_wxyz, stamp_ns)
@@ -132,18 +156,23 @@ class PoseValidator:
         is_after_outage = gap_s > self.bounds.outage_s and self.jumps == 0
         if self._stamp_ns and is_after_outage:
             needed = _CONFIRMED_BY
-            if is_contradicted:
+            if evidence.is_contradicted:
                 needed = _CONFIRMED_AGAINST_PX4_BY
+                outage_s = (self._agreeing_since_ns - self._stamp_ns) * 1e-9
+                if outage_s < _SHORT_OUTAGE_S:
+                    return PoseVerdict.UNCONFIRMED
             if agreeing < needed:
                 return PoseVerdict.UNCONFIRMED
 
         if not self._stamp_ns:
             self._velocity = (0.0, 0.0, 0.0)
-        elif not self._is_possible(position_enu_m, quaternion_wxyz, gap_s, is_contradicted):
+        elif not self._is_possible(position_enu_m, quaternion_wxyz, gap_s, evidence):
             self.jumps += 1
             self.jumped_to_enu_m = position_enu_m
             return PoseVerdict.JUMPED
 
+        if self._is_doubtful(position_enu_m, evidence, is_after_outage=is_after_outage):
+            self.doubts += 1
         self._position = position_enu_m
         self._quaternion = quaternion_wxyz
         self._stamp_ns = stamp_ns
@@ -192,17 +221,27 @@ class PoseValidator:
             self._agreeing += 1
         else:
             self._agreeing = 1
+            self._agreeing_since_ns = stamp_ns
         self._candidate = position
         self._candidate_ns = stamp_ns
         return self._agreeing
 
+    def _is_doubtful(self, position: Xyz, evidence: Px4Evidence, *, is_after_outage: bool) -> bool:
+        """Return whether an accepted sample may be of another body, or in another frame."""
+        if self._position is None:
+            return False
+        if evidence.is_position_known:
+            return is_after_outage and evidence.is_contradicted
+        return math.dist(position, self._position) > _STEP_M
+
     def _is_possible(
-        self, position: Xyz, quaternion: Wxyz, gap_s: float, is_contradicted: bool
+        self, position: Xyz, quaternion: Wxyz, gap_s: float, evidence: Px4Evidence
     ) -> bool:
         """Whether the vehicle can have moved to this pose in ``gap_s``.
 
         If it can, the velocity and the noise are updated.
         """
+        assert self._position is not None
         bounds = self.bounds
         x, y, z = position
         last_x, last_y, last_z = self._position
@@ -232,11 +271,15 @@ class PoseValidator:
         reach_rad = min(_NOISE_RAD + bounds.max_turn_rad_s * gap_s, math.pi)
         if half_turn_cosine < math.cos(0.5 * reach_rad):
             return False
+        if abs(evidence.heading_jump_rad) > bounds.max_heading_jump_rad:
+            return False
 
         # After a jump, a sample within reach may still be wrong. It is rejected if PX4 contradicts
-        # it, unless it continues the path from before the jump.
-        is_on_path = miss_m < _ON_PATH_M and gap_s < _ON_PATH_S
-        if self.jumps > 0 and is_contradicted and not is_on_path:
+        # it, or the vehicle stands after a landing, unless it continues the path from before the
+        # jump.
+        is_on_path = miss_m < _ON_PATH_M and (gap_s < _ON_PATH_S or evidence.is_after_landing)
+        is_excluded = evidence.is_contradicted or evidence.is_after_landing
+        if self.jumps > 0 and is_excluded and not is_on_path:
             return False
 
         self._noise_m += _NOISE_WEIGHT * (miss_m - self._noise_m)

@@ -133,7 +133,8 @@ def _at_rest(facts: PreflightFacts, fleet: FleetConfig, vehicle: Vehicle) -> Jud
     if not facts.has_position:
         return NO_POSITION
     if not facts.speed_m_s <= MOVING_M_S:
-        return "moving", {"speed": facts.speed_m_s}
+        words = {"speed": facts.speed_m_s}
+        return ("moving" if vehicle.mocap_required else "position moves"), words
     return PASSED
 
 
@@ -151,7 +152,7 @@ def _spot(facts: PreflightFacts, fleet: FleetConfig, vehicle: Vehicle) -> Judgem
         "spot": coordinates(spot_enu_m),
         "position": coordinates(facts.position_enu_m),
     }
-    if facts.has_flown:
+    if facts.may_be_anywhere:
         return OK, words
     if not vehicle.mocap_required:
         most_m = BY_SATELLITES_M + OFF_SPOT_SIGMAS * facts.position_std_m
@@ -176,7 +177,7 @@ def _spot(facts: PreflightFacts, fleet: FleetConfig, vehicle: Vehicle) -> Judgem
 def _frame(facts: PreflightFacts, fleet: FleetConfig, vehicle: Vehicle) -> Judgement:
     if fleet.begins_on_its_spot(vehicle):
         return OWN_FRAME
-    if facts.has_flown:
+    if facts.may_be_anywhere:
         return SKIP, {"reason": "after a flight"}
 
     planned_m = []

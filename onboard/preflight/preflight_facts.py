@@ -97,7 +97,8 @@ class PreflightFacts:
 
     # the vehicle
     speed_m_s: float = 0.0  # highest speed of the last second
-    has_flown: bool = False  # True: it has flown since this agent started, so it may be anywhere
+    # True: it has flown since this agent started, and its poses have been continuous since
+    may_be_anywhere: bool = False
     hover_frac: float = math.nan  # hover throttle learned in flight
 
     # bus and computers

@@ -76,6 +76,7 @@ class PreflightReporter:
         self._facts: PreflightFacts | None = None  # newest facts that are not yet reported
         self._slot_owner = vehicle.name  # vehicle whose take-off spot this one uses
         self._has_flown = False
+        self._settled_doubts = 0  # doubts about its poses when a take-off was allowed last
         self._fastest_m_s = 0.0  # highest speed of the last second
         self._fastest_ns = 0  # time of that speed
         self._sequence = 0
@@ -131,6 +132,8 @@ class PreflightReporter:
             people_m=people_m,
         )
         self.not_ready = all_rules.reasons(self._facts, self._fleet, self._vehicle)
+        if not self.not_ready:
+            self._settled_doubts = self._own.validator.doubts
         return self.not_ready
 
     def _observe(self, view: FlightView, dt_s: float) -> None:
@@ -146,6 +149,11 @@ class PreflightReporter:
             self._fastest_ns = now_ns
         if self._flight.state == "landed":
             self._has_flown = True
+
+    @property
+    def _may_be_anywhere(self) -> bool:
+        """Whether it has landed somewhere, and its poses have shown it without a break since."""
+        return self._has_flown and self._own.validator.doubts == self._settled_doubts
 
     def reasons_in_air(self, view: FlightView, hover_frac: float) -> tuple[str, ...]:
         """Return the sentences that refuse to take over a flying vehicle."""
@@ -255,7 +263,7 @@ class PreflightReporter:
             differed_when_tilted=self._tilt.differed_when_tilted,
             # the flight
             is_airborne=is_airborne,
-            has_flown=self._has_flown,
+            may_be_anywhere=self._may_be_anywhere,
             hover_frac=hover_frac,
             # bus and other vehicles
             has_duplicate=inputs.has_duplicate(now_ns),
@@ -282,7 +290,7 @@ class PreflightReporter:
         out of service are left out, because they may have been carried away.
         """
         spots: dict[str, Xyz] = {}
-        if self._own.age_s < POSITION_STALE_S and not self._has_flown:
+        if self._own.age_s < POSITION_STALE_S and not self._may_be_anywhere:
             spots[self._slot_owner] = view.position_enu_m
         for name, telemetry in self._neighbours.telemetries().items():
             is_put_down = telemetry.state in _BEFORE_FLIGHT and not telemetry.is_airborne

@@ -169,7 +169,7 @@ def _pose_fault(emulator: FaultyEmulator, fault: Fault, family: str, kind: str) 
             return PoseFault(kind, shift_m=(east_m, north_m, up_m))
         return PoseFault(kind, shift_m=(north_m, east_m, -up_m))
 
-    if kind == "turned":
+    if kind in ("turned", "flipped"):
         return PoseFault(kind, yaw_rad=math.radians(fault.number("yaw_deg")))
     if kind == "drift":
         drift_m_s = (fault.number("east_m_s"), fault.number("north_m_s"), fault.number("up_m_s"))

@@ -7,17 +7,18 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sitl.physics.frames import Array
+from sitl.physics.frames import Array, multiply
 
 
 @dataclass(frozen=True, slots=True)
 class PoseFault:
     """Errors of the poses of one body."""
 
-    kind: str  # frozen, swapped, jump, turned, drift, late or lost
+    kind: str  # frozen, swapped, jump, flipped, turned, drift, late or lost
     other: int = 0  # index of the body with which the body is swapped
     shift_m: tuple[float, float, float] = (0.0, 0.0, 0.0)  # of a jump
-    yaw_rad: float = 0.0  # by which the frame is turned, about the place where the fault begins
+    # by which a flipped body is turned, or the frame about the place where the fault begins
+    yaw_rad: float = 0.0
     drift_m_s: tuple[float, float, float] = (0.0, 0.0, 0.0)  # velocity of a drift
     since_s: float = 0.0  # start of a drift
     delay_s: float = 0.0  # additional delay of the pose
@@ -83,6 +84,8 @@ class PoseFaults:
                 measured[i] = poses[fault.other]
             elif fault.kind == "jump":
                 measured[i, :3] += fault.shift_m
+            elif fault.kind == "flipped":
+                measured[i, 3:] = _flipped(poses[i, 3:], fault.yaw_rad)
             elif fault.kind == "turned":
                 about = self._begun.setdefault(i, poses[i].copy())
                 measured[i] = _turned(poses[i], about, fault.yaw_rad)
@@ -91,6 +94,12 @@ class PoseFaults:
             elif fault.kind == "frozen":
                 measured[i] = self._begun.setdefault(i, poses[i].copy())
         return np.asarray(measured)
+
+
+def _flipped(attitude_enu_flu: Array, yaw_rad: float) -> Array:
+    """Return an attitude (4,), turned about up."""
+    about_up = np.array([math.cos(0.5 * yaw_rad), 0.0, 0.0, math.sin(0.5 * yaw_rad)])
+    return multiply(about_up, attitude_enu_flu)
 
 
 def _turned(pose: Array, about: Array, yaw_rad: float) -> Array:

@@ -673,6 +673,8 @@ class Estimator:
             if source is Source.VISION:
                 counters = [VXY, VZ]
             self.resets[index, counters] += 1
+            if source is Source.GPS:  # the new position is right again
+                self.offset_ned_m[index, :2] = 0.0
 
     def _begin_drift(self, index: int) -> None:
         """Begin the drift of an estimate in a random direction.

@@ -491,3 +491,18 @@ def test_a_strong_wind_carries_a_vehicle_that_lifts_off_by_less_than_a_metre() -
         farthest_m = max(farthest_m, abs(float(rig.position[0])))
     assert rig.core.flight.state == "flying"
     assert 0.3 < farthest_m < 0.9
+
+
+def test_a_vehicle_that_is_not_seen_to_lift_off_though_px4_flies_it_is_landed_by_px4() -> None:
+    """The markers lie on the ground, for instance; a vehicle whose motors stop then falls."""
+    rig = Rig()
+    rig.run(2.5)
+    order = rig.order("takeoff", height_m=1.0)
+    original = rig.pose
+    rig.pose = lambda **changes: original(  # type: ignore[method-assign]
+        **{"position_enu_m": (0.0, 0.0, 1e-4 * (rig.tick_count % 7)), **changes}
+    )
+    rig.run(8.0)
+    assert rig.outcomes()[order.order_id] == "failed"
+    assert rig.count(agent_commands.Px4Land) >= 1
+    assert rig.core.flight.step is FlightStep.PX4_LANDING

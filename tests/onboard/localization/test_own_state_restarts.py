@@ -4,8 +4,12 @@ source.
 
 from __future__ import annotations
 
-import msgspec
+import math
 
+import msgspec
+import pytest
+
+from onboard.autopilot import Snapshot
 from onboard.bus.schema import MocapPose
 from onboard.localization.own_state import OwnState
 from tests.onboard.agent.rig import fleet
@@ -45,3 +49,19 @@ def test_the_same_pose_by_two_relays_counts_once() -> None:
         pose = _pose(1000 + 20 * n, 1, n)
         assert _taken(own, pose)
         assert not _taken(own, msgspec.structs.replace(pose, boot_id=2))
+
+
+@pytest.mark.parametrize("jump_rad", [0.0, 1.2])
+def test_a_jump_of_px4s_heading_does_not_turn_the_vehicle(jump_rad: float) -> None:
+    """PX4 corrects its heading; the mocap's stays, and is believed."""
+    own = OwnState(fleet().vehicles["mav0"])
+    for n in range(100):
+        at_ms = 1000 + 20 * n
+        yaw_rad = 0.3 + jump_rad * (n > 50)
+        snapshot = Snapshot(
+            attitude_ns=at_ms * _MS,
+            quaternion_enu_flu_wxyz=(math.cos(0.5 * yaw_rad), 0.0, 0.0, math.sin(0.5 * yaw_rad)),
+        )
+        assert _taken(own, _pose(at_ms, 1, n))
+        own.update((at_ms + 10) * _MS, 0.02, snapshot, 0.0, 0.5, is_on_ground=False)
+        assert own.heading_offset_rad == pytest.approx(-yaw_rad, abs=0.05)

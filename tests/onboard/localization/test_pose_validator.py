@@ -6,10 +6,11 @@ import math
 from typing import Any
 
 import numpy as np
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from onboard.localization.pose_validator import PoseValidator, PoseVerdict
+from onboard.localization.pose_validator import PoseValidator, PoseVerdict, Px4Evidence
 
 TICK_NS = 20_000_000
 START_NS = 10**9
@@ -19,6 +20,9 @@ LEVEL = (1.0, 0.0, 0.0, 0.0)
 def vec3(values: np.ndarray) -> tuple[float, float, float]:
     x, y, z = values.tolist()
     return x, y, z
+
+
+CONTRADICTED = Px4Evidence(is_position_known=True, is_contradicted=True)
 
 
 def circle(
@@ -38,7 +42,7 @@ def judge(
         changes.get("attitude", LEVEL),
         stamp_ns,
         changes.get("received_ns", stamp_ns + TICK_NS),
-        is_contradicted=changes.get("is_contradicted", False),
+        evidence=changes.get("evidence", Px4Evidence()),
     )
 
 
@@ -90,15 +94,13 @@ def test_a_jump_is_rejected_at_its_first_sample_and_leaves_the_expected_motion(
 
 
 def test_after_a_jump_for_good_the_new_place_is_believed_only_where_nobody_contradicts() -> None:
-    for is_contradicted in (True, False):
+    for evidence in (CONTRADICTED, Px4Evidence(is_position_known=True)):
         validator, rng = settled()
         verdicts = []
         for tick in range(100, 250):
             x, y, z = circle(tick, rng)
-            verdicts.append(
-                judge(validator, tick, (x + 1.0, y - 1.0, z), is_contradicted=is_contradicted)
-            )
-        assert (verdicts[-1] is PoseVerdict.JUMPED) == is_contradicted
+            verdicts.append(judge(validator, tick, (x + 1.0, y - 1.0, z), evidence=evidence))
+        assert (verdicts[-1] is PoseVerdict.JUMPED) == evidence.is_contradicted
 
 
 def test_a_single_wild_sample_costs_no_good_one_after_it_whatever_another_source_says() -> None:
@@ -106,7 +108,7 @@ def test_a_single_wild_sample_costs_no_good_one_after_it_whatever_another_source
     assert judge(validator, 100, (9.0, 9.0, 1.0)) is PoseVerdict.JUMPED
     for tick in range(101, 110):
         assert (
-            judge(validator, tick, circle(tick, rng), is_contradicted=True) is PoseVerdict.ACCEPTED
+            judge(validator, tick, circle(tick, rng), evidence=CONTRADICTED) is PoseVerdict.ACCEPTED
         )
 
 
@@ -142,12 +144,31 @@ def test_an_old_sample_with_a_new_stamp_after_an_outage_costs_the_true_ones_noth
     assert verdicts == [PoseVerdict.UNCONFIRMED, *[PoseVerdict.ACCEPTED] * 8]
 
 
-def test_samples_after_an_outage_that_px4_excludes_need_half_a_second_of_agreement() -> None:
+@pytest.mark.parametrize("outage_s", [0.5, 2.0])
+def test_samples_after_an_outage_that_px4_excludes_need_half_a_second_of_agreement(
+    outage_s: float,
+) -> None:
+    """After a short outage PX4 is right."""
     validator, rng = settled()
+    begin = 100 + round(outage_s / 0.02)
     verdicts = [
-        judge(validator, tick, circle(tick, rng), is_contradicted=True) for tick in range(200, 230)
+        judge(validator, tick, circle(tick, rng), evidence=CONTRADICTED)
+        for tick in range(begin, begin + 30)
     ]
-    assert verdicts == [PoseVerdict.UNCONFIRMED] * 24 + [PoseVerdict.ACCEPTED] * 6
+    if outage_s < 1.0:
+        assert verdicts == [PoseVerdict.UNCONFIRMED] * 30
+        assert validator.doubts == 0
+    else:
+        assert verdicts == [PoseVerdict.UNCONFIRMED] * 24 + [PoseVerdict.ACCEPTED] * 6
+        assert validator.doubts == 1
+
+
+@pytest.mark.parametrize("jump_deg", [-170.0, 15.0, 25.0])
+def test_a_heading_that_px4_does_not_explain_is_a_jump(jump_deg: float) -> None:
+    validator, rng = settled()
+    evidence = Px4Evidence(heading_jump_rad=math.radians(jump_deg))
+    is_believed = judge(validator, 100, circle(100, rng), evidence=evidence) is PoseVerdict.ACCEPTED
+    assert is_believed == (abs(jump_deg) < 20.0)
 
 
 def test_a_body_that_turns_round_between_two_samples_is_another_one() -> None:

@@ -90,6 +90,13 @@ def lay_body_on_its_side(rig: Rig) -> None:
     rig.pose = lambda **changes: original(**{"quaternion_enu_flu_wxyz": side, **changes})  # type: ignore[method-assign]
 
 
+def carry_to(rig: Rig, east_m: float) -> None:
+    begin_m = rig.position[0]
+    for share in np.linspace(0.0, 1.0, 200):
+        rig.position[0] = begin_m + share * (east_m - begin_m)
+        rig.run(0.02)
+
+
 def carry(rig: Rig) -> None:
     rig.velocity = np.array([0.0, 0.6, 0.0])
     steps = itertools.count()
@@ -150,7 +157,7 @@ BREAKS: dict[str, Callable[[Rig], None]] = {
     "parameters": wrong_parameter,
     "position": lambda rig: setattr(rig, "has_mocap", False),
     "clock": shift_stamps,
-    "agreement": turn_frame,
+    "agreement": px4_elsewhere,
     "at rest": carry,
     "spot": swap_body,
     "fence": lambda rig: None,  # below: only a vehicle that has flown may stand elsewhere
@@ -244,9 +251,51 @@ def test_a_vehicle_that_landed_elsewhere_may_take_off_there_but_not_outside_the_
     rig.until("landed")
     rig.run(2.0)
     assert refusals(rig) == {}
-    rig.position = np.array([5.0, 0.0, 0.0])
+    carry_to(rig, 5.0)
     rig.run(3.0)
     assert set(refusals(rig)) == {"fence"}
+
+
+@pytest.mark.parametrize("is_lost_between", [False, True])
+def test_a_vehicle_whose_poses_jump_after_a_landing_takes_off_from_its_spot_only(
+    is_lost_between: bool,
+) -> None:
+    """Two bodies have exchanged their names, or the mocap has begun anew with another origin."""
+    rig = ready()
+    rig.order("takeoff", height_m=1.0)
+    rig.until("flying")
+    rig.order("land")
+    rig.until("landed")
+    rig.run(2.0)
+    assert refusals(rig) == {}
+
+    rig.position = rig.position + np.array([1.0, 0.0, 0.0])
+    if is_lost_between:
+        rig.has_mocap = False
+        rig.run(1.0)
+        rig.has_mocap = True
+    rig.run(20.0)
+    assert not rig.order("takeoff", height_m=1.0).is_accepted
+    if not is_lost_between:  # nobody has carried it, so its body is wrong
+        assert "position jumped" in refusals(rig)["failsafe"]
+        return
+
+    assert set(refusals(rig)) == {"spot"}
+    carry_to(rig, 0.0)
+    rig.run(3.0)
+    assert refusals(rig) == {}
+    carry_to(rig, 1.0)
+    rig.run(3.0)
+    assert refusals(rig) == {}
+
+
+def test_a_body_whose_heading_jumps_on_the_ground_is_refused_for_good() -> None:
+    """Its markers form a symmetric pattern. PX4 would follow its heading after some seconds."""
+    rig = ready()
+    turn_frame(rig)
+    rig.run(20.0)
+    assert set(refusals(rig)) == {"failsafe"}
+    assert "position jumped" in refusals(rig)["failsafe"]
 
 
 def test_a_body_on_another_vehicle_is_found_when_the_vehicle_is_tilted_by_hand() -> None:
@@ -279,9 +328,11 @@ def test_a_px4_with_another_position_refuses_only_if_it_fuses_the_mocaps() -> No
     px4_elsewhere(rig)
     rig.run(2.0)
     assert "2.00 m from where the mocap" in refusals(rig)["agreement"]
-    alone = ready(EKF2_EV_CTRL=0)
-    px4_elsewhere(alone)
+    no_fusion = {"EKF2_EV_CTRL": 0.0}
+    alone = Rig(AgentCore(fleet(("mav0", "mav1", "mav2"), px4_params=no_fusion), "mav0", boot_id=7))
     turn_frame(alone)
+    alone.run(2.5)
+    px4_elsewhere(alone)
     alone.run(2.0)
     assert refusals(alone) == {}
     checks = {name: (sentence, remedy) for name, _, sentence, remedy in reports(alone)[-1].checks}

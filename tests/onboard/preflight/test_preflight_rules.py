@@ -236,7 +236,11 @@ CASES: dict[tuple[str, str], tuple[dict[str, Any], str]] = {
         {"heading_miss_rad": 1.0, "fuses_heading": False},
         "57 degrees from PX4's compass",
     ),
-    ("at rest", "moving"): ({"speed_m_s": 0.8}, "0.8 m/s"),
+    ("at rest", "moving"): ({"speed_m_s": 0.8}, "It moves with 0.8 m/s"),
+    ("at rest", "position moves"): (
+        {"speed_m_s": 0.8, "vehicle": BARE},
+        "by PX4 moves with 0.8 m/s",
+    ),
     ("spot", "swapped"): (
         {"position_enu_m": SPOT_OF_MAV2, "fuses_position": False},
         "take-off spot of mav2",
@@ -258,13 +262,13 @@ CASES: dict[tuple[str, str], tuple[dict[str, Any], str]] = {
         {
             "vehicle": OUTSIDE,
             "position_enu_m": (3.9, 0.0, 0.0),
-            "has_flown": True,
+            "may_be_anywhere": True,
             "fuses_position": False,
         },
         "(9.00, 0.00, 0.00) m lies outside",
     ),
     ("fence", "position outside"): (
-        {"position_enu_m": (0.0, -4.2, 0.0), "has_flown": True, "fuses_position": False},
+        {"position_enu_m": (0.0, -4.2, 0.0), "may_be_anywhere": True, "fuses_position": False},
         "(0.00, -4.20, 0.00) m lies outside",
     ),
     ("neighbours", "missing"): (
@@ -499,7 +503,7 @@ def test_what_cannot_be_judged_says_so_and_refuses_nothing_by_itself() -> None:
         (ON_EARTH, 0.59, {}, True),
         (ON_EARTH, 0.61, {}, False),
         (ON_EARTH, 0.61, {"position_std_m": 0.3}, True),
-        (ON_EARTH, 0.61, {"has_flown": True}, True),
+        (ON_EARTH, 0.61, {"may_be_anywhere": True}, True),
         (FLEET, 0.61, {}, True),  # its frame begins where it stands
     ],
 )

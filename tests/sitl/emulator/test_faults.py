@@ -437,6 +437,10 @@ def test_the_motion_capture_can_freeze_jump_swap_be_late_or_lost() -> None:
     )
     (_, first), (_, second) = newest("v0 mocap_swapped at=1 other=v1")
     assert first.position_enu_m[0] - second.position_enu_m[0] == pytest.approx(3.0, abs=0.01)
+    (_, flipped), _ = newest("v0 mocap_flipped at=1 yaw_deg=180")
+    assert abs(flipped.quaternion_enu_flu_wxyz[3]) == pytest.approx(
+        abs(other.quaternion_enu_flu_wxyz[0]), abs=0.01
+    )
     (arrival_s, late), _ = newest("v0 mocap_late at=1 delay_s=0.4")
     assert arrival_s - late.time_s == pytest.approx(0.42, abs=0.01)
     (_, lost), (_, seen) = newest("v0 mocap_lost at=1")
@@ -449,6 +453,7 @@ def test_after_a_fault_of_the_motion_capture_all_is_as_before() -> None:
         "v0 mocap_frozen",
         "v0 mocap_swapped other=v1",
         "v0 mocap_jump",
+        "v0 mocap_flipped",
         "v0 mocap_late",
         "v0 mocap_lost",
     ):

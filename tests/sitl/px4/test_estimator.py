@@ -419,3 +419,14 @@ def test_the_reported_accuracy_grows_without_satellites_and_recovers_with_them()
     hovering.estimator.sensors[0].gps_blocked = False
     hovering.fly(0.2)
     assert told_m(0, hovering.time_s) == 0.3
+
+
+def test_satellites_that_come_back_bring_the_position_back() -> None:
+    hovering = Hovering(1)
+    hovering.fly(5.0)
+    hovering.estimator.sensors[0].gps_blocked = True
+    hovering.fly(10.0)
+    drifted_m = np.hypot(*hovering.estimator.offset_ned_m[0, :2])
+    hovering.estimator.sensors[0].gps_blocked = False
+    hovering.fly(0.5)
+    assert np.hypot(*hovering.estimator.offset_ned_m[0, :2]) < 0.1 < drifted_m
