@@ -16,10 +16,11 @@ from onboard.bus.clock_offsets import Clocks
 from onboard.bus.clock_sync import ClockNode
 from onboard.bus.codec import Malformed
 from onboard.bus.protocol import Bus, BusError
-from onboard.bus.schema import Message
+from onboard.bus.schema import Event, Message
 from onboard.bus.topics import Topic
 
 MAX_QUEUED = 20_000
+_MAX_HEARD = 200  # events that are kept to know a repeat
 DELIVERY_PERIOD_S = 0.02
 # Topics whose messages are folded into the fleet's state; with people, the client adds ALL_POSES.
 FOLDED = (Topic.TELEMETRY, Topic.EVENT, Topic.TRUTH, Topic.PREFLIGHT)
@@ -59,6 +60,8 @@ class BusFeed:
         self._clock_ns = clock_ns
         self._on_delivery = on_delivery
         self._sinks: list[Sink] = []
+        # the newest events as they came; an agent repeats them for a ground that has missed them
+        self._heard: deque[Event] = deque(maxlen=_MAX_HEARD)
 
         self._queue: deque[ReceivedMessage] = deque(maxlen=MAX_QUEUED)
         self._dropped = 0  # messages pushed out of the full queue since the last batch
@@ -233,15 +236,25 @@ class BusFeed:
         self.bus.watch_alive(lambda node, is_alive: self.put(NodeSeen(node, is_alive)))
 
     def _receive(self, topic: Topic, name: str, message: Message | Malformed) -> None:
-        """Take a message; refuse it if it names another vehicle than its topic."""
+        """Take a message; refuse it if it names another vehicle than its topic.
+
+        A repeat of an event that was heard is left out.
+        """
         if isinstance(message, Malformed):
             self.put(message)
         elif getattr(message, "vehicle", name) != name:
             self.put(NotUsed(refused=1))
-        else:
+        elif not (isinstance(message, Event) and self._has_heard(message)):
             self._tell_sinks_on_own_clock(topic, name, message)
             if topic in self._folded:
                 self.put(message)
+
+    def _has_heard(self, event: Event) -> bool:
+        """Return whether this very event came before, and note it."""
+        if event in tuple(self._heard):  # a copy, because threads of the bus may append meanwhile
+            return True
+        self._heard.append(event)
+        return False
 
     def _tell_sinks_on_own_clock(self, topic: Topic, name: str, message: Message) -> None:
         """Hand a message to the sinks, with its stamp on the ground's clock."""

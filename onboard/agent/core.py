@@ -314,7 +314,7 @@ class AgentCore:
 
         # Who needs to know?
         messages = self._publisher.publish(self._result(tick, view))
-        events = self.nodes.lost_ends.pass_on(flight.take_commands(), now_ns)
+        events = self.nodes.missed_events.pass_on(flight.take_commands(), now_ns)
         requests = self._requests(view, was_on_ground=was_on_ground)
         return [*messages.telemetry, *events, *setpoint, *messages.others, *requests]
 
@@ -663,7 +663,7 @@ class AgentCore:
             ),
         )
         reply = self._orders.take(received.order, facts, is_stopping=self._is_stopping)
-        events = self.nodes.lost_ends.pass_on(self.flight.take_commands(), now_ns)
+        events = self.nodes.missed_events.pass_on(self.flight.take_commands(), now_ns)
         return [Reply(reply), *events]
 
     def _order_untrusted(self, received: OrderUntrusted, now_ns: int) -> list[Command]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from onboard.agent.lost_ends import LostEnds
+from onboard.agent.missed_events import MissedEvents
 from onboard.agent_commands import Follow
 from onboard.bus.control_token import CONTROL_CLAIMS, GROUND, ControlTokens
 from onboard.config.fleet import FleetConfig
@@ -20,7 +20,7 @@ class BusNodes:
 
     def __init__(self, fleet: FleetConfig, vehicle_name: str) -> None:
         self.roles = ControlTokens()
-        self.lost_ends = LostEnds()
+        self.missed_events = MissedEvents()
         self.has_ground = False  # whether a ground is on the bus
 
         # whether messages of another vehicle or of the mocap are expected
@@ -38,8 +38,8 @@ class BusNodes:
 
         # if a ground appears twice, its link broke in between without being noticed
         if is_alive and node in self._grounds:
-            self.lost_ends.see(node, False, now_ns)
-        self.lost_ends.see(node, is_alive, now_ns)
+            self.missed_events.see(node, False, now_ns)
+        self.missed_events.see(node, is_alive, now_ns)
 
         if is_alive:
             self._grounds.add(node)

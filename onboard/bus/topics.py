@@ -40,7 +40,9 @@ class Delivery(Enum):
     """Transport of a message."""
 
     LATEST = "latest"  # only the newest matters: dropped under congestion
-    RELIABLE = "reliable"  # every message matters: the sender blocks, and no message is dropped
+    # Every message matters: the sender blocks, and no message is dropped while the link holds. What
+    # breaks with the link, and has to be known, is sent again: onboard/agent/missed_events.py.
+    RELIABLE = "reliable"
     QUERY = "query"  # order and reply
     TOKEN = "token"  # liveliness
 

@@ -64,3 +64,30 @@ def test_sinks_get_stamps_on_the_grounds_clock_and_the_state_keeps_those_of_the_
     own = Event(vehicle="mav0", stamp_ns=now_ns, severity="info", code="y", sentence="y")
     feed.tell_sinks(Topic.EVENT, "mav0", own)
     assert recorded[-1] is own, "a message of the ground itself has its clock"
+
+
+def test_an_event_that_an_agent_repeats_for_another_ground_is_taken_once() -> None:
+    folded: list[Message] = []
+
+    def fold(batch: Sequence[ReceivedMessage]) -> None:
+        folded.extend(message for message, _ in batch if isinstance(message, Message))
+
+    feed = BusFeed(
+        BusSession(namespace="covey/test", node="ground"),
+        fold,
+        folded=[Topic.EVENT],
+        recorded=[],
+        clock_ns=lambda: 1000 * _S,
+        on_delivery=lambda: None,
+    )
+    recorded: list[Message] = []
+    feed.add_sink(lambda _topic, _name, message, _received_ns: recorded.append(message))
+
+    lands = Event(vehicle="mav0", stamp_ns=1, severity="critical", code="x", sentence="It lands.")
+    again = Event(vehicle="mav0", stamp_ns=2, severity="critical", code="x", sentence="It lands.")
+    for event in (lands, again, lands):
+        feed._receive(Topic.EVENT, "mav0", event)
+    feed.read()
+
+    assert folded == [lands, again]
+    assert len(recorded) == 2

@@ -577,8 +577,10 @@ async def test_without_a_direct_endpoint_the_silence_is_told_with_what_to_do(
 
 
 async def test_a_flood_of_events_is_folded_and_stays_bounded(client: Any, bus: Any) -> None:
-    event = Event(vehicle="mav0", stamp_ns=1, severity="info", code="x", sentence="again")
-    for _ in range(10_000):
+    for stamp_ns in range(10_000):
+        event = Event(
+            vehicle="mav0", stamp_ns=stamp_ns, severity="info", code="x", sentence="again"
+        )
         bus.on_message[Topic.EVENT](Topic.EVENT, "mav0", event)
     assert await client.wait_for(lambda state: len(state.events) == 500, 5.0)
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import itertools
 from collections.abc import Callable
 from typing import Any
 
@@ -164,8 +165,16 @@ async def test_a_wait_without_time_only_looks_whether_the_condition_holds_now(
 async def test_an_event_that_has_come_is_not_forgotten_while_the_rest_of_a_condition_comes(
     group: Group, bus: Any
 ) -> None:
+    stamps_ns = itertools.count()
+
     def publish(code: str) -> None:
-        message = Event(vehicle="mav1", stamp_ns=0, severity="info", code=code, sentence="Made up.")
+        message = Event(
+            vehicle="mav1",
+            stamp_ns=next(stamps_ns),
+            severity="info",
+            code=code,
+            sentence="Made up.",
+        )
         bus.on_message[Topic.EVENT](Topic.EVENT, "mav1", message)
 
     def has_last(code: str) -> Callable[[FleetState], bool]:
