@@ -21,6 +21,7 @@ import numpy as np
 
 from groundstation.alarms.alarm_table import (
     BY_TEXT,
+    COVERED,
     NOT_HEARD_YET,
     RANKS,
     TABLE,
@@ -37,7 +38,8 @@ from onboard.config.fleet import FleetConfig
 from onboard.config.flight_space import flight_space_of
 from onboard.config.pair_separation import separations_m
 from onboard.plain_text import listed, plain_line
-from onboard.safety.failsafe_table import Condition
+from onboard.safety.failsafe_table import TABLE as FAILSAFE_TABLE
+from onboard.safety.failsafe_table import WORDS, Action, Condition, Situation
 from onboard.types import TICK_S
 
 START_S = 20.0  # in this time after its start, an agent may not have heard everything yet
@@ -63,8 +65,9 @@ _EVENT_KINDS: dict[str, Kind] = {
     "process_ended": GroundCondition.PROCESS_ENDED,
     "killed": GroundCondition.KILLED,
 }
-# in place of what the agent does about a condition, while a pilot flies its vehicle
+# in place of what the agent does about a condition, while a pilot flies its vehicle or PX4 lands it
 _BY_HAND = "Its pilot flies it: its agent does nothing about it."
+_BY_PX4 = "PX4 lands it: its agent does nothing about it."
 NOT_RECORDED = "Nothing of it was recorded up to here."  # instead of the advice to start an agent
 # Alarms from a single event, which stay until they are acknowledged.
 LATCHED = frozenset(_EVENT_KINDS.values())
@@ -203,14 +206,19 @@ class Alarms:
         """End an alarm that does not hold now.
 
         A latched alarm ends once it is acknowledged. Any other alarm ends after LINGER_S, because
-        it may only be flickering.
+        it may only be flickering, or at once if a worse one that implies it has begun.
         """
         line = self._lines[key]
+        kind, subject = key
         last_ns = self._last_ns[key]
-        if line.alarm.kind in LATCHED:
+        if kind in LATCHED:
             if line.is_acknowledged:
                 self._end(key, now_ns)
-        elif now_ns - last_ns > LINGER_S * 1e9:
+            return
+
+        worse = COVERED.get(kind)
+        is_covered = worse is not None and self._last_ns.get((worse, subject)) == now_ns
+        if is_covered or now_ns - last_ns > LINGER_S * 1e9:
             self._end(key, last_ns)
 
     def _end(self, key: _Key, over_ns: int) -> None:
@@ -351,18 +359,27 @@ def _alarm(
     subject: str,
     *,
     is_flying: bool,
-    is_by_hand: bool = False,
+    instead: str = "",
     what: str = "",
     names: str = "",
 ) -> Alarm:
-    """Return an alarm with the words of the table; ``names`` replace its subject."""
+    """Return an alarm with the words of the table.
+
+    Args:
+        kind: kind of the alarm.
+        subject: a vehicle, a pair, or empty for the fleet.
+        is_flying: whether one of them flies.
+        instead: said in place of what the agent does about a condition, if not empty.
+        what: number, name or reason in the sentence.
+        names: replaces the subject in the sentence.
+    """
     row = TABLE[kind]
     advice = row.advice
     severity = row.on_ground
     if is_flying:
         advice_in_flight = row.advice_in_flight
-        if is_by_hand and isinstance(kind, Condition) and kind is not Condition.FLOWN_BY_HAND:
-            advice_in_flight = _BY_HAND
+        if instead:
+            advice_in_flight = instead
         advice = f"{advice_in_flight} {row.advice}".strip()
         severity = row.in_flight
     if not names:
@@ -486,7 +503,7 @@ def _of_vehicle(
             kind,
             name,
             is_flying=is_flying,
-            is_by_hand=telemetry.is_flown_by_hand,
+            instead=_instead(kind, telemetry),
             what=_what(kind, telemetry),
         )
     if unknown:
@@ -497,6 +514,20 @@ def _of_vehicle(
         yield _alarm(GroundCondition.LAW_OFF, name, is_flying=True)
     elif is_flying and telemetry.law_status.lower() in ("relaxed", "infeasible"):
         yield _alarm(GroundCondition.LAW_STRAINED, name, is_flying=True)
+
+
+def _instead(kind: Kind, telemetry: Telemetry) -> str:
+    """Return what is said in place of what the agent does; empty if the agent does it."""
+    if not isinstance(kind, Condition):
+        return ""
+    if telemetry.is_flown_by_hand:
+        return "" if kind is Condition.FLOWN_BY_HAND else _BY_HAND
+    if telemetry.action != WORDS[Action.PX4_LAND]:
+        return ""
+
+    # these have words of their own about PX4, or end its landing
+    is_why = FAILSAFE_TABLE[Situation.FLYING, kind] >= Action.PX4_LAND
+    return "" if is_why else _BY_PX4
 
 
 def _has_not_heard_yet(view: VehicleView) -> bool:

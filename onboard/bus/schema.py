@@ -162,7 +162,8 @@ class Telemetry(Message, frozen=True, array_like=True, kw_only=True):
     config_hash: str  # of the fleet file and the law: equal on all vehicles that fly together
     system_id: int  # MAV_SYS_ID of its PX4
 
-    conditions: tuple[str, ...] = ()  # conditions of the failsafe table that hold now, in words
+    # conditions of the failsafe table that hold now, and the one for which PX4 lands it, in words
+    conditions: tuple[str, ...] = ()
     action: str = ""  # action that the failsafe table demands now, in words
     operator: str = ""  # token of the operator, as this vehicle sees it: control_token.py
     roles: tuple[str, ...] = ()  # the other tokens of control_token.py

@@ -87,6 +87,8 @@ class FailsafeSupervisor:
         self.conditions: set[Condition] = set()  # conditions that held at the last tick
         # strongest action since the last order; on the ground, the action of the last tick
         self.action = Action.GO_ON
+        # condition for which PX4 lands the vehicle; None: PX4 does not, or for no condition
+        self._px4_lands_for: Condition | None = None
         self.must_be_level = False  # whether the setpoint of this tick must be level
         self._details: dict[Condition, str] = {}  # details of the conditions that hold
         self._reported: dict[Condition, _Reported] = {}
@@ -109,10 +111,13 @@ class FailsafeSupervisor:
         self.must_be_level = bool(self.conditions) and needs_level(situation, self.conditions)
         if situation is Situation.GROUND:
             self.action = demanded
+            self._px4_lands_for = None
             self._reported.clear()
             return _NOTHING
 
         self.action = latched(self.action, demanded)
+        if demanded is Action.PX4_LAND:
+            self._px4_lands_for = condition
         if situation is Situation.SILENT:
             return _NOTHING
 
@@ -137,6 +142,7 @@ class FailsafeSupervisor:
     def begin_order(self) -> None:
         """Forget the action, because an operator's order decides from here on."""
         self.action = Action.GO_ON
+        self._px4_lands_for = None
 
     def move_refusal(self) -> str | None:
         """Return a sentence about the condition that refuses a move; None if none does.
@@ -151,8 +157,15 @@ class FailsafeSupervisor:
         return f"{sentence} Order it again when this condition has ended."
 
     def in_words(self) -> tuple[tuple[str, ...], str]:
-        """Return conditions and action in words, for telemetry."""
-        conditions = tuple(condition.value for condition in in_order(self.conditions))
+        """Return conditions and action in words, for telemetry.
+
+        While PX4 lands the vehicle, the condition that made it do so is one of them, also when it
+        has ended: a stall of the loop holds for one tick, and often no ground hears this tick.
+        """
+        told = self.conditions
+        if self._px4_lands_for is not None and self.action is Action.PX4_LAND:
+            told = told | {self._px4_lands_for}
+        conditions = tuple(condition.value for condition in in_order(told))
         return conditions, WORDS[self.action]
 
     def _due_reports(self, now_ns: int, situation: Situation) -> tuple[ConditionReport, ...]:

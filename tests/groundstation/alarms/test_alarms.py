@@ -147,6 +147,32 @@ def test_nothing_is_said_to_hold_or_land_a_vehicle_that_a_pilot_flies(ground: Gr
     )
 
 
+def test_while_px4_lands_a_vehicle_nothing_is_said_to_be_done_by_its_agent(ground: Ground3) -> None:
+    stalled = (Condition.POSITION_LOST.value, Condition.LOOP_STALLED_LONG.value)
+    ground.all_hear()
+    ground.hear("mav1", conditions=stalled, action="PX4 lands")
+    cause, other = conditions(ground.state, ground.fleet, ground.now_ns)
+    assert cause.kind is Condition.LOOP_STALLED_LONG
+    assert cause.advice == "PX4 lands it. See its log."
+    assert other.advice.startswith("PX4 lands it: its agent does nothing about it. ")
+
+
+def test_why_a_vehicle_was_silent_takes_the_place_of_its_silence(ground: Ground3) -> None:
+    ground.all_hear()
+    ground.wait(2.0)
+    ground.hear("mav0")
+    ground.hear("mav2")
+    ground.update()
+    assert ground.alarms.worst is not None
+    assert ground.alarms.worst.alarm.kind is GroundCondition.SILENT
+
+    ground.hear("mav1", conditions=(Condition.LOOP_STALLED_LONG.value,), action="PX4 lands")
+    ground.update()
+    assert [line.alarm.kind for line in ground.alarms.lines] == [Condition.LOOP_STALLED_LONG]
+    (over,) = ground.alarms.over
+    assert over.alarm.kind is GroundCondition.SILENT
+
+
 def test_of_two_alarms_that_say_the_same_only_the_worse_is_shown(ground: Ground3) -> None:
     ground.all_hear()
     both = (Condition.BUS_LOST.value, Condition.BUS_LOST_LONG.value)

@@ -8,7 +8,8 @@ import itertools
 
 import pytest
 
-from onboard import agent_commands
+from onboard import agent_commands, agent_inputs
+from onboard.safety.failsafe_table import Condition
 from tests.onboard.agent.rig import DT_NS, Rig, hovering_rig
 
 LOSS_NS = 300_000_000
@@ -57,6 +58,33 @@ def test_after_a_stall_in_which_px4_began_to_land_it_is_left_to_land(stall_ms: i
     assert setpoints(rig, begin_ns) == []
     assert rig.count(agent_commands.SetOffboard, begin_ns) == 0
     rig.until("landed")
+
+
+@pytest.mark.parametrize("order", ["", "move"])
+def test_a_ground_whose_link_a_stall_has_broken_learns_why_px4_lands(order: str) -> None:
+    rig = flying()
+    if order:
+        assert rig.order("move", position_enu_m=(0.5, 0.0, 1.0)).is_accepted
+    rig.now_ns += 1200 * 1_000_000 - DT_NS
+    rig.mode = "LAND"
+    rig.step()  # the links broke meanwhile: nobody hears this tick
+    rig.events.clear()
+    rig.core.handle(agent_inputs.NodeChanged("ground-1", False), rig.now_ns)
+    rig.run(0.5)
+    rig.core.handle(agent_inputs.NodeChanged("ground-1", True), rig.now_ns)
+
+    rig.run(0.2)
+    assert rig.telemetry is not None
+    assert Condition.LOOP_STALLED_LONG.value in rig.telemetry.conditions
+    assert "loop-stalled-long" not in [event.code for event in rig.events]
+
+    rig.run(1.0)
+    (told,) = [event for event in rig.events if event.severity == "critical"]
+    assert told.sentence == "Loop stalled for long: PX4 lands."
+
+    rig.until("landed")
+    rig.run(0.2)
+    assert Condition.LOOP_STALLED_LONG.value not in rig.telemetry.conditions
 
 
 @pytest.mark.parametrize("gap_ms", [300, 320, 340, 360, 380, 400, 420, 440, 600])
