@@ -4,6 +4,10 @@ When several vehicles in flight all fall silent at once, not all of them have fa
 has lost its link. Then the mission waits, because the vehicles are safe. Their agents hear each
 other, so the avoidance law goes on, and they land when no ground was heard for
 ``ground_lost_land_s``. An agent that is dead or hangs sends no setpoints, and its PX4 lands.
+
+What cuts off this ground may cut off the agents as well: from each other, if it is the fleet's
+router, and from poses that come over the bus. Then they land within seconds, which this ground
+cannot see.
 """
 
 from __future__ import annotations
@@ -13,10 +17,14 @@ import math
 
 from groundstation.client.client import FleetClient
 from groundstation.fleet.own_stall import AFTER_STALL_S
+from groundstation.fleet.state import VehicleView
+from onboard.config.fleet import FleetConfig
+from onboard.plain_text import listed
 
 SILENT_S = 2.0  # age of the last telemetry of an agent that hangs or is cut off in flight
 _LOOK_PERIOD_S = 0.2
 _COUNTDOWN_PERIOD_S = 10.0  # time between two warnings that the agents will land
+_ENDS_OF_FLIGHT = frozenset(("landing", "landed", "failed"))
 
 
 def silent_in_flight(client: FleetClient) -> list[str]:
@@ -46,7 +54,10 @@ class OwnLink:
 
     def __init__(self, client: FleetClient) -> None:
         self._client = client
+        self.cause = _cause(client.fleet)  # why no vehicle is heard, while none is
+        self._exception = _exception(client.fleet)
         self._is_lost = False
+        self._ordered: dict[str, str] = {}  # vehicles in flight at the loss -> kind of their order
         self._heard_ns = 0  # reception of the last telemetry before the loss
         self._back_ns = 0  # reception of the first telemetry after the loss; 0: none yet
         self._said_s = 0.0  # length of the silence at the last warning
@@ -120,13 +131,16 @@ class OwnLink:
     def _lose(self) -> None:
         vehicles = self._client.state.vehicles
         self._is_lost = True
-        self._heard_ns = max(vehicles[name].received_ns for name in self._in_flight())
+        flying = self._in_flight()
+        self._ordered = {name: _order_kind(vehicles[name]) for name in flying}
+        self._heard_ns = max(vehicles[name].received_ns for name in flying)
         self._back_ns = 0
         self._said_s = self._silent_for_s()
 
         sentence = (
-            "This ground hears no vehicle: its own link is down. The vehicles finish their orders "
-            f"and hold; their agents land them in {self.landing_in_s:.0f} s. Check its network."
+            f"This ground hears no vehicle: {self.cause}. The vehicles finish their orders and "
+            f"hold; their agents land them in {self.landing_in_s:.0f} s{self._exception}. "
+            "Check its network."
         )
         self._client.publish_event("critical", "own_link_lost", sentence)
 
@@ -137,8 +151,8 @@ class OwnLink:
 
         self._said_s = silent_for_s
         sentence = (
-            f"This ground has heard no vehicle for {silent_for_s:.0f} s: its own link is down. "
-            f"The agents land in {self.landing_in_s:.0f} s."
+            f"This ground has heard no vehicle for {silent_for_s:.0f} s: {self.cause}. "
+            f"The agents land in {self.landing_in_s:.0f} s{self._exception}."
         )
         self._client.publish_event("warning", "own_link_lost", sentence)
 
@@ -167,7 +181,24 @@ class OwnLink:
         self._settled_ns = now_ns + round(SILENT_S * 1e9)
         self._client.notice_own_link()
         sentence = f"The link is back after {silent_for_s:.1f} s: the mission goes on."
+        landing = self._landing_without_order()
+        if landing:
+            sentence = (
+                f"The link is back after {silent_for_s:.1f} s. Meanwhile the flight has ended for "
+                f"{listed(landing)}."
+            )
         self._client.publish_event("warning", "own_link_back", sentence)
+
+    def _landing_without_order(self) -> list[str]:
+        """Return the vehicles that land or have landed, and had another order at the loss."""
+        names = []
+        for name, kind in self._ordered.items():
+            telemetry = self._client.state.vehicles[name].telemetry
+            if telemetry is None or kind == "land":
+                continue
+            if telemetry.state in _ENDS_OF_FLIGHT:
+                names.append(name)
+        return names
 
     def _silent_for_s(self) -> float:
         return (self._client.now_ns() - self._heard_ns) * 1e-9
@@ -175,3 +206,29 @@ class OwnLink:
     def _in_flight(self) -> list[str]:
         """Return the vehicles that were armed when last heard, and not disarmed by PX4 since."""
         return [name for name, view in self._client.state.vehicles.items() if view.is_armed]
+
+
+def _order_kind(view: VehicleView) -> str:
+    return "" if view.telemetry is None else view.telemetry.order_kind
+
+
+def _cause(fleet: FleetConfig) -> str:
+    """Return why no vehicle is heard, in words."""
+    if fleet.fleet.routers:
+        return "its own link is down, or the fleet's routers are"
+    return "its own link is down"
+
+
+def _exception(fleet: FleetConfig) -> str:
+    """Return when the agents land at once, in words; empty if the ground's link changes nothing."""
+    cut_off_from = []
+    if fleet.fleet.routers:
+        cut_off_from.append("each other")
+    if not fleet.mocap.direct and any(
+        fleet.vehicles[name].mocap_required for name in fleet.enabled_names
+    ):
+        cut_off_from.append("their poses")
+
+    if not cut_off_from:
+        return ""
+    return f", or within seconds if they are cut off from {' or '.join(cut_off_from)}"

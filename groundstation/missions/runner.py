@@ -286,8 +286,8 @@ class MissionRun:
                 return False
             limit_s = self.client.fleet.fleet.ground_lost_land_s
             reason = (
-                f"This ground has heard no vehicle for {limit_s:g} s: its own link is down. The "
-                "agents land by themselves."
+                f"This ground has heard no vehicle for {limit_s:g} s: {link.cause}. The agents "
+                "land by themselves."
             )
             self.client.publish_event("critical", "own_link_lost", reason)
             self.abort(reason)

@@ -85,8 +85,28 @@ def test_a_mission_whose_ground_loses_its_own_link_waits_and_goes_on(
     assert sentences(flight, "direct_command") == []
     (lost,) = sentences(flight, "own_link_lost")
     assert "This ground hears no vehicle: its own link is down" in lost
-    assert "their agents land them in 58 s" in lost
-    assert len(sentences(flight, "own_link_back")) == 1
+    assert "land them in 58 s, or within seconds if they are cut off from their poses." in lost
+    (back,) = sentences(flight, "own_link_back")
+    assert back.endswith(": the mission goes on.")
+
+
+def test_a_ground_behind_a_dead_router_does_not_promise_that_the_flight_goes_on(
+    lockstep, paper: FleetConfig
+) -> None:
+    """The agents are cut off from each other and from their poses, and land."""
+    routed = replace(paper, fleet=replace(paper.fleet, routers=("tcp/127.0.0.1:7447",)))
+    flight = lockstep(routed, seed=1)
+    flight.at(9.0, lambda: flight.bus.partition([GROUND], *([name] for name in routed.vehicles)))
+    flight.at(12.0, flight.bus.heal)
+
+    verdict = flight.fly(crossing(routed))
+
+    (lost,) = sentences(flight, "own_link_lost")
+    assert "its own link is down, or the fleet's routers are" in lost
+    assert "or within seconds if they are cut off from each other or their poses." in lost
+    (back,) = sentences(flight, "own_link_back")
+    assert back.endswith("Meanwhile the flight has ended for mav0, mav1, mav2.")
+    assert "Own position lost (by dead reckoning): landing." in verdict.summary
 
 
 @pytest.mark.long
