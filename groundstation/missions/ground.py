@@ -206,7 +206,7 @@ class MissionGround:
             # The listener has noted the arrival of those that have done it. The others count as
             # late, unless the mission goes on without them.
             if not results[name].is_done and not self.goes_on_without:
-                self._add_arrival_at_goal(intent.verb, name, message)
+                self._add_arrival_at_goal(intent.verb, name, message, is_done=False)
             self.note_done(str(intent), name, message, results)
 
         duration_s = (client.now_ns() - begin_ns) * 1e-9
@@ -579,10 +579,11 @@ class MissionGround:
             return tuple(names)
         return remaining
 
-    def add_arrival(self, step: str, name: str, goal: Xyz) -> None:
-        """Note how far a vehicle is from its goal now."""
+    def add_arrival(self, step: str, name: str, goal: Xyz, *, is_done: bool = True) -> None:
+        """Note how far a vehicle is from its goal now, and whether its order is done."""
         view = self.client.state.vehicles[name]
-        self.arrivals.append(arrival_of(step, view, goal, self.client.now_ns()))
+        arrival = arrival_of(step, view, goal, self.client.now_ns(), is_done=is_done)
+        self.arrivals.append(arrival)
 
     def _note_arrival(self, planned: PlannedOrder, result: VehicleResult) -> None:
         """Note a vehicle's distance from its goal when its own order is done.
@@ -591,13 +592,13 @@ class MissionGround:
         """
         if result.is_done:
             message = planned.orders[result.vehicle]
-            self._add_arrival_at_goal(planned.intent.verb, result.vehicle, message)
+            self._add_arrival_at_goal(planned.intent.verb, result.vehicle, message, is_done=True)
 
-    def _add_arrival_at_goal(self, step: str, name: str, message: Order) -> None:
+    def _add_arrival_at_goal(self, step: str, name: str, message: Order, *, is_done: bool) -> None:
         """Note how far a vehicle is from the goal of its order now, if it has one in the air."""
         goal = message.position_enu_m
         if goal is not None and not message.then_land:
-            self.add_arrival(step, name, goal)
+            self.add_arrival(step, name, goal, is_done=is_done)
 
     def note_done(self, words: str, name: str, message: Order, results: Results) -> None:
         """Note an order as the last one of a vehicle, if the vehicle has done it.

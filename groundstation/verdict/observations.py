@@ -19,12 +19,13 @@ from onboard.tuples import Xyz
 
 
 class Arrival(msgspec.Struct, frozen=True):
-    """Distance of a vehicle from its goal when its order was done."""
+    """Distance of a vehicle from its goal when its order ended."""
 
     step: str
     vehicle: str
     distance_m: float
     is_truth: bool  # whether it comes from ground truth, not from telemetry
+    is_done: bool = True  # False: the order failed or was replaced on the way
 
 
 # Phases of orders that do not make a flight fail. The mission itself has cancelled the wait for the
@@ -95,7 +96,7 @@ def collided_vehicles(state: FleetState) -> frozenset[str]:
     )
 
 
-def arrival_of(step: str, view: VehicleView, goal: Xyz, now_ns: int) -> Arrival:
+def arrival_of(step: str, view: VehicleView, goal: Xyz, now_ns: int, *, is_done: bool) -> Arrival:
     """Return the distance of a vehicle from its goal now, by ground truth if there is one.
 
     Args:
@@ -103,16 +104,17 @@ def arrival_of(step: str, view: VehicleView, goal: Xyz, now_ns: int) -> Arrival:
         view: the vehicle as known now.
         goal: goal of the order [m], ENU.
         now_ns: the ground's monotonic clock [ns].
+        is_done: whether the order is done.
     """
     if view.truth is not None and view.has_truth(now_ns):
         true_distance_m = round(math.dist(view.truth.position_enu_m, goal), 4)
-        return Arrival(step, view.name, true_distance_m, is_truth=True)
+        return Arrival(step, view.name, true_distance_m, is_truth=True, is_done=is_done)
 
     distance_m = math.inf
     position_enu_m = view.position_enu_m(now_ns)
     if position_enu_m is not None:
         distance_m = round(math.dist(position_enu_m, goal), 4)
-    return Arrival(step, view.name, distance_m, is_truth=False)
+    return Arrival(step, view.name, distance_m, is_truth=False, is_done=is_done)
 
 
 def flown_law(state: FleetState, fleet: FleetConfig) -> str:

@@ -177,7 +177,9 @@ def judge(
         closest=_rounded(closest, begin_ns),
         is_collision=is_collision,
         arrivals=flown.arrivals,
-        worst_arrival_m=max((arrival.distance_m for arrival in flown.arrivals), default=None),
+        worst_arrival_m=max(
+            (arrival.distance_m for arrival in flown.arrivals if arrival.is_done), default=None
+        ),
         landed=landed,
         loop=_loops(state, report),
         duration_s=round((flown.end_ns - flown.begin_ns) * 1e-9, 2),
@@ -264,15 +266,11 @@ def describe(verdict: Verdict) -> list[str]:
     if verdict.collided and not _has_closest_collided(verdict):
         lines.append(f"Collided: {', '.join(verdict.collided)}.")
 
-    if verdict.arrivals:
-        worst_m = 0.0
-        if verdict.worst_arrival_m is not None:
-            worst_m = verdict.worst_arrival_m
-        sentence = f"Furthest from a goal on arrival: {metres(worst_m)}."
-        for result in verdict.checks:
-            if result.name == "arrived_within_m":
-                sentence = result.sentence
-        lines.append(sentence)
+    expected = [result for result in verdict.checks if result.name == "arrived_within_m"]
+    if verdict.arrivals and expected:
+        lines.append(expected[-1].sentence)
+    elif verdict.worst_arrival_m is not None:
+        lines.append(f"Furthest from a goal on arrival: {metres(verdict.worst_arrival_m)}.")
 
     fallen = falls(verdict.touchdowns)
     names_fallen = {fall.vehicle for fall in fallen}

@@ -212,6 +212,31 @@ async def test_arrival_is_judged_when_the_vehicles_own_order_is_done_and_not_whe
     assert verdict.worst_arrival_m == pytest.approx(0.0, abs=0.01)
 
 
+async def test_only_who_has_arrived_counts_for_the_furthest_arrival(
+    fleet: FleetConfig, client: Any, bus: Any
+) -> None:
+    steps = [
+        HOP[0],
+        {"do": "wait", "duration_s": 0.5},
+        {"do": "goto", "goals": {"mav1": [0.0, 1.0, 1.0]}},
+        {"do": "land"},
+    ]
+    task = asyncio.create_task(MissionRun(make(fleet, steps), client).run())
+    assert await client.wait_for(lambda state: len(state.airborne_names) == 3, 5.0)
+    bus.misbehave["mav1"] = "fail"
+    assert await client.wait_for(
+        lambda _: [name for name, _ in bus.orders].count("mav1") == 2,  # take-off and goto
+        5.0,
+    )
+    await asyncio.sleep(0.1)
+    del bus.misbehave["mav1"]
+    verdict = await asyncio.wait_for(task, 20.0)
+
+    assert [(arrival.vehicle, arrival.is_done) for arrival in verdict.arrivals] == [("mav1", False)]
+    assert verdict.worst_arrival_m is None
+    assert not [line for line in verdict.sentences if "on arrival" in line]
+
+
 async def test_a_vehicle_whose_landing_order_fails_is_waited_for_and_ordered_again(
     fleet: FleetConfig, client: Any, bus: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:
