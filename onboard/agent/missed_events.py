@@ -15,7 +15,8 @@ from typing import NamedTuple
 from onboard.agent_commands import Command, Publish
 from onboard.bus.schema import Event
 
-_NOTICED_NS = 1_500_000_000  # the loss of a ground is noticed within this time
+# The loss of a ground is noticed within this time, also by a busy computer. Too much does no harm.
+_NOTICED_NS = 3_000_000_000
 _WAIT_NS = 1_000_000_000  # time after which a ground that is back receives events
 _MAX_ENDS = 8
 _MAX_CRITICAL = 16

@@ -86,3 +86,13 @@ def test_critical_events_push_no_end_out() -> None:
     events.see("ground-1", False, 10 * S)
     events.see("ground-1", True, 20 * S)
     assert within in _told(events, 21.1)
+
+
+def test_an_event_is_told_again_if_the_loss_of_the_ground_was_noticed_late() -> None:
+    events = MissedEvents()
+    before = _end(6.9, "o0")
+    within = _end(7.1)
+    events.pass_on([before, within], 8 * S)
+    events.see("ground-1", False, 10 * S)
+    events.see("ground-1", True, 20 * S)
+    assert _told(events, 21.1) == [within]
