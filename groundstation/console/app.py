@@ -158,6 +158,7 @@ class ConsoleApp(App[int]):
         self.orders = OrderEntry(
             self, fleet, client, self.panels, forecaster=forecaster, refresh=self.refresh_fleet
         )
+        self.panels.order_line.on_order = self.orders.take_line
         self.mission = MissionWorker(
             self, self.panels, mission=mission, connect=connect, progress=progress
         )
@@ -384,13 +385,11 @@ class ConsoleApp(App[int]):
             return False
         return super().check_action(action, parameters)
 
-    async def on_input_submitted(self, message: Input.Submitted) -> None:
-        """Carry out a written order."""
-        await self.orders.take_line(message.value)
-
     def on_input_changed(self, message: Input.Changed) -> None:
-        """Show the grammar of the order that is being written."""
-        self.orders.show_usage(message.value)
+        """Show the grammar of the order that is being written, unless it was given meanwhile."""
+        line = self.panels.order_line
+        if message.value == line.value and message.value != line.refused:
+            self.orders.show_usage(message.value)
 
     def on_order_line_completions(self, message: OrderLine.Completions) -> None:
         """Show the words with which the order line may continue."""

@@ -5,8 +5,10 @@ A pasted text becomes one line and is not sent before Enter.
 
 from __future__ import annotations
 
+import asyncio
 import contextlib
 import os
+from collections.abc import Awaitable, Callable
 from pathlib import Path
 from typing import ClassVar
 
@@ -156,7 +158,11 @@ class OrderLine(Input):
         Binding("up", "history(-1)", "earlier order", show=False),
         Binding("down", "history(1)", "later order", show=False),
         Binding("tab", "complete", "complete", show=False),
-        Binding("escape", "leave", "leave", show=False),
+        # Priority, so that each has its effect before the next key is read, also while the console
+        # is busy: otherwise a colon after it would still belong to this line, and its letters would
+        # be keys of the fleet table.
+        Binding("escape", "drop", "leave", show=False, priority=True),
+        Binding("enter", "submit", "order", show=False, priority=True),
     ]
 
     class Completions(Message):
@@ -175,6 +181,9 @@ class OrderLine(Input):
             select_on_focus=False,  # so that the next key does not replace the line
             max_length=MAX_LENGTH,
         )
+        # Carries out a line. It is awaited, so that the next key finds what the order has changed.
+        self.on_order: Callable[[str], Awaitable[None]] | None = None
+        self.refused = ""  # the last line that was refused; a sentence says why
         self._fleet = fleet
         # Hints in the empty line: without and with the focus.
         self._resting_hint = _RESTING
@@ -219,11 +228,13 @@ class OrderLine(Input):
 
     def take_back(self, text: str) -> None:
         """Show a refused line again, to be corrected."""
+        self.refused = text
         with self.prevent(self.Changed):
             self.write(text)
 
     async def action_submit(self) -> None:
-        """Post the line and clear it, so that a second Enter does not send it again."""
+        """Hand the line over and clear it, so that a second Enter does not send it again."""
+        await self._take_letters()
         # ":" opens the line; another one at its start is ignored.
         text = self.value.strip().removeprefix(":").strip()
         self.value = ""
@@ -234,7 +245,19 @@ class OrderLine(Input):
         history = self._loaded_history()
         history.add(text)
         self._position = len(history.lines)
-        self.post_message(self.Submitted(self, text))
+        if self.on_order is not None:
+            await self.on_order(text)
+
+    async def action_drop(self) -> None:
+        """Leave the line without an order."""
+        await self._take_letters()
+        self.action_leave()
+
+    async def _take_letters(self) -> None:
+        """Wait until the line has taken the letters that were typed before the present key."""
+        has_taken = asyncio.Event()
+        if self.call_later(has_taken.set):
+            await has_taken.wait()
 
     def action_history(self, step: int) -> None:
         """Show an earlier or later order; the new line comes after the newest order."""

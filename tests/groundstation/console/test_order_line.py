@@ -14,6 +14,15 @@ from groundstation.console.widgets.result_lines import ResultLines
 from onboard.config.fleet import FleetConfig
 from tests.groundstation.console.rig import Rig
 
+# character -> name of its key; all others have their own
+KEYS = {" ": "space", ":": "colon", "\n": "enter", "\x1b": "escape"}
+
+
+def type_at_once(rig: Rig, text: str) -> None:
+    """Type keys of which none waits until the console has handled the one before it."""
+    for character in text:
+        rig.app.post_message(events.Key(KEYS.get(character, character), character))
+
 
 async def test_pasted_lines_become_one_that_only_enter_sends(rig: Rig) -> None:
     async with rig.app.run_test(size=(100, 30)) as pilot:
@@ -41,14 +50,33 @@ async def test_letters_typed_right_after_the_colon_are_written_and_are_no_keys(r
         table = rig.app.panels.table
 
         # All keys wait in the terminal already: none of them waits for the line to have the focus.
-        rig.app.post_message(events.Key("colon", ":"))
-        for char in "land 3":
-            rig.app.post_message(events.Key("space" if char == " " else char, char))
+        type_at_once(rig, ":land 3")
         await pilot.pause(0.05)
 
         assert line.value == "land 3"
         assert table.marked == ()
         assert not table.is_writing
+
+
+@pytest.mark.parametrize(
+    ("typed", "ordered"),
+    [
+        (":hold 0\x1b:land all\n", ["land mav0,mav1,mav2"]),
+        (":hold 0\n:land all\n", ["hold mav0", "land mav0,mav1,mav2"]),
+        (":hodl 0\n\x1b:land all\n", ["land mav0,mav1,mav2"]),
+        (":hold 0\x1bj:land 1\n", ["land mav1"]),
+    ],
+)
+async def test_an_order_typed_while_the_console_is_busy_is_given(
+    rig: Rig, typed: str, ordered: list[str]
+) -> None:
+    async with rig.app.run_test(size=(80, 24)) as pilot:
+        rig.hover()
+        type_at_once(rig, typed)
+        await pilot.pause(0.3)
+        assert rig.client.ordered == ordered
+        assert rig.app.panels.order_line.value == ""
+        assert rig.app.focused is rig.app.panels.table
 
 
 async def test_a_colon_is_a_letter_where_words_are_written(rig: Rig) -> None:
@@ -244,9 +272,7 @@ async def test_garbage_never_orders_and_never_breaks(rig: Rig) -> None:
     async with rig.app.run_test(size=(80, 24)) as pilot:
         for _ in range(60):
             line = " ".join(chance.choices(words, k=chance.randint(1, 5)))
-            rig.app.post_message(
-                OrderLine.Submitted(rig.app.panels.order_line, line.strip() or "x")
-            )
+            rig.app.call_later(rig.app.orders.take_line, line.strip() or "x")
         await pilot.pause(0.3)
         assert rig.client.ordered == []
         assert rig.app.is_running
