@@ -74,6 +74,20 @@ def turned_about_up(quaternion: Quaternion, yaw_rad: float) -> Quaternion:
     )
 
 
+def turn_about_up_rad(attitude: Quaternion, before: Quaternion) -> float:
+    """Return the angle in [-pi, pi) by which an attitude is turned about the outer z axis.
+
+    It is the twist about that axis of the rotation between the two attitudes. Unlike the difference
+    of their headings, it is defined at any tilt.
+    """
+    w, x, y, z = attitude
+    before_w, before_x, before_y, before_z = before
+    # two components of the product of the attitude and the conjugate of the one before
+    twist_w = w * before_w + x * before_x + y * before_y + z * before_z
+    twist_z = z * before_w + y * before_x - x * before_y - w * before_z
+    return wrap_rad(2.0 * math.atan2(twist_z, twist_w))
+
+
 def body_up(quaternion: Quaternion) -> Vec3:
     """Return the body's z axis in the outer frame: the direction of thrust for q_enu_flu."""
     w, x, y, z = quaternion

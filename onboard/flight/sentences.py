@@ -36,7 +36,7 @@ NO_LIFTOFF = (
 )
 UNSEEN_LIFTOFF = (
     "The vehicle was not seen to leave the ground, but PX4 reports that it flies: PX4 lands it. "
-    "Check which mocap body is on it, propellers, battery and hover_thrust_frac."
+    "Check what measures its position, propellers, battery and hover_thrust_frac."
 )
 
 

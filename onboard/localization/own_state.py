@@ -28,7 +28,13 @@ from onboard.corrections import fix
 from onboard.estimation import kalman, wind
 from onboard.estimation.accuracies import ACCURACIES
 from onboard.estimation.kalman import KalmanParams
-from onboard.frames import enu_from_ned, turned_about_up, wrap_rad, yaw_from_quaternion
+from onboard.frames import (
+    enu_from_ned,
+    turn_about_up_rad,
+    turned_about_up,
+    wrap_rad,
+    yaw_from_quaternion,
+)
 from onboard.localization.dead_reckoning import DeadReckoning, VerticalMotion
 from onboard.localization.local_frame import LocalFrame, ReckonedPosition
 from onboard.localization.motion_fit import LATE_BY_S, MotionFit
@@ -71,14 +77,14 @@ class _Sample(NamedTuple):
     yaw_rad: float
 
 
-class _TimedYaw(NamedTuple):
-    """A heading that PX4 reported."""
+class _TimedAttitude(NamedTuple):
+    """An attitude that PX4 reported."""
 
     stamp_ns: int  # of its arrival; 0: none yet
-    yaw_rad: float
+    quaternion_enu_flu_wxyz: Wxyz
 
 
-_NO_YAW = _TimedYaw(0, 0.0)
+_NO_ATTITUDE = _TimedAttitude(0, (1.0, 0.0, 0.0, 0.0))
 
 
 class OwnEstimate(NamedTuple):
@@ -122,6 +128,7 @@ class OwnState:
     is_flown: bool = False
 
     _has_flown: bool = False  # by this agent
+    _is_on_ground: bool = False  # at the last update
     _params: KalmanParams = field(init=False)
     _memory: kalman.KalmanMemory | None = None  # filter's memory; None before the first sample
     _reckoning: DeadReckoning = field(default_factory=DeadReckoning)
@@ -139,7 +146,7 @@ class OwnState:
     _heading_difference_rad: float = math.nan
     _yaw_rad: float = 0.0  # heading of the newest sample
 
-    _attitude: _TimedYaw = _NO_YAW  # newest heading of PX4
+    _attitude: _TimedAttitude = _NO_ATTITUDE  # newest one of PX4
     _largest_heading_ratio: float = field(init=False)  # of a camera with the frame of the start
     _local_frame: LocalFrame = field(init=False)
     _local_ns: int = 0  # stamp of PX4's newest local position
@@ -180,10 +187,12 @@ class OwnState:
             return False
         self._newest_ns = pose.stamp_ns
 
-        yaw_rad = yaw_from_quaternion(pose.quaternion_enu_flu_wxyz)
         difference_rad = math.nan
-        if self._attitude.stamp_ns != 0:
-            difference_rad = wrap_rad(yaw_rad - self._attitude.yaw_rad)
+        attitude_age_s = (received_ns - self._attitude.stamp_ns) * 1e-9
+        if attitude_age_s < _LONGEST_ATTITUDE_GAP_S:
+            difference_rad = turn_about_up_rad(
+                pose.quaternion_enu_flu_wxyz, self._attitude.quaternion_enu_flu_wxyz
+            )
 
         verdict = self.validator.judge(
             pose.position_enu_m,
@@ -197,6 +206,7 @@ class OwnState:
             return False
 
         self._heading_difference_rad = difference_rad
+        yaw_rad = yaw_from_quaternion(pose.quaternion_enu_flu_wxyz)
         self._queue.append(_Sample(vectors.Vec3(*pose.position_enu_m), pose.stamp_ns, yaw_rad))
         del self._queue[:-_MAX_QUEUE]
         return True
@@ -214,10 +224,9 @@ class OwnState:
         heading_jump_rad = wrap_rad(heading_difference_rad - self._heading_difference_rad)
         if math.isnan(heading_jump_rad):
             heading_jump_rad = 0.0
-        is_position_known = self.px4_check.motion(received_ns) is not None
         return Px4Evidence(
-            is_position_known=is_position_known,
-            is_after_landing=self._has_flown and not is_position_known,
+            is_position_known=self.px4_check.motion(received_ns) is not None,
+            is_after_landing=self._has_flown and self._is_on_ground,
             is_contradicted=self.px4_check.contradicts(position_enu_m, received_ns),
             heading_jump_rad=heading_jump_rad,
         )
@@ -242,6 +251,7 @@ class OwnState:
             is_on_ground: whether the vehicle stands on the ground.
         """
         self._has_flown |= self.is_flown and not is_on_ground
+        self._is_on_ground = is_on_ground
         self._follow_px4_heading(snapshot)
         if self.vehicle.flies_by_satellites:
             self._notice_lost_satellites(snapshot, now_ns)
@@ -421,14 +431,14 @@ class OwnState:
         before = self._attitude
         if snapshot.attitude_ns == before.stamp_ns:
             return
-        yaw_rad = yaw_from_quaternion(snapshot.quaternion_enu_flu_wxyz)
-        self._attitude = _TimedYaw(snapshot.attitude_ns, yaw_rad)
+        attitude_wxyz = snapshot.quaternion_enu_flu_wxyz
+        self._attitude = _TimedAttitude(snapshot.attitude_ns, attitude_wxyz)
 
         dt_s = (snapshot.attitude_ns - before.stamp_ns) * 1e-9
         if before.stamp_ns == 0 or dt_s > _LONGEST_ATTITUDE_GAP_S:
             self._heading_difference_rad = math.nan  # PX4 may have jumped unseen
             return
-        turned_rad = wrap_rad(yaw_rad - before.yaw_rad)
+        turned_rad = turn_about_up_rad(attitude_wxyz, before.quaternion_enu_flu_wxyz)
         if abs(turned_rad) <= _LARGEST_TURN_RAD + _FASTEST_TURN_RAD_S * dt_s:
             return
 

@@ -16,6 +16,7 @@ from enum import IntEnum
 from operator import mul
 from typing import NamedTuple
 
+from onboard.frames import turn_about_up_rad
 from onboard.tuples import Wxyz, Xyz
 
 # weights of a new sample in low-passed values
@@ -56,7 +57,7 @@ class Px4Evidence(NamedTuple):
     """Evidence of PX4's own estimate about a sample."""
 
     is_position_known: bool = False
-    is_after_landing: bool = False  # whether the vehicle has flown, and PX4's position is not known
+    is_after_landing: bool = False  # whether the vehicle stands on the ground, and has flown
     is_contradicted: bool = False  # whether PX4's position is somewhere else
     # change of the heading since the last accepted sample minus that of PX4's heading
     heading_jump_rad: float = 0.0
@@ -73,7 +74,10 @@ class PoseBounds:
     max_acceleration_m_s2: float = 15.0  # includes a reserve for gusts and collisions
     noise_m: float = 0.01  # least noise of a sample; a larger noise is learned
     max_turn_rad_s: float = 12.0  # largest angular rate
-    max_heading_jump_rad: float = math.radians(20.0)  # that PX4's attitude does not explain
+    # largest turn that PX4's attitude does not explain, and its growth in an outage, in which PX4's
+    # heading may drift
+    max_heading_jump_rad: float = math.radians(20.0)
+    heading_drift_rad_s: float = math.radians(1.0)
     outage_s: float = 0.2  # after this time without an accepted sample, samples must be confirmed
     # after this time, identical samples mean a lost body, because a tracked body always has noise
     frozen_after_s: float = 0.075
@@ -92,6 +96,8 @@ class PoseValidator:
 
     jumps: int = 0  # number of impossible samples in a row
     jumped_to_enu_m: Xyz | None = None  # position of the newest impossible sample; None: no jump
+    # whether the newest samples are not accepted because PX4's position is somewhere else
+    is_contradicted: bool = False
     frozen_s: float = 0.0  # how long the same numbers have been arriving
     delay_s: float = 0.0  # mean time from measurement to arrival
     clock_jump_ns: int = 0  # time of the last jump of a clock; 0: never
@@ -151,22 +157,27 @@ class PoseValidator:
         if self._stamp_ns and gap_s <= 0.0:
             self._stamp_ns = 0  # the source's clock has changed, so the expected path is not valid
 
+        silence_s = (stamp_ns - self._candidate_ns) * 1e-9
+        if evidence.is_after_landing and silence_s > _SHORT_OUTAGE_S:
+            self.jumps = 0  # people may have carried it, and covered its markers
+
         agreeing = self._count_agreeing(position_enu_m, stamp_ns)
+        outage_s = max(0.0, (self._agreeing_since_ns - self._stamp_ns) * 1e-9)
         # a gap during jumps is not an outage, because samples arrived and were rejected
         is_after_outage = gap_s > self.bounds.outage_s and self.jumps == 0
         if self._stamp_ns and is_after_outage:
             needed = _CONFIRMED_BY
             if evidence.is_contradicted:
                 needed = _CONFIRMED_AGAINST_PX4_BY
-                outage_s = (self._agreeing_since_ns - self._stamp_ns) * 1e-9
                 if outage_s < _SHORT_OUTAGE_S:
+                    self.is_contradicted = True
                     return PoseVerdict.UNCONFIRMED
             if agreeing < needed:
                 return PoseVerdict.UNCONFIRMED
 
         if not self._stamp_ns:
             self._velocity = (0.0, 0.0, 0.0)
-        elif not self._is_possible(position_enu_m, quaternion_wxyz, gap_s, evidence):
+        elif not self._is_possible(position_enu_m, quaternion_wxyz, gap_s, outage_s, evidence):
             self.jumps += 1
             self.jumped_to_enu_m = position_enu_m
             return PoseVerdict.JUMPED
@@ -178,6 +189,7 @@ class PoseValidator:
         self._stamp_ns = stamp_ns
         self.jumps = 0
         self.jumped_to_enu_m = None
+        self.is_contradicted = False
         return PoseVerdict.ACCEPTED
 
     def _update_delay(self, stamp_ns: int, received_ns: int) -> None:
@@ -235,11 +247,23 @@ class PoseValidator:
         return math.dist(position, self._position) > _STEP_M
 
     def _is_possible(
-        self, position: Xyz, quaternion: Wxyz, gap_s: float, evidence: Px4Evidence
+        self,
+        position: Xyz,
+        quaternion: Wxyz,
+        gap_s: float,
+        outage_s: float,
+        evidence: Px4Evidence,
     ) -> bool:
-        """Whether the vehicle can have moved to this pose in ``gap_s``.
+        """Whether the vehicle can have moved to this pose since the last accepted one.
 
         If it can, the velocity and the noise are updated.
+
+        Args:
+            position: position of the sample.
+            quaternion: its attitude.
+            gap_s: time since the last accepted sample.
+            outage_s: part of that time in which no sample arrived.
+            evidence: PX4's own estimate.
         """
         assert self._position is not None
         bounds = self.bounds
@@ -271,15 +295,20 @@ class PoseValidator:
         reach_rad = min(_NOISE_RAD + bounds.max_turn_rad_s * gap_s, math.pi)
         if half_turn_cosine < math.cos(0.5 * reach_rad):
             return False
-        if abs(evidence.heading_jump_rad) > bounds.max_heading_jump_rad:
+        # if the body has not turned, PX4's heading has jumped
+        turned_rad = turn_about_up_rad(quaternion, self._quaternion)
+        jump_rad = min(abs(evidence.heading_jump_rad), abs(turned_rad))
+        if jump_rad > bounds.max_heading_jump_rad + bounds.heading_drift_rad_s * outage_s:
             return False
 
         # After a jump, a sample within reach may still be wrong. It is rejected if PX4 contradicts
-        # it, or the vehicle stands after a landing, unless it continues the path from before the
-        # jump.
-        is_on_path = miss_m < _ON_PATH_M and (gap_s < _ON_PATH_S or evidence.is_after_landing)
-        is_excluded = evidence.is_contradicted or evidence.is_after_landing
-        if self.jumps > 0 and is_excluded and not is_on_path:
+        # it, unless it continues the path from before the jump. A vehicle that stands after a
+        # landing must be where it stood.
+        is_on_path = miss_m < _ON_PATH_M and gap_s < _ON_PATH_S
+        if self.jumps > 0 and evidence.is_contradicted and not is_on_path:
+            return False
+        is_where_it_stood = math.hypot(dx, dy, dz) < _ON_PATH_M
+        if self.jumps > 0 and evidence.is_after_landing and not is_where_it_stood:
             return False
 
         self._noise_m += _NOISE_WEIGHT * (miss_m - self._noise_m)

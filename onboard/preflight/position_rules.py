@@ -65,6 +65,8 @@ def _position(facts: PreflightFacts, fleet: FleetConfig, vehicle: Vehicle) -> Ju
         return "camera turned", {}
     if not vehicle.mocap_required:
         return "silent", {}
+    if facts.is_contradicted:
+        return "contradicted", {}
     if facts.source_problem:
         return "source faulty", {"problem": facts.source_problem}
     if vehicle.emulated:
@@ -171,6 +173,8 @@ def _spot(facts: PreflightFacts, fleet: FleetConfig, vehicle: Vehicle) -> Judgem
         other_spot_m = fleet.vehicles[name].start_enu_m[:2]
         if math.dist(x_y_m, other_spot_m) < OFF_SPOT_M:
             return "swapped", {**words, "other": name}
+    if facts.has_flown:
+        return "not followed", words
     return "away", words
 
 

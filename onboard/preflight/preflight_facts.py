@@ -75,6 +75,8 @@ class PreflightFacts:
 
     # whether PX4 has a position by a camera whose heading it does not use
     is_camera_turned: bool = False
+    # whether poses that came back after a short outage are not believed
+    is_contradicted: bool = False
     # distance from the take-off spot at a restart after which its place is not known; 0: it is
     displaced_m: float = 0.0
 
@@ -97,8 +99,8 @@ class PreflightFacts:
 
     # the vehicle
     speed_m_s: float = 0.0  # highest speed of the last second
-    # True: it has flown since this agent started, and its poses have been continuous since
-    may_be_anywhere: bool = False
+    has_flown: bool = False  # since this agent started
+    may_be_anywhere: bool = False  # it has flown, and its poses have been continuous since
     hover_frac: float = math.nan  # hover throttle learned in flight
 
     # bus and computers

@@ -258,11 +258,13 @@ class PreflightReporter:
             position_std_m=own.position_std_m,
             displaced_m=self._own.displaced_m,
             is_camera_turned=is_camera_turned,
+            is_contradicted=self._own.validator.is_contradicted,
             heading_miss_rad=own.heading_offset_rad,
             tilt_miss_rad=self._tilt.difference_rad,
             differed_when_tilted=self._tilt.differed_when_tilted,
             # the flight
             is_airborne=is_airborne,
+            has_flown=self._has_flown,
             may_be_anywhere=self._may_be_anywhere,
             hover_frac=hover_frac,
             # bus and other vehicles

@@ -228,8 +228,8 @@ def cut_stream(data: bytes) -> Iterator[Packet | Remainder]:
     start = 0
     while start < len(data):
         piece = _piece_at(data, start)
-        if isinstance(piece, Packet) and not _is_real(piece, data[start + len(piece.data) :]):
-            piece = Remainder(piece.data, is_junk=True)
+        if isinstance(piece, Packet):
+            piece = _judged(piece, data[start + len(piece.data) :])
         if isinstance(piece, Remainder) and piece.is_junk:
             piece = Remainder(data[start : _next_magic(data, start + 1)], is_junk=True)
 
@@ -279,15 +279,22 @@ def _piece_at(data: bytes, start: int) -> Packet | Remainder:
     )
 
 
-def _is_real(packet: Packet, following: bytes) -> bool:
-    """Return whether bytes of a stream that look like a packet are one.
+def _judged(packet: Packet, following: bytes) -> Packet | Remainder:
+    """Return bytes of a stream that look like a packet: as one, or as what they are otherwise.
 
     The checksum of a kind that is not known here cannot be checked; after a packet of such a kind,
     another packet must begin.
     """
     if packet.number in _SEEDS:
-        return packet.has_right_checksum
-    return not following or following[0] in _MAGICS
+        is_real = packet.has_right_checksum
+    elif following:
+        is_real = following[0] in _MAGICS
+    else:  # the next bytes will show it
+        return Remainder(packet.data, is_junk=False)
+
+    if is_real:
+        return packet
+    return Remainder(packet.data, is_junk=True)
 
 
 def _next_magic(data: bytes, start: int) -> int:

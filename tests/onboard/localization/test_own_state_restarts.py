@@ -7,6 +7,7 @@ from __future__ import annotations
 import math
 
 import msgspec
+import numpy as np
 import pytest
 
 from onboard.autopilot import Snapshot
@@ -65,3 +66,32 @@ def test_a_jump_of_px4s_heading_does_not_turn_the_vehicle(jump_rad: float) -> No
         assert _taken(own, _pose(at_ms, 1, n))
         own.update((at_ms + 10) * _MS, 0.02, snapshot, 0.0, 0.5, is_on_ground=False)
         assert own.heading_offset_rad == pytest.approx(-yaw_rad, abs=0.05)
+
+
+def test_a_vehicle_that_is_turned_over_by_hand_is_believed_all_the_way() -> None:
+    """Turned over by pitch and back by roll: near the vertical, its heading turns round."""
+    own = OwnState(fleet().vehicles["mav0"])
+    angles_rad = np.linspace(0.0, math.pi, 100).tolist()
+    half_turns = [(math.cos(0.5 * angle), 0.0, math.sin(0.5 * angle), 0.0) for angle in angles_rad]
+    # upside down, then about its nose
+    half_turns += [(0.0, math.sin(0.5 * angle), math.cos(0.5 * angle), 0.0) for angle in angles_rad]
+    for n, attitude_wxyz in enumerate(half_turns):
+        at_ms = 1000 + 20 * n
+        pose = msgspec.structs.replace(_pose(at_ms, 1, n), quaternion_enu_flu_wxyz=attitude_wxyz)
+        assert _taken(own, pose), n
+        snapshot = Snapshot(attitude_ns=at_ms * _MS, quaternion_enu_flu_wxyz=attitude_wxyz)
+        own.update((at_ms + 10) * _MS, 0.02, snapshot, 0.0, 0.5, is_on_ground=True)
+
+
+def test_an_attitude_of_a_px4_that_is_off_says_nothing_about_a_body() -> None:
+    own = OwnState(fleet().vehicles["mav0"])
+    level = Snapshot(attitude_ns=1000 * _MS)
+    for n in range(100):
+        assert _taken(own, _pose(1000 + 20 * n, 1, n))
+        own.update((1010 + 20 * n) * _MS, 0.02, level, 0.0, 0.5, is_on_ground=True)
+    turned = (math.cos(0.4), 0.0, 0.0, math.sin(0.4))  # while its markers were covered
+    later = [
+        msgspec.structs.replace(_pose(4000 + 20 * n, 1, 200 + n), quaternion_enu_flu_wxyz=turned)
+        for n in range(3)
+    ]
+    assert [_taken(own, pose) for pose in later] == [False, True, True]

@@ -167,8 +167,15 @@ def test_samples_after_an_outage_that_px4_excludes_need_half_a_second_of_agreeme
 def test_a_heading_that_px4_does_not_explain_is_a_jump(jump_deg: float) -> None:
     validator, rng = settled()
     evidence = Px4Evidence(heading_jump_rad=math.radians(jump_deg))
-    is_believed = judge(validator, 100, circle(100, rng), evidence=evidence) is PoseVerdict.ACCEPTED
-    assert is_believed == (abs(jump_deg) < 20.0)
+    half_rad = math.radians(0.5 * jump_deg)
+    flipped = (math.cos(half_rad), 0.0, 0.0, math.sin(half_rad))
+    verdicts = [
+        judge(validator, tick, circle(tick, rng), attitude=attitude, evidence=evidence)
+        for tick, attitude in ((130, flipped), (131, flipped), (132, LEVEL), (133, LEVEL))
+    ]
+    # of a body that has not turned, PX4's heading has jumped
+    assert verdicts[3] is PoseVerdict.ACCEPTED
+    assert (verdicts[1] is PoseVerdict.ACCEPTED) == (abs(jump_deg) < 20.0)
 
 
 def test_a_body_that_turns_round_between_two_samples_is_another_one() -> None:
@@ -229,3 +236,41 @@ def test_samples_that_a_busy_machine_held_up_are_no_jump_of_a_clock() -> None:
     for tick in range(150, 200):
         judge(validator, tick, circle(tick, rng))
     assert validator.clock_jump_ns == 0
+
+
+@pytest.mark.parametrize("wrong_s", [2.0, 60.0])
+@pytest.mark.parametrize("back_m", [0.0, 0.4])
+def test_a_vehicle_that_stands_after_a_flight_is_believed_again_only_where_it_stood(
+    wrong_s: float, back_m: float
+) -> None:
+    landed = Px4Evidence(is_after_landing=True)
+    rng = np.random.default_rng(3)
+    validator = PoseValidator()
+
+    def seen(east_m: float, ticks: range) -> PoseVerdict:
+        for tick in ticks:
+            position = vec3(np.array([east_m, 0.0, 0.0]) + 0.001 * rng.normal(size=3))
+            verdict = judge(validator, tick, position, evidence=landed)
+        return verdict
+
+    wrong_ticks = round(wrong_s / 0.02)
+    assert seen(0.0, range(100)) is PoseVerdict.ACCEPTED
+    assert seen(2.0, range(100, 100 + wrong_ticks)) is PoseVerdict.JUMPED
+    back = seen(back_m, range(100 + wrong_ticks, 200 + wrong_ticks))
+    assert (back is PoseVerdict.ACCEPTED) == (back_m == 0.0)
+
+    # people may have carried it, and covered its markers
+    later = range(300 + wrong_ticks, 400 + wrong_ticks)
+    assert seen(back_m, later) is PoseVerdict.ACCEPTED
+
+
+@pytest.mark.parametrize("off_s", [0.0, 60.0])
+def test_px4s_heading_may_drift_while_the_mocap_is_off(off_s: float) -> None:
+    validator, rng = settled()
+    half_rad = math.radians(15.0)
+    turned = (math.cos(half_rad), 0.0, 0.0, math.sin(half_rad))
+    evidence = Px4Evidence(heading_jump_rad=math.radians(30.0))
+    begin = 100 + round(off_s / 0.02)
+    for tick in range(begin, begin + 3):
+        verdict = judge(validator, tick, circle(tick, rng), attitude=turned, evidence=evidence)
+    assert (verdict is PoseVerdict.ACCEPTED) == (off_s > 0.0)

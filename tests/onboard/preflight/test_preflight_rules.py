@@ -201,6 +201,10 @@ CASES: dict[tuple[str, str], tuple[dict[str, Any], str]] = {
         {"position_age_s": 0.3, "vehicle": BY_VISION, "displaced_m": 0.1},
         "likely 0.1 m from its take-off spot",
     ),
+    ("position", "contradicted"): (
+        {"position_age_s": 0.3, "is_contradicted": True},
+        "came back somewhere else than PX4's own position",
+    ),
     ("position", "camera turned"): (
         {"position_age_s": 0.3, "vehicle": BARE, "is_camera_turned": True},
         "does not use the heading of its camera",
@@ -240,6 +244,10 @@ CASES: dict[tuple[str, str], tuple[dict[str, Any], str]] = {
     ("at rest", "position moves"): (
         {"speed_m_s": 0.8, "vehicle": BARE},
         "by PX4 moves with 0.8 m/s",
+    ),
+    ("spot", "not followed"): (
+        {"position_enu_m": (1.5, 0.0, 0.0), "has_flown": True, "fuses_position": False},
+        "has not followed it there without a break since its flight",
     ),
     ("spot", "swapped"): (
         {"position_enu_m": SPOT_OF_MAV2, "fuses_position": False},
