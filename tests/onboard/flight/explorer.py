@@ -96,6 +96,7 @@ _SHORT_TICKS = 8
 _LONG_TICK_NS = 2_000_000_000
 _LONG_TICKS = 40  # longer than every time limit of the flight table
 _SINKS_M_S = -0.7
+_FALLS_M_S = -3.0
 _DOWN_AFTER_TICKS = 10  # in a landing of the obedient world
 _PATH = path_of([[1.0, *[0.0] * 32]])
 _PLACES = {id(row): place for place, row in enumerate(ROWS)}
@@ -441,7 +442,8 @@ def _look_at_move(before: State, event: str, after: State, found: Found) -> None
         found.add_wrong("a landing is undone", before.key, event)
 
     is_given_up = old in LANDING_STEPS and new.situation is Situation.SILENT
-    is_given_up = is_given_up and not after.flight.was_killed  # which falls
+    falls = after.flight.was_killed or not after.world.is_armed
+    is_given_up = is_given_up and not falls
     if is_given_up and event not in _GIVING_UP and not event.startswith("order "):
         found.add_wrong("a landing is given up", before.key, event)
 
@@ -623,8 +625,9 @@ def _view(state: State) -> FlightView:
     """Return what the flight sees of its world."""
     world = state.world
     now_ns = state.now_ns
-    is_sinking = world.is_in_air and state.flight.step in LANDING_STEPS
-    sinks_m_s = _SINKS_M_S if is_sinking else 0.0
+    climbs_m_s = 0.0
+    if world.is_in_air and state.flight.step in LANDING_STEPS:
+        climbs_m_s = _SINKS_M_S if world.is_armed else _FALLS_M_S
     height_m = _HEIGHT_M if world.is_in_air else 0.0
     sticks_ns = now_ns if world.has_sticks else 0
     snapshot = Snapshot(
@@ -633,7 +636,7 @@ def _view(state: State) -> FlightView:
         mode=world.mode,
         landed=Landed.IN_AIR if world.is_in_air else Landed.ON_GROUND,
         landed_ns=now_ns,
-        velocity_local_ned_m_s=(0.0, 0.0, -sinks_m_s),
+        velocity_local_ned_m_s=(0.0, 0.0, -climbs_m_s),
         sticks_ns=sticks_ns,
         sticks_before_ns=sticks_ns - 1 if sticks_ns else 0,
         battery_frac=1.0,
@@ -641,7 +644,7 @@ def _view(state: State) -> FlightView:
     return FlightView(
         now_ns=now_ns,
         position_enu_m=(0.0, 0.0, height_m),
-        velocity_enu_m_s=(0.0, 0.0, sinks_m_s),
+        velocity_enu_m_s=(0.0, 0.0, climbs_m_s),
         has_position=True,
         snapshot=snapshot,
         thrust_share=1.0 if world.is_in_air else 0.5,

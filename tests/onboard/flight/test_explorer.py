@@ -20,8 +20,8 @@ from tests.onboard.flight.explorer import (
     explore,
 )
 
-# the exploration takes some 20 s of processor time
-pytestmark = [pytest.mark.long, pytest.mark.timeout(900)]
+# an exploration takes some 10 s of processor time
+pytestmark = pytest.mark.timeout(900)
 
 # The explored vehicle flies by a motion capture, and so it never feels for the ground.
 BY_SATELLITES_ONLY = {"feels_for_ground"}
@@ -40,15 +40,9 @@ def _found() -> Found:
     return explore()
 
 
-def test_every_state_has_a_way_down() -> None:
+def test_every_state_has_a_way_down_and_the_docs_tell_what_was_explored() -> None:
     assert _found().wrong == {}
-
-
-def test_every_step_is_explored() -> None:
     assert _found().steps == set(FlightStep)
-
-
-def test_the_docs_tell_what_was_explored() -> None:
     assert written("explored") == _found().in_words()
 
 
@@ -58,6 +52,7 @@ def test_conditions_that_hold_at_once_do_what_the_strongest_of_them_does() -> No
         assert action is max(alone), (situation, conditions)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("row", ROWS, ids=lambda row: f"{ROWS.index(row)} {row.event.value}")
 def test_a_row_of_the_flight_table_that_is_taken_out_is_noticed(
     row: Row, monkeypatch: pytest.MonkeyPatch
@@ -75,6 +70,7 @@ def test_a_row_of_the_flight_table_that_is_taken_out_is_noticed(
         assert difference is not None
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("condition", Condition, ids=lambda condition: condition.value)
 def test_a_row_of_the_failsafe_table_that_is_taken_out_is_noticed(
     condition: Condition, monkeypatch: pytest.MonkeyPatch
