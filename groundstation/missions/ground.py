@@ -39,6 +39,7 @@ from onboard.tuples import Xyz
 _LOOK_S = 0.2  # period of the checks for the end of a pause
 _HEARD_S = 0.5  # age of telemetry up to which a vehicle counts as heard
 _MAX_CHARACTERS = 240  # of the line that shows an order
+_UNDER_WAY = ("accepted", "direct", "cancelled")  # phases in which a vehicle carries out an order
 _SILENCE_S = 0.7  # longest wait for telemetry before this ground checks its own link
 
 
@@ -196,7 +197,7 @@ class MissionGround:
             planned = change(planned)
 
         order = client.send(planned, is_by_mission=True)
-        order.add_listener(functools.partial(self._note_arrival, order.planned))
+        order.add_listener(functools.partial(self._note_progress, order.planned))
         with self.noting_cancellation(str(intent), order):
             ended = await self.end_of(order, timeout_s)
         # adds to each unfinished move what hinders it
@@ -207,7 +208,6 @@ class MissionGround:
             # late, unless the mission goes on without them.
             if not results[name].is_done and not self.goes_on_without:
                 self._add_arrival_at_goal(intent.verb, name, message, is_done=False)
-            self.note_done(str(intent), name, message, results)
 
         duration_s = (client.now_ns() - begin_ns) * 1e-9
         self._log(step_result(str(intent), duration_s, results), results)
@@ -585,14 +585,16 @@ class MissionGround:
         arrival = arrival_of(step, view, goal, self.client.now_ns(), is_done=is_done)
         self.arrivals.append(arrival)
 
-    def _note_arrival(self, planned: PlannedOrder, result: VehicleResult) -> None:
-        """Note a vehicle's distance from its goal when its own order is done.
+    def _note_progress(self, planned: PlannedOrder, result: VehicleResult) -> None:
+        """Note a vehicle's order as its last one, and its distance from the goal when it is done.
 
         The other vehicles of the same order may need much longer.
         """
+        name = result.vehicle
+        message = planned.orders[name]
+        self.note_done(str(planned.intent), name, message, {name: result})
         if result.is_done:
-            message = planned.orders[result.vehicle]
-            self._add_arrival_at_goal(planned.intent.verb, result.vehicle, message, is_done=True)
+            self._add_arrival_at_goal(planned.intent.verb, name, message, is_done=True)
 
     def _add_arrival_at_goal(self, step: str, name: str, message: Order, *, is_done: bool) -> None:
         """Note how far a vehicle is from the goal of its order now, if it has one in the air."""
@@ -603,7 +605,8 @@ class MissionGround:
     def note_done(self, words: str, name: str, message: Order, results: Results) -> None:
         """Note an order as the last one of a vehicle, if the vehicle has done it.
 
-        One that brings the vehicle down counts even if the wait for its end was cancelled.
+        One that brings the vehicle down counts once it is accepted, even if the wait for its end is
+        cancelled: telemetry shows the vehicle on the ground before the order is done.
 
         Args:
             words: the order in words.
@@ -616,8 +619,8 @@ class MissionGround:
             return
 
         result = results[name]
-        brings_down = result.phase == "cancelled" and not order.leaves_flying
-        if result.is_done or brings_down:
+        comes_down = result.phase in _UNDER_WAY and not order.leaves_flying
+        if result.is_done or comes_down:
             self._last_orders[name] = order
 
     @contextlib.contextmanager

@@ -20,11 +20,11 @@ _LEAVES_DOWN = frozenset(("land", "kill", "disarm"))
 
 
 class LastOrder(Struct, frozen=True):
-    """The last order that a vehicle has done."""
+    """The last order that a vehicle has done, or that brings it down."""
 
     words: str
     leaves_flying: bool  # whether the vehicle flies after the order
-    done_ns: int  # time at which it was done, on the ground's clock
+    done_ns: int  # time at which it was done or noted, on the ground's clock
 
 
 def last_order(words: str, message: Order, done_ns: int) -> LastOrder | None:
@@ -46,7 +46,7 @@ def other_ends(orders: Mapping[str, LastOrder], state: FleetState) -> dict[str, 
     """Return the vehicles that do not fly although their last order leaves them flying.
 
     Args:
-        orders: the last order that each vehicle has done.
+        orders: the last order of each vehicle.
         state: state of the fleet now.
 
     Returns:

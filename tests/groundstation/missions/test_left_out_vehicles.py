@@ -167,6 +167,27 @@ async def test_who_has_not_arrived_counts_as_late_unless_the_mission_goes_on_wit
     assert arrived == {"mav0", "mav2"} | (set() if goes_on else {"mav1"})
 
 
+@pytest.mark.parametrize("verb", ["home", "land"])
+async def test_who_is_down_before_its_own_landing_is_reported_done_takes_part_further(
+    going_on: Fleet, client: Any, bus: Any, verb: str
+) -> None:
+    await going_on["mav1"].move((0.5, 0.0, 1.0))
+    bus.accept_only = {"move", "land"}
+    landing = asyncio.create_task(getattr(going_on["mav1"], verb)())
+    assert await client.wait_for(lambda _: len(ordered(bus, "move") + ordered(bus, "land")) > 1, 5)
+    await come_down(client, bus, "mav1")
+    await going_on["mav0"].hold()
+    assert not going_on.ground.left_out
+    assert not going_on.ground.other_ends
+
+    _, order = next(sent for sent in reversed(bus.orders) if sent[0] == "mav1")
+    bus.report_end("mav1", order, "done", "Done.")
+    assert (await landing)["mav1"].is_done
+    await come_down(client, bus, "mav1")
+    await going_on["mav0"].hold()
+    assert not going_on.ground.left_out
+
+
 async def test_goals_of_a_script_are_for_those_who_have_not_come_down(
     going_on: Fleet, client: Any, bus: Any
 ) -> None:
