@@ -190,8 +190,44 @@ class MissionGround:
     ) -> Results:
         """Send an order, wait for its end, and log the results; arguments as for an order."""
         self.say(order_in_brief(intent, self.client.fleet.enabled_names))
+        begin_ns = self.client.now_ns()
+        ways_home = self._own_ways_home(intent)
+        at_home = [name for name in ways_home if self._lands_at_home(name, ways_home[name])]
+        others = tuple(name for name in intent.names if name not in at_home)
+
+        if at_home:
+            self.say(f"  at home already: {listed(at_home)}")
+
+        results: Results = {}
+        if others:
+            results = await self._ended(for_fewer(intent, others), timeout_s, change)
+        # one that has refused may have begun to land after its last telemetry
+        refused = [name for name, result in results.items() if result.phase == "refused"]
+        at_home += [
+            name
+            for name in refused
+            if name in ways_home and self._lands_at_home(name, ways_home[name])
+        ]
+        results.update(await self._at_home(ways_home, at_home, timeout_s))
+
+        duration_s = (self.client.now_ns() - begin_ns) * 1e-9
+        self._log(step_result(str(intent), duration_s, results), results)
+        if any(result.phase != "refused" for result in results.values()):
+            self.has_begun = True
+
+        await self.go_on_or_fail(intent, results)
+        if isinstance(intent, Takeoff):
+            await hover_check(lambda: self.client.state, results, self.say)
+        return results
+
+    async def _ended(
+        self,
+        intent: Intent,
+        timeout_s: float,
+        change: Callable[[PlannedOrder], PlannedOrder] | None,
+    ) -> Results:
+        """Send an order, and return its results at its end; arguments as for an order."""
         client = self.client
-        begin_ns = client.now_ns()
         planned = client.plan(intent)
         if change is not None:
             planned = change(planned)
@@ -208,16 +244,58 @@ class MissionGround:
             # late, unless the mission goes on without them.
             if not results[name].is_done and not self.goes_on_without:
                 self._add_arrival_at_goal(intent.verb, name, message, is_done=False)
-
-        duration_s = (client.now_ns() - begin_ns) * 1e-9
-        self._log(step_result(str(intent), duration_s, results), results)
-        if any(result.phase != "refused" for result in results.values()):
-            self.has_begun = True
-
-        await self.go_on_or_fail(intent, results)
-        if isinstance(intent, Takeoff):
-            await hover_check(lambda: client.state, results, self.say)
         return results
+
+    def _own_ways_home(self, intent: Intent) -> dict[str, OrderResult]:
+        """Return the newest orders of vehicles by which this mission has sent them home already.
+
+        Args:
+            intent: the next order; only one that sends vehicles home repeats theirs.
+        """
+        ways_home: dict[str, OrderResult] = {}
+        if not intent.message_values().then_land:
+            return ways_home
+
+        for name in intent.names:
+            newest = self.client.newest_order(name)
+            if newest is None or not newest.is_by_mission:
+                continue
+            if newest.planned.orders[name].then_land:
+                ways_home[name] = newest
+        return ways_home
+
+    async def _at_home(
+        self, ways_home: Mapping[str, OrderResult], names: Sequence[str], timeout_s: float
+    ) -> Results:
+        """Wait until vehicles that land at home are down, and return how their ways home end.
+
+        Args:
+            ways_home: newest order of each vehicle, to fly home.
+            names: the vehicles that land.
+            timeout_s: longest wait [s].
+        """
+
+        def are_down(_: FleetState) -> bool:
+            return all(ways_home[name].results[name].is_final for name in names)
+
+        await self.client.wait_for(are_down, timeout_s)
+        return {name: ways_home[name].unfinished_after(timeout_s)[name] for name in names}
+
+    def _lands_at_home(self, name: str, way_home: OrderResult) -> bool:
+        """Whether a vehicle lands or has landed at the end of its way home.
+
+        Its agent would refuse to fly home then.
+
+        Args:
+            name: the vehicle.
+            way_home: its newest order, to fly home.
+        """
+        result = way_home.results[name]
+        if result.phase != "accepted" and not result.is_done:
+            return False
+        telemetry = self.client.state.telemetry_of(name)
+        is_landing = telemetry is not None and telemetry.state == "landing"
+        return is_landing or self.client.state.is_landed(name)
 
     def check_not_ended(self) -> None:
         """Refuse what a script wants of its fleet after the end of its connection.

@@ -179,8 +179,8 @@ def _bring_home(intent: BringHome, facts: GoalFacts) -> Goals:
 def _spots_taken(facts: GoalFacts, positions: Mapping[str, Xyz]) -> dict[str, str]:
     """Return for each vehicle of the order the owner of the take-off spot that it takes.
 
-    Vehicles in the air share the spots that are free for them, by their ways. A vehicle on the
-    ground, whose agent refuses the order, keeps its own spot or the one on which it stands.
+    Vehicles in the air share the spots that are free for them, by their ways. A vehicle that stands
+    or lands, whose agent refuses the order, keeps its own spot or the one on which it stands.
 
     Args:
         facts: the fleet.
@@ -226,7 +226,7 @@ def _free_spot_owners(flying: Sequence[str], standing: Mapping[str, str]) -> dic
 
 
 def _vehicles_on_spots(facts: GoalFacts) -> dict[str, str]:
-    """Return the owner of each take-off spot that is not free -> the vehicle that stands on it."""
+    """Return the owner of each take-off spot that is not free -> who stands or lands on it."""
     if facts.state is None:
         return {}
 
@@ -248,7 +248,7 @@ def _vehicles_on_spots(facts: GoalFacts) -> dict[str, str]:
 
 
 def _resting_enu_m(facts: GoalFacts, name: str) -> Xyz | None:
-    """Return where a vehicle stands on the ground [m], ENU; None if it may move.
+    """Return where a vehicle stands or lands [m], ENU; None if it may fly elsewhere.
 
     A silent one stands where it was heard last, once its PX4 has reported that it is disarmed. One
     that does not know where it is, as after a blind landing, stands where it was last seen.
@@ -257,8 +257,12 @@ def _resting_enu_m(facts: GoalFacts, name: str) -> Xyz | None:
         return None
 
     view = facts.state.vehicles[name]
+    telemetry = view.telemetry
+    if telemetry is not None and telemetry.state == "landing" and telemetry.is_position_valid:
+        return telemetry.position_enu_m
+
     sighting = view.sighting
-    if view.resting_enu_m is not None or view.telemetry is None or sighting is None:
+    if view.resting_enu_m is not None or telemetry is None or sighting is None:
         return view.resting_enu_m
     if sighting.is_flying:
         return None

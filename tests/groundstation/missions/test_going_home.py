@@ -86,6 +86,52 @@ async def test_a_spot_on_which_another_vehicle_has_landed_blind_is_no_goal(
     assert planned.orders["mav0"].position_enu_m[:2] == pytest.approx((own_x, own_y))
 
 
+async def test_a_spot_on_which_another_vehicle_is_landing_is_no_goal(
+    fleet: FleetConfig, bus: FakeBus, client: Any
+) -> None:
+    x, y, _ = fleet.vehicles["mav0"].start_enu_m
+    own_x, own_y, _ = fleet.vehicles["mav1"].start_enu_m
+    for name in ("mav0", "mav1", "mav2"):
+        bus.tell(name, state="flying", is_airborne=True, is_armed=True)
+    bus.tell("mav1", state="landing", position_enu_m=(x, y, 0.5))
+    await asyncio.sleep(0.1)
+
+    planned = client.plan("bring home mav0,mav2")
+    assert not planned.refusals
+    assert planned.orders["mav0"].position_enu_m[:2] == pytest.approx((own_x, own_y))
+
+
+@pytest.mark.parametrize("verb", ["home", "bring_home"])
+@pytest.mark.parametrize("when", ["it lands", "it begins to land", "it has landed"])
+async def test_whoever_lands_at_home_has_its_second_order_to_fly_home_done_when_it_is_down(
+    bus: FakeBus, client: Any, verb: str, when: str
+) -> None:
+    flown = Fleet(client)
+    await flown.takeoff(1.0)
+    bus.accept_only = {"move"}
+    first = asyncio.create_task(flown.home())
+    assert await client.wait_for(lambda _: len(bus.orders) == 6, 5.0)
+    _, way_home = bus.orders[4]
+    first.cancel()
+    bus.accept_only = set()
+    bus.misbehave = {"mav1": "refuse"}
+    bus.tell("mav1", state="landing")
+    if when != "it begins to land":
+        await asyncio.sleep(0.1)
+    if when == "it has landed":
+        bus.report_end("mav1", way_home, "done", "Done.")
+        bus.tell("mav1", state="landed", is_airborne=False, is_armed=False)
+        await asyncio.sleep(0.1)
+
+    second = asyncio.create_task(getattr(flown, verb)())
+    await asyncio.sleep(0.2)
+    assert second.done() == (when == "it has landed")
+    bus.report_end("mav1", way_home, "done", "Done.")
+    results = await asyncio.wait_for(second, 5.0)
+    assert all(result.is_done for result in results.values())
+    assert sorted(results) == ["mav0", "mav1", "mav2"]
+
+
 @pytest.mark.parametrize("is_script", [False, True])
 async def test_who_does_not_get_home_is_named_before_it_lands(
     fleet: FleetConfig,
