@@ -598,6 +598,19 @@ class MissionGround:
         self.left_out.update(newly_left_out)
         self.say(f"The mission goes on without {', '.join(newly_left_out)}.")
 
+    def leave_out_silent(self, names: Iterable[str], reason: str) -> None:
+        """Go on without vehicles that are silent in flight, and wait for no end of their orders.
+
+        Args:
+            names: names of the vehicles.
+            reason: why, in a sentence.
+        """
+        self.leave_out(*names)
+        for name in names:
+            newest = self.client.newest_order(name)
+            if newest is not None and newest.is_by_mission:
+                newest.update(name, "failed", reason)
+
     def leave_out_disabled(self) -> None:
         """Go on without vehicles that are out of service or swapped, if any vehicle is left."""
         enabled = self.client.fleet.enabled_names

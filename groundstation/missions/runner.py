@@ -271,6 +271,9 @@ class MissionRun:
     def abort_if_silent(self) -> bool:
         """End the mission when a vehicle whose last telemetry was armed is silent for SILENT_S.
 
+        If the mission declares so, it goes on without the vehicle. It also goes on if it has
+        reacted to the vehicle's failure.
+
         Call it several times a second. After a stall of this ground itself, the vehicles get
         AFTER_STALL_S. If no vehicle is heard, this ground's own link is lost. Then the mission
         waits until the agents land by themselves.
@@ -293,7 +296,9 @@ class MissionRun:
             self.abort(reason)
             return True
 
-        silent = silent_in_flight(self.client)
+        ground = self.fleet.ground
+        known = ground.left_out | ground.still_lost()
+        silent = [name for name in silent_in_flight(self.client) if name not in known]
         if not silent or link.is_settling:
             return False
 
@@ -302,6 +307,10 @@ class MissionRun:
             "the agent hangs or is cut off."
         )
         self.client.publish_event("critical", "agent_silent", reason)
+        if ground.goes_on_without and not set(self.fleet.names).issubset(silent):
+            ground.leave_out_silent(silent, reason)
+            return False
+        self._runs_on_failure = True
         self.abort(reason)
         return True
 
@@ -477,7 +486,8 @@ class MissionRun:
     async def _bring_down(self, task: asyncio.Task[Any]) -> None:
         """Land the vehicles or do what the mission declares, unless the last step was done.
 
-        Vehicles that the mission has gone on without are landed also after its last step.
+        Vehicles that the mission has gone on without are landed also after its last step, and so
+        are silent ones to whose failure it has reacted.
         """
         error = None
         if not self._is_stopped and not task.cancelled():
@@ -501,8 +511,10 @@ class MissionRun:
         await self._leave_if_taken()  # somebody may have taken it meanwhile
 
     async def _land_left_out(self) -> None:
-        """Land the vehicles that the mission has gone on without."""
-        left_out = self.fleet.ground.left_out_in_service
+        """Land the vehicles that the mission has gone on without, or lost and does not hear."""
+        ground = self.fleet.ground
+        silent = ground.still_lost().intersection(silent_in_flight(self.client))
+        left_out = ground.left_out_in_service | silent
         if left_out:
             await self.fleet.land_all(LAND_TIMEOUT_S, names=sorted(left_out))
 

@@ -51,6 +51,36 @@ def test_faults_of_bus_and_agents_are_steps_of_a_mission(lockstep: Any) -> None:
     assert sum("Fault ordered" in event.sentence for event in flight.events) == 3
 
 
+AWAY = {"do": "goto", "goals": {"mav0": [-1.5, 1.0, 1.0], "mav2": [1.5, 1.0, 1.0]}}
+HOME = {"do": "home", "vehicles": ["mav0", "mav2"]}
+REACT = {"do": "react", "when": {"fails": True}, "steps": [AWAY], "then": [HOME]}
+
+
+@pytest.mark.parametrize(
+    ("step", "on_failure", "passes"),
+    [
+        (REACT, "land", True),
+        (AWAY | {"do": "goto", "vehicles": ["mav0", "mav2"]}, "home", False),
+        ({"do": "hold"}, "go_on", True),
+    ],
+)
+def test_a_silent_vehicle_leads_to_what_the_mission_declares(
+    lockstep: Any, step: dict[str, Any], on_failure: str, passes: bool
+) -> None:
+    flight = lockstep(PAPER, seed=3)
+    fault = {"do": "fault", "name": "agent_dead", "vehicles": "mav1"}
+    steps = [{"do": "takeoff"}, fault, step, {"do": "wait", "duration_s": 4.0}, HOME]
+    data = {"schema": 1, "step": steps, "on_failure": {"do": on_failure}}
+    verdict = flight.fly(mission_from_mapping(data, path="silent.toml", fleet=flight.config))
+    assert verdict.passed == passes, verdict.summary
+    assert all(verdict.landed.values())
+    assert flight.min_separation_m > 0.8
+    for name in ("mav0", "mav2"):
+        spot_enu_m = flight.config.vehicles[name].start_enu_m
+        landed_enu_m = flight.state.vehicles[name].truth.position_enu_m
+        assert landed_enu_m[:2] == pytest.approx(spot_enu_m[:2], abs=0.2)
+
+
 @pytest.fixture
 def simulation() -> Simulation:
     """The paper's three vehicles on the ground, without a ground station."""
