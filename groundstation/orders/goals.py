@@ -54,6 +54,8 @@ class GoalFacts(NamedTuple):
     state: FleetState | None  # None: only the fleet file is used
     held: HeldFormation  # formation before the order
     names: list[str]  # vehicles of the order that may be ordered
+    # positions of vehicles where no state is used [m], ENU; empty: not known
+    expected_enu_m: Mapping[str, Xyz] = {}
 
     def spot_enu_m(self, name: str) -> Xyz:
         """Return a vehicle's take-off spot [m]; a spare has the spot of the vehicle it replaces."""
@@ -125,8 +127,9 @@ def _yaw(intent: Yaw, facts: GoalFacts) -> Goals:
 def _home(intent: Home, facts: GoalFacts) -> Goals:
     """Return points above the take-off spots, at the ordered height or at each vehicle's own."""
     if facts.state is None:
-        # Only the heights are used: without a state, every vehicle has the default height.
+        # Only the heights are used: a vehicle that is not expected anywhere has the default height.
         destinations = dict.fromkeys(facts.names, (0.0, 0.0, DEFAULT_HEIGHT_M))
+        destinations.update(facts.expected_enu_m)
     else:
         destinations = known_destinations(facts.names, facts.state)
     if len(destinations) < len(facts.names):
@@ -146,13 +149,12 @@ def _bring_home(intent: BringHome, facts: GoalFacts) -> Goals:
     """
     positions = {}
     for name in facts.names:
-        position_enu_m = facts.spot_enu_m(name)
-        if facts.state is not None:
-            telemetry = facts.state.telemetry_of(name)
-            if telemetry is None or not telemetry.is_position_valid:
-                continue
-            position_enu_m = telemetry.position_enu_m
-        positions[name] = position_enu_m
+        if facts.state is None:
+            positions[name] = facts.expected_enu_m.get(name, facts.spot_enu_m(name))
+            continue
+        telemetry = facts.state.telemetry_of(name)
+        if telemetry is not None and telemetry.is_position_valid:
+            positions[name] = telemetry.position_enu_m
     if len(positions) < len(facts.names):
         return Goals(intent, {}, _no_position(facts.names, positions))
 

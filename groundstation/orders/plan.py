@@ -128,7 +128,9 @@ def plan_order(
 
     goals_enu_m: Mapping[str, Xyz] = {}
     if not refusals and intent.has_goals:
-        facts = GoalFacts(fleet, state, held, names)
+        facts = GoalFacts(
+            fleet=fleet, state=state, held=held, names=names, expected_enu_m=expected_enu_m or {}
+        )
         intent, goals_enu_m, refusals = _checked_goals(intent, facts, now_ns)
 
     if not refusals and isinstance(intent, Swap) and state is not None:

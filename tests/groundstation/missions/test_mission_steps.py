@@ -420,6 +420,28 @@ PAUSE = {"do": "wait", "duration_s": 5.0}
 ONE_MOVE = {"do": "move", "vehicles": "mav0", "position_enu_m": [-1.5, 0.0, 1.0]}
 
 
+@pytest.mark.parametrize("verb", ["home", "bring_home"])
+@pytest.mark.parametrize("ground_m", [0.0, -50.0])
+def test_the_way_home_is_judged_at_the_height_at_which_the_vehicles_are(
+    fleet: FleetConfig, verb: str, ground_m: float
+) -> None:
+    vehicles = {}
+    for name, vehicle in fleet.vehicles.items():
+        x, y, _ = vehicle.start_enu_m
+        vehicles[name] = msgspec.structs.replace(vehicle, start_enu_m=(x, y, ground_m))
+    geofence = msgspec.structs.replace(fleet.fleet.geofence_m, z=(ground_m - 0.1, ground_m + 0.95))
+    section = msgspec.structs.replace(fleet.fleet, geofence_m=geofence)
+    low = msgspec.structs.replace(fleet, vehicles=vehicles, fleet=section)
+
+    height_m = ground_m + 0.6
+    mission = make(low, {"do": "takeoff", "height_m": height_m}, {"do": verb})
+    home = list(mission.course())[-1]
+    assert home.planned is not None
+    for order in home.planned.orders.values():
+        assert order.position_enu_m is not None
+        assert order.position_enu_m[2] == pytest.approx(height_m)
+
+
 def react(steps: list[dict[str, Any]], then: list[dict[str, Any]]) -> dict[str, Any]:
     return {"do": "react", "when": LOW, "steps": steps, "then": then}
 
