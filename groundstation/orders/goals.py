@@ -366,6 +366,8 @@ def _formation(intent: Formation, facts: GoalFacts) -> Goals:
 
 def _rotate(intent: Rotate, facts: GoalFacts) -> Goals:
     """Return the slots of the present formation, turned further about its present position."""
+    if facts.held.name is None:
+        return _no_formation(intent, facts)
     center_enu_m = intent.center_enu_m
     if center_enu_m is None:
         if facts.state is None:
@@ -390,11 +392,7 @@ def _slot_goals(
 ) -> Goals:
     """Return the slot of each vehicle about the formation's position."""
     if held.name is None:
-        reason = (
-            "this fleet file has no formation, so give each vehicle its own goal: "
-            f"{INTENTS['goto'].usage}"
-        )
-        return Goals(intent, {}, dict.fromkeys(facts.names, reason))
+        return _no_formation(intent, facts)
 
     x, y, z = position_enu_m
     goals = {}
@@ -408,6 +406,14 @@ def _slot_goals(
         east_m, north_m, up_m = slots[name]
         goals[name] = (x + east_m, y + north_m, z + up_m)
     return Goals(intent, goals, refusals)
+
+
+def _no_formation(intent: Intent, facts: GoalFacts) -> Goals:
+    reason = (
+        "this fleet file has no formation, so give each vehicle its own goal: "
+        f"{INTENTS['goto'].usage}"
+    )
+    return Goals(intent, {}, dict.fromkeys(facts.names, reason))
 
 
 def _no_formation_position(intent: Intent, facts: GoalFacts) -> Goals:

@@ -420,6 +420,19 @@ PAUSE = {"do": "wait", "duration_s": 5.0}
 ONE_MOVE = {"do": "move", "vehicles": "mav0", "position_enu_m": [-1.5, 0.0, 1.0]}
 
 
+@pytest.mark.parametrize(
+    "step",
+    [{"do": "rotate", "angle_deg": 90.0}, {"do": "move", "position_enu_m": [0.0, 0.0, 1.0]}],
+)
+def test_an_order_to_the_present_formation_is_refused_where_there_is_none(
+    fleet: FleetConfig, step: dict[str, Any]
+) -> None:
+    without = msgspec.structs.replace(fleet, formations={})
+    with pytest.raises(ConfigError, match=r"step\[1\].* this fleet file has no formation"):
+        make(without, UP, step, formations={})
+    make(without, UP, TO_RING, step)
+
+
 @pytest.mark.parametrize("verb", ["home", "bring_home"])
 @pytest.mark.parametrize("ground_m", [0.0, -50.0])
 def test_the_way_home_is_judged_at_the_height_at_which_the_vehicles_are(
