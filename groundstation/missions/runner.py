@@ -30,7 +30,7 @@ from groundstation.missions.hover_check import WindTooStrong
 from groundstation.missions.landing import wait_for_landings
 from groundstation.missions.left_out_awaits import left_out_awaits
 from groundstation.missions.own_link import SILENT_S, silent_in_flight
-from groundstation.missions.step_runner import MissionFailed, StepRunner
+from groundstation.missions.step_runner import MissionFailed, StepRunner, first_failure
 from groundstation.missions.taken import Taken, flown_by_hand, pilot_words, stay
 from groundstation.verdict.observations import FlightObservations, collided_vehicles
 from groundstation.verdict.verdict import Verdict, judge
@@ -523,6 +523,7 @@ class MissionRun:
 
         What the mission declares for a failure is done only if it has begun at all.
         """
+        error = _cause(error)
         if isinstance(error, NotReady):
             sentence = str(error)
             return _EarlyEnd(sentence, sentence, is_nobody_heard=not error.is_anybody_heard)
@@ -697,6 +698,22 @@ class MissionRun:
         return all(
             state.is_landed(name) or state.vehicles[name].is_airborne for name in self.fleet.names
         )
+
+
+def _cause(error: BaseException) -> BaseException:
+    """Return what has ended the steps, out of the group in which tasks of a mission have raised it.
+
+    Several exceptions stay a group if one of them is a mistake of the mission's author.
+    """
+    if not isinstance(error, BaseExceptionGroup):
+        return error
+    if len(error.exceptions) == 1:
+        return _cause(error.exceptions[0])
+
+    _, mistakes = error.split(_FAILURES)
+    if mistakes is not None:
+        return error
+    return first_failure(error)
 
 
 def _mistake(error: BaseException, path: str) -> str:

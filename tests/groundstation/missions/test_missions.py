@@ -6,7 +6,7 @@ import asyncio
 import errno
 import itertools
 import math
-from collections.abc import Callable, Coroutine
+from collections.abc import Callable, Coroutine, Sequence
 from pathlib import Path
 from typing import Any, NoReturn
 
@@ -668,6 +668,43 @@ async def test_a_mistake_in_a_python_mission_still_lands_everybody(
     assert "fly_to_the_moon" in verdict.summary
     assert "Traceback" not in verdict.summary
     assert all(verdict.landed.values())
+
+
+@pytest.mark.parametrize(
+    ("calls", "words"),
+    [
+        (["fleet['mav0'].hold()", "fleet['mav1'].hold()"], "'hold mav1' failed. mav1 refused: "),
+        (["fleet['mav1'].hold()", "fleet['mav1'].yaw(9.0)"], "'hold mav1' failed. mav1 refused: "),
+        (["fleet.wait(float('nan'))"], "wait: nan is no duration."),
+        (["fly(fleet)"], "line 10: AttributeError: "),
+    ],
+)
+async def test_a_failure_in_a_task_of_a_python_mission_is_said_as_outside_of_it(
+    fleet: FleetConfig, client: Any, bus: Any, tmp_path: Path, calls: Sequence[str], words: str
+) -> None:
+    lines = [
+        "import asyncio",
+        "async def mission(fleet):",
+        "    await fleet.takeoff()",
+        "    async with asyncio.TaskGroup() as tasks:",
+        *(f"        tasks.create_task({call})" for call in calls),
+        "    await fleet.home()",
+        "",
+        "",
+        "async def fly(fleet):",
+        "    fleet.fly_to_the_moon()",
+        "",
+    ]
+    path = tmp_path / "tasks.py"
+    path.write_text("\n".join(lines))
+
+    def say(line: str) -> None:
+        if "done in" in line:
+            bus.misbehave["mav1"] = "refuse"
+
+    verdict = await MissionRun(load_mission(path, fleet), client, say=say).run()
+    assert words in verdict.summary
+    assert "Traceback" not in verdict.summary
 
 
 @pytest.mark.parametrize("duration_s", ["nan", "inf"])
