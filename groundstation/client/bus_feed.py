@@ -20,7 +20,7 @@ from onboard.bus.schema import Event, Message
 from onboard.bus.topics import Topic
 
 MAX_QUEUED = 20_000
-_MAX_HEARD = 200  # events that are kept to know a repeat
+_MAX_HEARD = 2000  # events that are kept to know a repeat; agents repeat up to 24 of each vehicle
 DELIVERY_PERIOD_S = 0.02
 # Topics whose messages are folded into the fleet's state; with people, the client adds ALL_POSES.
 FOLDED = (Topic.TELEMETRY, Topic.EVENT, Topic.TRUTH, Topic.PREFLIGHT)
@@ -250,7 +250,10 @@ class BusFeed:
                 self.put(message)
 
     def _has_heard(self, event: Event) -> bool:
-        """Return whether this very event came before, and note it."""
+        """Return whether this very event came before, and note it if it may be repeated."""
+        may_be_repeated = event.order_outcome != "" or event.severity == "critical"
+        if not may_be_repeated:
+            return False
         if event in tuple(self._heard):  # a copy, because threads of the bus may append meanwhile
             return True
         self._heard.append(event)

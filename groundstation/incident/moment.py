@@ -22,7 +22,7 @@ from onboard.plain_text import numbered
 
 # a list of names where sentences have names and no quantities: "Nothing heard from 1, 2 for 2 s"
 _NAMES = re.compile(
-    r"(?:^|\(|heard from |pilot has |Pilots have )"
+    r"(?:^|\(|heard from |has ended for |pilot has |Pilots have )"
     r"([\w-]+(?:, [\w-]+)*)"
     r"(?='|:|\)|\. | for | is | are )"
 )

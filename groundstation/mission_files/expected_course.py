@@ -551,7 +551,8 @@ def _doubt_landed(
         landed = fleet.select(condition.landed)
     except ConfigError as error:
         raise ConfigError(f"{written_key}: {error}") from None
-    course_fleet.doubtful = course_fleet.doubtful.union(landed)
+    may_fly = course_fleet.flying.union(course_fleet.unsure, course_fleet.doubtful)
+    course_fleet.doubtful = course_fleet.doubtful.union(may_fly.intersection(landed))
 
 
 def _react_steps(

@@ -228,9 +228,10 @@ def _landed_finding(course_step: CourseStep, where: str) -> Iterator[Finding]:
         course_step: the step that expects it, or the end of the mission.
         where: words for the step; empty for the end.
     """
+    flying = course_step.flying - course_step.doubtful
     parts = []
-    if course_step.flying:
-        parts.append(f"{', '.join(sorted(course_step.flying))} in the air")
+    if flying:
+        parts.append(f"{', '.join(sorted(flying))} in the air")
     if course_step.unsure:
         react_key = next(iter(course_step.unsure.values()))
         parts.append(
@@ -249,12 +250,12 @@ def _landed_finding(course_step: CourseStep, where: str) -> Iterator[Finding]:
         remedy = 'Put a step do = "land" before it, or leave its all_landed out.'
 
     verb = "cannot"
-    if not course_step.flying:  # PX4 disarms a vehicle that does not take off
+    if not flying:  # PX4 disarms a vehicle that does not take off
         verb = "may not"
     yield _advice(
         name="ending",
         where=where,
-        vehicle_count=len(course_step.flying) + len(course_step.unsure) + len(course_step.armed),
+        vehicle_count=len(flying) + len(course_step.unsure) + len(course_step.armed),
         sentence=f"{begin} with {' and '.join(parts)}, so it {verb} pass",
         remedy=remedy,
     )

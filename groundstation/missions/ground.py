@@ -17,7 +17,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence, Set
 from msgspec.structs import replace
 
 from groundstation.client.client import FleetClient
-from groundstation.fleet.slot_owners import out_of_service
+from groundstation.fleet.slot_owners import out_of_service, stand_ins
 from groundstation.fleet.state import FleetState
 from groundstation.mission_files.wall_time import WallTime, time_words
 from groundstation.missions.countdown import Countdown, CountdownEnded, clock_words, count_down
@@ -596,7 +596,13 @@ class MissionGround:
             return
 
         self.left_out.update(newly_left_out)
-        self.say(f"The mission goes on without {', '.join(newly_left_out)}.")
+        vehicle_by_owner = stand_ins(self.client.state)
+        missing = [name for name in newly_left_out if name not in vehicle_by_owner]
+        if missing:
+            self.say(f"The mission goes on without {', '.join(missing)}.")
+        for name in newly_left_out:
+            if name in vehicle_by_owner:
+                self.say(f"{vehicle_by_owner[name]} flies in the place of {name}.")
 
     def leave_out_silent(self, names: Iterable[str], reason: str) -> None:
         """Go on without vehicles that are silent in flight, and wait for no end of their orders.

@@ -194,11 +194,16 @@ class OwnLink:
         names = []
         for name, kind in self._ordered.items():
             telemetry = self._client.state.vehicles[name].telemetry
-            if telemetry is None or kind == "land":
+            if telemetry is None or kind == "land" or self._is_sent_home(name):
                 continue
             if telemetry.state in _ENDS_OF_FLIGHT:
                 names.append(name)
         return names
+
+    def _is_sent_home(self, name: str) -> bool:
+        """Whether a vehicle's newest order lets it land at its goal."""
+        newest = self._client.newest_order(name)
+        return newest is not None and newest.planned.orders[name].then_land
 
     def _silent_for_s(self) -> float:
         return (self._client.now_ns() - self._heard_ns) * 1e-9

@@ -85,9 +85,13 @@ def test_an_event_that_an_agent_repeats_for_another_ground_is_taken_once() -> No
 
     lands = Event(vehicle="mav0", stamp_ns=1, severity="critical", code="x", sentence="It lands.")
     again = Event(vehicle="mav0", stamp_ns=2, severity="critical", code="x", sentence="It lands.")
-    for event in (lands, again, lands):
+    others = [
+        Event(vehicle="mav0", stamp_ns=3 + n, severity="info", code="x", sentence="It flies.")
+        for n in range(3000)  # which no agent repeats
+    ]
+    for event in (lands, again, *others, lands):
         feed._receive(Topic.EVENT, "mav0", event)
     feed.read()
 
-    assert folded == [lands, again]
-    assert len(recorded) == 2
+    assert folded == [lands, again, *others]
+    assert len(recorded) == 2 + len(others)

@@ -573,6 +573,15 @@ def test_vehicles_may_be_down_after_a_condition_that_says_so(fleet: FleetConfig)
     with pytest.raises(ConfigError, match="mav0 would fly already"):
         make(fleet, UP, wait, again, again)
 
+    # one that is down in any case stays down
+    hold = {"do": "hold", "vehicles": "mav0"}
+    with pytest.raises(ConfigError, match="mav0 would be on the ground"):
+        make(fleet, UP, {**LAND, "vehicles": "mav0"}, wait, hold)
+    with pytest.raises(ConfigError, match="mav0 would be on the ground"):
+        make(fleet, {**UP, "vehicles": "mav1"}, wait, hold)
+    all_down = make(fleet, UP, {"do": "wait", "until": {"landed": "all"}})
+    assert not [one for one in mission_findings(all_down) if one.name == "ending"]
+
     reacting_to = {**react([LONG], [PAUSE]), "when": down}
     make(fleet, UP, reacting_to, again, LAND)
     make(fleet, UP, {**reacting_to, "then": [again, TURN]}, LAND)

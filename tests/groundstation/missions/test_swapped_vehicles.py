@@ -199,12 +199,15 @@ async def test_a_mission_that_names_the_swapped_vehicle_is_flown_by_its_spare(
         {"do": "land", "vehicles": "mav0,mav1"},
     ]
     mission = mission_from_mapping({"schema": 1, "step": steps}, path="t.toml", fleet=fleet)
-    verdict = await asyncio.wait_for(MissionRun(mission, swapped, say=lambda _: None).run(), 20.0)
+    lines: list[str] = []
+    verdict = await asyncio.wait_for(MissionRun(mission, swapped, say=lines.append).run(), 20.0)
     assert verdict.passed, verdict.summary
 
     flown = {name: order for name, order in bus.orders if order.kind == "move"}
     assert set(flown) == {"mav0", "mav2"}
     assert flown["mav2"].position_enu_m == (1.0, 2.0, 1.0)
+    assert "mav2 flies in the place of mav1." in lines
+    assert not any("goes on without" in line for line in lines)
 
 
 async def test_scripts_swap_and_go_on_by_the_name_of_the_place(bus: Any, standing: Any) -> None:

@@ -109,6 +109,21 @@ def test_a_ground_behind_a_dead_router_does_not_promise_that_the_flight_goes_on(
     assert "Own position lost (by dead reckoning): landing." in verdict.summary
 
 
+def test_vehicles_that_fly_home_while_the_ground_is_cut_have_ended_no_flight_by_themselves(
+    lockstep, paper: FleetConfig
+) -> None:
+    flight = lockstep(paper, seed=1)
+    cut_ground(flight, 12.0, 8.0)
+    steps = [{"do": "takeoff", "height_m": 1.0}, {"do": "home"}]
+    mission = mission_from_mapping({"schema": 1, "step": steps}, path="home.toml", fleet=paper)
+
+    verdict = flight.fly(mission)
+
+    assert verdict.exit_status == 0, verdict.summary
+    (back,) = sentences(flight, "own_link_back")
+    assert back.endswith(": the mission goes on.")
+
+
 @pytest.mark.long
 @pytest.mark.parametrize(
     ("at_s", "duration_s"), [(10.0, 8.0), pytest.param(12.0, 3.0, marks=pytest.mark.long)]
