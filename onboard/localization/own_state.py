@@ -225,7 +225,6 @@ class OwnState:
         if math.isnan(heading_jump_rad):
             heading_jump_rad = 0.0
         return Px4Evidence(
-            is_position_known=self.px4_check.motion(received_ns) is not None,
             is_after_landing=self._has_flown and self._is_on_ground,
             is_contradicted=self.px4_check.contradicts(position_enu_m, received_ns),
             heading_jump_rad=heading_jump_rad,

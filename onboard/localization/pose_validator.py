@@ -56,9 +56,9 @@ class PoseVerdict(IntEnum):
 class Px4Evidence(NamedTuple):
     """Evidence of PX4's own estimate about a sample."""
 
-    is_position_known: bool = False
+    # whether PX4's position is somewhere else; None: PX4's position is not known
+    is_contradicted: bool | None = None
     is_after_landing: bool = False  # whether the vehicle stands on the ground, and has flown
-    is_contradicted: bool = False  # whether PX4's position is somewhere else
     # change of the heading since the last accepted sample minus that of PX4's heading
     heading_jump_rad: float = 0.0
 
@@ -242,7 +242,7 @@ class PoseValidator:
         """Return whether an accepted sample may be of another body, or in another frame."""
         if self._position is None:
             return False
-        if evidence.is_position_known:
+        if evidence.is_contradicted is not None:
             return is_after_outage and evidence.is_contradicted
         return math.dist(position, self._position) > _STEP_M
 
@@ -295,11 +295,12 @@ class PoseValidator:
         reach_rad = min(_NOISE_RAD + bounds.max_turn_rad_s * gap_s, math.pi)
         if half_turn_cosine < math.cos(0.5 * reach_rad):
             return False
-        # if the body has not turned, PX4's heading has jumped
-        turned_rad = turn_about_up_rad(quaternion, self._quaternion)
-        jump_rad = min(abs(evidence.heading_jump_rad), abs(turned_rad))
-        if jump_rad > bounds.max_heading_jump_rad + bounds.heading_drift_rad_s * outage_s:
-            return False
+
+        largest_jump_rad = bounds.max_heading_jump_rad + bounds.heading_drift_rad_s * outage_s
+        if abs(evidence.heading_jump_rad) > largest_jump_rad:
+            turned_rad = turn_about_up_rad(quaternion, self._quaternion)
+            if abs(turned_rad) > largest_jump_rad:  # otherwise PX4's heading has jumped
+                return False
 
         # After a jump, a sample within reach may still be wrong. It is rejected if PX4 contradicts
         # it, unless it continues the path from before the jump. A vehicle that stands after a

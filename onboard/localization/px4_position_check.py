@@ -177,11 +177,14 @@ class Px4PositionCheck:
             velocity_std_m_s=_STD_M_S,
         )
 
-    def contradicts(self, position_enu_m: Xyz, now_ns: int) -> bool:
-        """Whether PX4's position differs from a pose's position by more than its largest error."""
+    def contradicts(self, position_enu_m: Xyz, now_ns: int) -> bool | None:
+        """Whether PX4's position differs from a pose's position by more than its largest error.
+
+        None if PX4's position must not be used.
+        """
         motion = self.motion(now_ns)
         if motion is None:
-            return False
+            return None
 
         blind_s = (now_ns - self._learned_ns) * _NS
         if self._landed is not None:

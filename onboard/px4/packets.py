@@ -219,8 +219,8 @@ def cut(data: bytes) -> Iterator[Packet | Remainder]:
 def cut_stream(data: bytes) -> Iterator[Packet | Remainder]:
     """Cut the bytes of a serial device, which may begin anywhere, into packets.
 
-    Any byte may look like the start of a packet: of the timestamps of signed packets some byte does
-    so for minutes. What looks like a packet but is none takes no other bytes with it.
+    Any byte may look like the start of a packet. In the timestamps of signed packets, one does so
+    for minutes. What looks like a packet but is none takes no other bytes with it.
 
     Yields:
         Each packet, what is junk between packets, and finally the start of a packet, if any.
@@ -229,7 +229,8 @@ def cut_stream(data: bytes) -> Iterator[Packet | Remainder]:
     while start < len(data):
         piece = _piece_at(data, start)
         if isinstance(piece, Packet):
-            piece = _judged(piece, data[start + len(piece.data) :])
+            end = start + len(piece.data)
+            piece = _judged(piece, data[end : end + 1])
         if isinstance(piece, Remainder) and piece.is_junk:
             piece = Remainder(data[start : _next_magic(data, start + 1)], is_junk=True)
 
@@ -239,23 +240,22 @@ def cut_stream(data: bytes) -> Iterator[Packet | Remainder]:
 
 def _piece_at(data: bytes, start: int) -> Packet | Remainder:
     """Return the packet that begins at an index, or all bytes from there on if none does."""
-    rest = Remainder(data[start:], is_junk=False)
     magic = data[start]
     if magic == _MAGIC_1:
         header_bytes = _HEADER_1_BYTES
     elif magic == _MAGIC_2:
         header_bytes = _HEADER_2_BYTES
     else:
-        return rest._replace(is_junk=True)
+        return Remainder(data[start:], is_junk=True)
 
     header = data[start : start + header_bytes]
     if len(header) < header_bytes:
-        return rest
+        return Remainder(data[start:], is_junk=False)
 
     _, payload_bytes, flags = header[:3]
     is_signed = magic == _MAGIC_2 and bool(flags & _SIGNED)
     if magic == _MAGIC_2 and flags & ~_SIGNED:  # flags that nobody knows: it cannot be read
-        return rest._replace(is_junk=True)
+        return Remainder(data[start:], is_junk=True)
 
     size = header_bytes + payload_bytes + _CHECKSUM_BYTES
     if is_signed:
@@ -263,7 +263,7 @@ def _piece_at(data: bytes, start: int) -> Packet | Remainder:
 
     whole = data[start : start + size]
     if len(whole) < size:
-        return rest
+        return Remainder(data[start:], is_junk=False)
 
     ids = header[3:]  # system, component, number
     if magic == _MAGIC_2:
@@ -280,10 +280,14 @@ def _piece_at(data: bytes, start: int) -> Packet | Remainder:
 
 
 def _judged(packet: Packet, following: bytes) -> Packet | Remainder:
-    """Return bytes of a stream that look like a packet: as one, or as what they are otherwise.
+    """Return what looks like a packet of a stream, if it is one; otherwise its bytes.
 
     The checksum of a kind that is not known here cannot be checked; after a packet of such a kind,
     another packet must begin.
+
+    Args:
+        packet: what looks like a packet.
+        following: the next byte of the stream; empty if it has not arrived.
     """
     if packet.number in _SEEDS:
         is_real = packet.has_right_checksum

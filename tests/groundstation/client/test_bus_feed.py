@@ -12,28 +12,33 @@ from onboard.bus.topics import Topic
 
 _MS = 1_000_000
 _S = 1_000_000_000
+_NOW_NS = 1000 * _S  # on the ground's clock
 
 
-def test_sinks_get_stamps_on_the_grounds_clock_and_the_state_keeps_those_of_the_sender() -> None:
-    now_ns = 1000 * _S
-    ahead_ns = 300 * _S
-    folded: list[Message] = []
+def _feed(folded: list[Message]) -> BusFeed:
+    """A feed of events, which adds what it folds to a list."""
 
     def fold(batch: Sequence[ReceivedMessage]) -> None:
         folded.extend(message for message, _ in batch if isinstance(message, Message))
 
-    feed = BusFeed(
+    return BusFeed(
         BusSession(namespace="covey/test", node="ground"),
         fold,
         folded=[Topic.EVENT],
         recorded=[],
-        clock_ns=lambda: now_ns,
+        clock_ns=lambda: _NOW_NS,
         on_delivery=lambda: None,
     )
+
+
+def test_sinks_get_stamps_on_the_grounds_clock_and_the_state_keeps_those_of_the_sender() -> None:
+    ahead_ns = 300 * _S
+    folded: list[Message] = []
+    feed = _feed(folded)
     recorded: list[Event] = []
 
     def sink(_topic: Topic, _name: str, message: Message, received_ns: int) -> None:
-        assert received_ns == now_ns
+        assert received_ns == _NOW_NS
         assert isinstance(message, Event)
         recorded.append(message)
 
@@ -41,15 +46,15 @@ def test_sinks_get_stamps_on_the_grounds_clock_and_the_state_keeps_those_of_the_
     clocks = feed.clocks
     assert clocks is not None
     # 1 ms in each direction
-    heard = HeardClock("ground", clocks.host, now_ns - _S, now_ns - _S + ahead_ns + _MS)
+    heard = HeardClock("ground", clocks.host, _NOW_NS - _S, _NOW_NS - _S + ahead_ns + _MS)
     clock = ClockMessage(
-        node="mav0", host=1, sequence=1, sent_ns=now_ns + ahead_ns - _MS, heard=(heard,)
+        node="mav0", host=1, sequence=1, sent_ns=_NOW_NS + ahead_ns - _MS, heard=(heard,)
     )
-    clocks.hear(clock, now_ns)
+    clocks.hear(clock, _NOW_NS)
 
     event = Event(
         vehicle="mav0",
-        stamp_ns=now_ns + ahead_ns - 50 * _MS,
+        stamp_ns=_NOW_NS + ahead_ns - 50 * _MS,
         severity="info",
         code="x",
         sentence="x",
@@ -58,28 +63,17 @@ def test_sinks_get_stamps_on_the_grounds_clock_and_the_state_keeps_those_of_the_
     feed.read()
     assert folded == [event]
     (kept,) = recorded
-    assert now_ns - 55 * _MS < kept.stamp_ns <= now_ns - 50 * _MS
+    assert _NOW_NS - 55 * _MS < kept.stamp_ns <= _NOW_NS - 50 * _MS
     assert kept.sentence == event.sentence
 
-    own = Event(vehicle="mav0", stamp_ns=now_ns, severity="info", code="y", sentence="y")
+    own = Event(vehicle="mav0", stamp_ns=_NOW_NS, severity="info", code="y", sentence="y")
     feed.tell_sinks(Topic.EVENT, "mav0", own)
     assert recorded[-1] is own, "a message of the ground itself has its clock"
 
 
 def test_an_event_that_an_agent_repeats_for_another_ground_is_taken_once() -> None:
     folded: list[Message] = []
-
-    def fold(batch: Sequence[ReceivedMessage]) -> None:
-        folded.extend(message for message, _ in batch if isinstance(message, Message))
-
-    feed = BusFeed(
-        BusSession(namespace="covey/test", node="ground"),
-        fold,
-        folded=[Topic.EVENT],
-        recorded=[],
-        clock_ns=lambda: 1000 * _S,
-        on_delivery=lambda: None,
-    )
+    feed = _feed(folded)
     recorded: list[Message] = []
     feed.add_sink(lambda _topic, _name, message, _received_ns: recorded.append(message))
 

@@ -212,6 +212,18 @@ async def test_arrival_is_judged_when_the_vehicles_own_order_is_done_and_not_whe
     assert verdict.worst_arrival_m == pytest.approx(0.0, abs=0.01)
 
 
+async def _fail_second_order_of_mav1(client: Any, bus: Any) -> None:
+    """Let the order after its take-off fail; later ones, as the landing, succeed."""
+    assert await client.wait_for(lambda state: len(state.airborne_names) == 3, 5.0)
+    bus.misbehave["mav1"] = "fail"
+    assert await client.wait_for(
+        lambda _: [name for name, _ in bus.orders].count("mav1") == 2,
+        5.0,
+    )
+    await asyncio.sleep(0.1)
+    del bus.misbehave["mav1"]
+
+
 async def test_only_who_has_arrived_counts_for_the_furthest_arrival(
     fleet: FleetConfig, client: Any, bus: Any
 ) -> None:
@@ -222,14 +234,7 @@ async def test_only_who_has_arrived_counts_for_the_furthest_arrival(
         {"do": "land"},
     ]
     task = asyncio.create_task(MissionRun(make(fleet, steps), client).run())
-    assert await client.wait_for(lambda state: len(state.airborne_names) == 3, 5.0)
-    bus.misbehave["mav1"] = "fail"
-    assert await client.wait_for(
-        lambda _: [name for name, _ in bus.orders].count("mav1") == 2,  # take-off and goto
-        5.0,
-    )
-    await asyncio.sleep(0.1)
-    del bus.misbehave["mav1"]
+    await _fail_second_order_of_mav1(client, bus)
     verdict = await asyncio.wait_for(task, 20.0)
 
     assert [(arrival.vehicle, arrival.is_done) for arrival in verdict.arrivals] == [("mav1", False)]
@@ -680,8 +685,15 @@ async def test_a_mistake_in_a_python_mission_still_lands_everybody(
     ],
 )
 async def test_a_failure_in_a_task_of_a_python_mission_is_said_as_outside_of_it(
-    fleet: FleetConfig, client: Any, bus: Any, tmp_path: Path, calls: Sequence[str], words: str
+    fleet: FleetConfig,
+    client: Any,
+    bus: Any,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    calls: Sequence[str],
+    words: str,
 ) -> None:
+    monkeypatch.setattr("groundstation.missions.runner.LAND_TIMEOUT_S", 1.0)  # mav1 refuses to land
     lines = [
         "import asyncio",
         "async def mission(fleet):",
@@ -910,14 +922,7 @@ async def test_others_go_on_without_a_vehicle_whose_own_step_fails(
     ]
     mission = make(fleet, steps, on_failure={"do": "go_on"})
     task = asyncio.create_task(MissionRun(mission, client).run())
-    assert await client.wait_for(lambda state: len(state.airborne_names) == 3, 5.0)
-    bus.misbehave["mav1"] = "fail"
-    assert await client.wait_for(
-        lambda _: [name for name, _ in bus.orders].count("mav1") == 2,  # take-off and turn
-        5.0,
-    )
-    await asyncio.sleep(0.1)
-    del bus.misbehave["mav1"]  # the landing at the end succeeds
+    await _fail_second_order_of_mav1(client, bus)
     verdict = await asyncio.wait_for(task, 20.0)
     kinds = [order.kind for name, order in bus.orders if name == "mav0"]
     assert kinds == ["takeoff", "move", "land"], verdict.summary

@@ -22,7 +22,7 @@ def vec3(values: np.ndarray) -> tuple[float, float, float]:
     return x, y, z
 
 
-CONTRADICTED = Px4Evidence(is_position_known=True, is_contradicted=True)
+CONTRADICTED = Px4Evidence(is_contradicted=True)
 
 
 def circle(
@@ -94,7 +94,7 @@ def test_a_jump_is_rejected_at_its_first_sample_and_leaves_the_expected_motion(
 
 
 def test_after_a_jump_for_good_the_new_place_is_believed_only_where_nobody_contradicts() -> None:
-    for evidence in (CONTRADICTED, Px4Evidence(is_position_known=True)):
+    for evidence in (CONTRADICTED, Px4Evidence(is_contradicted=False)):
         validator, rng = settled()
         verdicts = []
         for tick in range(100, 250):

@@ -47,6 +47,14 @@ def ready(**px4_params: float) -> Rig:
     return rig
 
 
+def land(rig: Rig) -> None:
+    """Land, and wait until it may take off again."""
+    rig.order("land")
+    rig.until("landed")
+    rig.run(2.0)
+    assert refusals(rig) == {}
+
+
 def turned(angle_rad: float, axis: int) -> tuple[float, ...]:
     vector = [0.0, 0.0, 0.0]
     vector[axis] = math.sin(0.5 * angle_rad)
@@ -88,13 +96,6 @@ def lay_body_on_its_side(rig: Rig) -> None:
     side = turned(math.pi / 2, 0)
     original = rig.pose
     rig.pose = lambda **changes: original(**{"quaternion_enu_flu_wxyz": side, **changes})  # type: ignore[method-assign]
-
-
-def carry_to(rig: Rig, east_m: float) -> None:
-    begin_m = rig.position[0]
-    for share in np.linspace(0.0, 1.0, 200):
-        rig.position[0] = begin_m + share * (east_m - begin_m)
-        rig.run(0.02)
 
 
 def carry(rig: Rig) -> None:
@@ -247,11 +248,8 @@ def test_a_vehicle_that_landed_elsewhere_may_take_off_there_but_not_outside_the_
     rig.until("flying")
     rig.order("move", position_enu_m=(1.5, 1.0, 1.0))
     rig.run(6.0)
-    rig.order("land")
-    rig.until("landed")
-    rig.run(2.0)
-    assert refusals(rig) == {}
-    carry_to(rig, 5.0)
+    land(rig)
+    rig.carry(5.0, 1.0, 0.0)
     rig.run(3.0)
     assert set(refusals(rig)) == {"fence"}
 
@@ -264,10 +262,7 @@ def test_a_vehicle_whose_poses_jump_after_a_landing_takes_off_from_its_spot_only
     rig = ready()
     rig.order("takeoff", height_m=1.0)
     rig.until("flying")
-    rig.order("land")
-    rig.until("landed")
-    rig.run(2.0)
-    assert refusals(rig) == {}
+    land(rig)
 
     rig.position = rig.position + np.array([1.0, 0.0, 0.0])
     if is_lost_between:
@@ -281,10 +276,10 @@ def test_a_vehicle_whose_poses_jump_after_a_landing_takes_off_from_its_spot_only
         return
 
     assert set(refusals(rig)) == {"spot"}
-    carry_to(rig, 0.0)
+    rig.carry(0.0, 0.0, 0.0)
     rig.run(3.0)
     assert refusals(rig) == {}
-    carry_to(rig, 1.0)
+    rig.carry(1.0, 0.0, 0.0)
     rig.run(3.0)
     assert refusals(rig) == {}
 
