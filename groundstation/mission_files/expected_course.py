@@ -39,6 +39,7 @@ from groundstation.mission_files.steps import (
     Until,
     WaitStep,
 )
+from groundstation.orders.goals import ExpectedFleet
 from groundstation.orders.grammar import default_formation
 from groundstation.orders.held_formation import HeldFormation, held_slots, slots_of
 from groundstation.orders.intents import (
@@ -139,6 +140,13 @@ class CourseStep:
     def may_fly_before(self) -> frozenset[str]:
         """Vehicles that may fly before the step, if this is known at all."""
         return self.flying.union(self.unsure, self.doubtful)
+
+    @property
+    def on_ground(self) -> frozenset[str]:
+        """Vehicles that certainly stand on the ground before the step."""
+        if not self.is_known:
+            return frozenset()
+        return frozenset(self.positions) - self.may_fly_before
 
     @property
     def flying_after(self) -> frozenset[str]:
@@ -725,7 +733,7 @@ def _with_order(
         held=course_fleet.held,
         author="check",
         now_ns=0,
-        expected_enu_m=course_fleet.positions,
+        expected=ExpectedFleet(course_fleet.positions, course_step.on_ground),
     )
     refuse_disabled(planned.orders, fleet)
     goals = {

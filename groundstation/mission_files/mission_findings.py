@@ -24,12 +24,13 @@ from groundstation.mission_files.steps import (
     FollowPathStep,
     Until,
 )
-from groundstation.orders.intents import GoalIntent, Home, Intent, Land
+from groundstation.orders.intents import GoalIntent, Home, Intent, Land, Takeoff
 from groundstation.orders.obstacle_crossings import crossing_findings
 from groundstation.orders.reachable_goals import reach_refusal
 from groundstation.paths.checks import highest_points, path_findings
 from onboard.config.fleet import ConfigError, FleetConfig
 from onboard.config.flight_space import flight_space_of
+from onboard.config.pair_separation import separation_m
 from onboard.control.raised_ground import CLEARANCE_IN_MISSION
 from onboard.estimation.accuracies import ACCURACIES
 from onboard.feasibility.blind_descent import blind_descent_findings
@@ -212,6 +213,8 @@ def _order_findings(
     if fleet.fences:
         yield from _straight_line_findings(fleet, course_step, where)
 
+    yield from _parked_findings(fleet, course_step, where)
+
     if not isinstance(order, Land | Home):
         positions = {**course_step.positions, **course_step.goals}
         # in the order of the fleet, so that the findings are the same each time
@@ -219,6 +222,38 @@ def _order_findings(
             name: at_m for name, at_m in positions.items() if name in course_step.flying_after
         }
         yield from spot_findings(fleet, flying_at, where, errors=errors)
+
+
+def _parked_findings(fleet: FleetConfig, course_step: CourseStep, where: str) -> Iterator[Finding]:
+    """Yield the finding about goals at vehicles on the ground: an agent refuses such a goal.
+
+    A flight begins nevertheless, since a vehicle that the mission has not flown may be absent.
+    """
+    if isinstance(course_step.step, Takeoff | Land):
+        return
+
+    height_share = fleet.fleet.height_share
+    distances = {
+        (name, other): separation_m(course_step.positions[other], goal_enu_m, height_share)
+        for name, goal_enu_m in course_step.goals.items()
+        for other in course_step.on_ground
+        if other != name
+    }
+    if not distances:
+        return
+
+    name, other = min(distances, key=lambda pair: (distances[pair], pair))
+    yield at_least(
+        name="parked",
+        where=where,
+        value=distances[name, other],
+        bound=fleet.fleet.safety_distance_m,
+        unit="m",
+        sentence=f"{capitalised(where)}: the goal of {name} is <value> from {other}, which stands "
+        "on the ground there; a vehicle refuses a goal that is not <relation> <bound> away",
+        remedy=f"Choose a goal further away, or move {other} before.",
+        never_refuses_flights=True,
+    )
 
 
 def _landed_finding(course_step: CourseStep, where: str) -> Iterator[Finding]:

@@ -12,7 +12,7 @@ before it flies.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any, NamedTuple
 
 from msgspec.structs import replace
@@ -47,6 +47,13 @@ from onboard.tuples import Xyz
 _MIN_FLIGHT_S = 3.0  # shortest duration of a flight home
 
 
+class ExpectedFleet(NamedTuple):
+    """Vehicles as they are expected to be before an order of a mission that is only checked."""
+
+    positions_enu_m: Mapping[str, Xyz] = {}  # [m], ENU; a vehicle without one is on its spot
+    on_ground: frozenset[str] = frozenset()  # vehicles that certainly stand on the ground
+
+
 class GoalFacts(NamedTuple):
     """Everything besides the order that its goals depend on."""
 
@@ -54,8 +61,7 @@ class GoalFacts(NamedTuple):
     state: FleetState | None  # None: only the fleet file is used
     held: HeldFormation  # formation before the order
     names: list[str]  # vehicles of the order that may be ordered
-    # positions of vehicles where no state is used [m], ENU; empty: not known
-    expected_enu_m: Mapping[str, Xyz] = {}
+    expected: ExpectedFleet = ExpectedFleet()  # where no state is used
 
     def spot_enu_m(self, name: str) -> Xyz:
         """Return a vehicle's take-off spot [m]; a spare has the spot of the vehicle it replaces."""
@@ -129,7 +135,7 @@ def _home(intent: Home, facts: GoalFacts) -> Goals:
     if facts.state is None:
         # Only the heights are used: a vehicle that is not expected anywhere has the default height.
         destinations = dict.fromkeys(facts.names, (0.0, 0.0, DEFAULT_HEIGHT_M))
-        destinations.update(facts.expected_enu_m)
+        destinations.update(facts.expected.positions_enu_m)
     else:
         destinations = known_destinations(facts.names, facts.state)
     if len(destinations) < len(facts.names):
@@ -150,7 +156,8 @@ def _bring_home(intent: BringHome, facts: GoalFacts) -> Goals:
     positions = {}
     for name in facts.names:
         if facts.state is None:
-            positions[name] = facts.expected_enu_m.get(name, facts.spot_enu_m(name))
+            spot_enu_m = facts.spot_enu_m(name)
+            positions[name] = facts.expected.positions_enu_m.get(name, spot_enu_m)
             continue
         telemetry = facts.state.telemetry_of(name)
         if telemetry is not None and telemetry.is_position_valid:
@@ -229,11 +236,12 @@ def _free_spot_owners(flying: Sequence[str], standing: Mapping[str, str]) -> dic
 
 def _vehicles_on_spots(facts: GoalFacts) -> dict[str, str]:
     """Return the owner of each take-off spot that is not free -> who stands or lands on it."""
-    if facts.state is None:
-        return {}
+    names: Iterable[str] = sorted(facts.expected.on_ground)
+    if facts.state is not None:
+        names = facts.state.vehicles  # with those that are heard although the file disables them
 
     resting = {}
-    for name in facts.state.vehicles:  # with those that are heard although the file disables them
+    for name in names:
         position_enu_m = _resting_enu_m(facts, name)
         if position_enu_m is not None:
             resting[name] = position_enu_m
@@ -256,7 +264,9 @@ def _resting_enu_m(facts: GoalFacts, name: str) -> Xyz | None:
     that does not know where it is, as after a blind landing, stands where it was last seen.
     """
     if facts.state is None:
-        return None
+        if name not in facts.expected.on_ground:
+            return None
+        return facts.expected.positions_enu_m.get(name)
 
     view = facts.state.vehicles[name]
     telemetry = view.telemetry

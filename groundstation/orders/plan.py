@@ -22,7 +22,7 @@ import numpy as np
 from groundstation.fleet.slot_owners import out_of_service, slot_owner_of, spot_of
 from groundstation.fleet.state import FleetState
 from groundstation.fleet.stoppable import stoppable
-from groundstation.orders.goals import GoalFacts, Goals, goals_of
+from groundstation.orders.goals import ExpectedFleet, GoalFacts, Goals, goals_of
 from groundstation.orders.held_formation import HeldFormation, held_after, held_slots
 from groundstation.orders.intents import (
     LONGEST_EVERY_S,
@@ -89,7 +89,7 @@ def plan_order(
     now_ns: int,
     node: str = "",
     new_id: Callable[[], str] = random_id,
-    expected_enu_m: Mapping[str, Xyz] | None = None,
+    expected: ExpectedFleet | None = None,
 ) -> PlannedOrder:
     """Check an intent against the fleet and make its orders.
 
@@ -105,12 +105,13 @@ def plan_order(
         now_ns: the ground's monotonic clock [ns].
         node: the ground's name on the bus.
         new_id: function that returns a new order id.
-        expected_enu_m: positions of vehicles where the state knows none [m], ENU; None: all are
-            on their take-off spots.
+        expected: where vehicles are expected, if nothing is known of them now; None: all are on
+            their take-off spots.
 
     Returns:
         Orders for the vehicles that may be ordered, refusals for the others.
     """
+    expected = expected or ExpectedFleet()
     try:
         intent = with_checked_values(intent)
     except ConfigError as error:
@@ -128,16 +129,14 @@ def plan_order(
 
     goals_enu_m: Mapping[str, Xyz] = {}
     if not refusals and intent.has_goals:
-        facts = GoalFacts(
-            fleet=fleet, state=state, held=held, names=names, expected_enu_m=expected_enu_m or {}
-        )
+        facts = GoalFacts(fleet=fleet, state=state, held=held, names=names, expected=expected)
         intent, goals_enu_m, refusals = _checked_goals(intent, facts, now_ns)
 
     if not refusals and isinstance(intent, Swap) and state is not None:
         refusals = swap_refusals(intent, fleet, state, now_ns)
         names = names_that_hear(intent, state, now_ns)
     if not refusals and isinstance(intent, Takeoff):
-        grounds_m = {name: _ground_m(name, fleet, state, expected_enu_m or {}) for name in names}
+        grounds_m = {name: _ground_m(name, fleet, state, expected) for name in names}
         refusals = _height_refusals(grounds_m, intent.height_m, fleet)
     if intent.is_joint:
         refusals = refuse_jointly(refusals, names)
@@ -580,7 +579,7 @@ def _others(
 
 
 def _ground_m(
-    name: str, fleet: FleetConfig, state: FleetState | None, expected_enu_m: Mapping[str, Xyz]
+    name: str, fleet: FleetConfig, state: FleetState | None, expected: ExpectedFleet
 ) -> float:
     """Return the height [m] at which a vehicle stands before its take-off, or may report it.
 
@@ -592,7 +591,7 @@ def _ground_m(
         if not telemetry.is_airborne and not telemetry.not_ready:
             return z
 
-    x, y, _ = expected_enu_m.get(name, spot_of(name, fleet, state))
+    x, y, _ = expected.positions_enu_m.get(name, spot_of(name, fleet, state))
     return float(ground_at_m(fleet, x, y)) + _STANDS_HIGHER_M
 
 

@@ -455,6 +455,40 @@ def test_the_way_home_is_judged_at_the_height_at_which_the_vehicles_are(
         assert order.position_enu_m[2] == pytest.approx(height_m)
 
 
+def test_a_goal_at_a_vehicle_on_the_ground_is_named_before_the_flight(fleet: FleetConfig) -> None:
+    at_spot_of_mav0 = {"do": "goto", "goals": {"mav1": [-1.5, -1.2, 1.0]}}
+    alone = make(fleet, {**UP, "vehicles": "mav1"}, at_spot_of_mav0)
+    (finding,) = [each for each in mission_findings(alone) if each.name == "parked"]
+    assert finding.status == "refused"
+    assert finding.never_refuses_flights, "mav0 may be absent"
+    assert "Step[1] (goto): the goal of mav1 is 0.3 m from mav0" in finding.sentence
+
+    aside = {"do": "goto", "goals": {"mav0": [-1.5, 1.0, 1.0]}}
+    findings = mission_findings(make(fleet, UP, aside, at_spot_of_mav0))
+    assert "parked" not in {each.name for each in findings}
+
+
+@pytest.mark.parametrize("verb", ["home", "bring_home"])
+def test_a_spot_on_which_another_vehicle_has_landed_is_known_to_the_course(
+    fleet: FleetConfig, verb: str
+) -> None:
+    steps: list[dict[str, Any]] = [
+        UP,
+        {"do": "goto", "goals": {"mav0": [-1.5, 1.0, 1.0], "mav1": [0.0, 1.0, 1.0]}},
+        {"do": "goto", "goals": {"mav0": [0.0, -1.5, 1.0]}},
+        {"do": "land", "vehicles": "mav0"},
+        {"do": verb, "vehicles": "mav1"},
+    ]
+    mission = make(fleet, *steps)
+    last = list(mission.course())[-1]
+    refused = {each.name for each in mission_findings(mission) if each.status == "refused"}
+    if verb == "home":
+        assert refused == {"parked"}
+    else:
+        assert refused == set()
+        assert last.goals["mav1"][:2] == fleet.vehicles["mav0"].start_enu_m[:2]
+
+
 def react(steps: list[dict[str, Any]], then: list[dict[str, Any]]) -> dict[str, Any]:
     return {"do": "react", "when": LOW, "steps": steps, "then": then}
 
