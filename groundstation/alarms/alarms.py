@@ -168,7 +168,8 @@ class Alarms:
             present[alarm.kind, alarm.subject] = alarm
 
         for key, alarm in present.items():
-            self._begin_or_go_on(key, alarm, now_ns)
+            if key in self._lines or not self._is_covered(key, now_ns):
+                self._begin_or_go_on(key, alarm, now_ns)
         for key in list(self._lines):
             if key not in present:
                 self._end_if_over(key, now_ns)
@@ -201,6 +202,15 @@ class Alarms:
         is_worse = alarm.severity > line.alarm.severity
         is_acknowledged = line.is_acknowledged and not is_worse
         self._lines[key] = dataclasses.replace(line, alarm=alarm, is_acknowledged=is_acknowledged)
+
+    def _is_covered(self, key: _Key, now_ns: int) -> bool:
+        """Return whether a worse alarm that implies this one holds, or only flickers."""
+        kind, subject = key
+        worse = COVERED.get(kind)
+        if worse is None:
+            return False
+        last_ns = self._last_ns.get((worse, subject))
+        return last_ns is not None and now_ns - last_ns <= LINGER_S * 1e9
 
     def _end_if_over(self, key: _Key, now_ns: int) -> None:
         """End an alarm that does not hold now.

@@ -393,6 +393,32 @@ def test_an_alarm_that_flickers_is_one_line_and_rings_once(ground: Ground3) -> N
     assert ground.alarms.over == []
 
 
+def test_an_alarm_does_not_ring_while_a_worse_one_that_implies_it_flickers(
+    ground: Ground3,
+) -> None:
+    stale = (Condition.POSITION_STALE.value,)
+    lost = (Condition.POSITION_LOST.value,)
+    news = []
+    for step in range(100):
+        ground.all_hear()
+        ground.hear("mav1", conditions=lost if step % 2 else stale)
+        ground.update()
+        if ground.alarms.has_new:
+            news.append(step)
+        ground.wait(0.1)
+    assert news == [0, 1], "once for each of the two"
+    (line,) = ground.alarms.lines
+    assert line.alarm.kind is Condition.POSITION_LOST
+
+    for _ in range(40):
+        ground.all_hear()
+        ground.hear("mav1", conditions=stale)
+        ground.update()
+        ground.wait(0.1)
+    (line,) = ground.alarms.lines
+    assert line.alarm.kind is Condition.POSITION_STALE, "the worse one is over"
+
+
 def test_an_alarm_that_ends_is_kept_as_over_with_how_long_it_lasted(ground: Ground3) -> None:
     ground.all_hear(battery_frac=0.05)
     ground.hear("mav1")
