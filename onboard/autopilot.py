@@ -100,6 +100,9 @@ class Snapshot(Struct, frozen=True):
     # Whether PX4's estimator has a horizontal position, and a source that corrects it. PX4 also
     # sends a local position without any: on the ground, and for seconds after its source was lost.
     is_position_known: bool = True
+    # squared difference of the horizontal position's source from PX4's position, as a share of the
+    # largest that PX4 fuses; NaN while PX4 fuses none
+    position_ratio: float = 0.0
     # difference of the heading's source from PX4's heading, as a share of the largest that PX4
     # fuses; NaN while nothing corrects the heading
     heading_ratio: float = 0.0

@@ -38,6 +38,7 @@ from onboard.frames import (
 from onboard.localization.dead_reckoning import DeadReckoning, VerticalMotion
 from onboard.localization.local_frame import LocalFrame, ReckonedPosition
 from onboard.localization.motion_fit import LATE_BY_S, MotionFit
+from onboard.localization.odometry_check import OdometryCheck
 from onboard.localization.pose_validator import PoseValidator, PoseVerdict, Px4Evidence
 from onboard.localization.px4_position_check import Px4PositionCheck
 from onboard.message_counts import MessageCounts
@@ -149,6 +150,7 @@ class OwnState:
     _attitude: _TimedAttitude = _NO_ATTITUDE  # newest one of PX4
     _largest_heading_ratio: float = field(init=False)  # of a camera with the frame of the start
     _local_frame: LocalFrame = field(init=False)
+    _odometry_check: OdometryCheck = field(init=False)
     _local_ns: int = 0  # stamp of PX4's newest local position
     _fix_ns: int = 0  # last time at which PX4 had a fix; 0: never
 
@@ -158,6 +160,7 @@ class OwnState:
         # A PX4 that flies by vision does not know where on Earth its local frame begins.
         origin = self.origin if vehicle.flies_by_satellites else None
         self._local_frame = LocalFrame(vehicle.start_enu_m, origin, self.ground_at)
+        self._odometry_check = OdometryCheck()
         self._largest_heading_ratio = _LARGEST_TURN_RAD / _heading_gate_rad(vehicle)
         self._params = KalmanParams(
             drag_1_s=vehicle.drag_1_s,
@@ -396,6 +399,9 @@ class OwnState:
     def _queue_local_position(self, snapshot: Snapshot) -> None:
         """Queue PX4's local position, if there is a new one that PX4's estimator stands for."""
         is_known = snapshot.is_position_known and not self.has_lost_satellites
+        if self.vehicle.flies_by_vision:
+            self._odometry_check.update(snapshot.position_ratio, snapshot.position_accuracy_ns)
+            is_known = is_known and not self._odometry_check.is_contradicted
         # a camera whose heading PX4 does not use may have begun its frame anew, turned
         is_turned = is_known and self.has_turned_camera(snapshot)
         is_usable = is_known and not is_turned

@@ -58,6 +58,7 @@ def _local_position(fields: dict[str, Any], arrival_ns: int) -> dict[str, Any]:
 def _estimator_status(fields: dict[str, Any], arrival_ns: int) -> dict[str, Any]:
     return {
         "is_position_known": fields["flags"] & _POSITION_KNOWN == _POSITION_KNOWN,
+        "position_ratio": fields["pos_horiz_ratio"],
         "heading_ratio": fields["mag_ratio"],  # of the heading by a camera, too
         "position_accuracy_m": _accuracy_m(fields["pos_horiz_accuracy"]),
         "height_accuracy_m": _accuracy_m(fields["pos_vert_accuracy"]),

@@ -316,6 +316,7 @@ class LinkBank:
         accuracy_m = estimator.accuracy_m(index, now_s)
         fields: Fields = {
             "is_position_known": estimator.is_position_known(index, now_s),
+            "position_ratio": estimator.position_ratio(index),
             "heading_ratio": estimator.heading_ratio(index),
             "position_accuracy_m": accuracy_m,
             "height_accuracy_m": accuracy_m,

@@ -168,7 +168,9 @@ def estimator_status(v: View) -> Values:
     accuracy_m = estimator.accuracy_m(v.index, now_s)
     return (
         v.boot_us,
-        *[0.1] * 3,  # test ratios of velocity, position and height
+        0.1,  # test ratio of the velocity
+        estimator.position_ratio(v.index),
+        0.1,  # of the height
         estimator.heading_ratio(v.index),
         *[0.1] * 2,  # of the height above the ground and of the airspeed
         accuracy_m,  # horizontal

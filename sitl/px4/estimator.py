@@ -69,6 +69,8 @@ _START_HEIGHT_M = (-0.2, 0.2)  # limits of the estimated height before the first
 # Limits of the mean error of the compass, and of the standard deviation of its changes.
 _COMPASS_MEAN_DEG = (2.0, 17.0)
 _COMPASS_STD_DEG = (2.0, 7.0)
+_POSITION_RATIO = 0.1  # ESTIMATOR_STATUS.pos_horiz_ratio by satellites
+_LARGEST_RATIO = 2.0  # of pos_horiz_ratio, measured
 _COMPASS_RATIO = 0.1  # ESTIMATOR_STATUS.mag_ratio with a heading by the compass
 _YAW_KEEP = math.exp(-PERIOD_S / estimator_errors.YAW_CORRELATION_S)
 
@@ -401,6 +403,9 @@ class Estimator:
         error_z = z - estimated_z
         gate_m = max(_SMALLEST_GATE_M, _GATE_SIGMAS * self.sensors[index].vision_noise_m)
 
+        vehicle = self._vehicles[index]
+        vehicle.position_ratio = min((math.hypot(error_x, error_y) / gate_m) ** 2, _LARGEST_RATIO)
+
         # PX4 follows a horizontal jump at once.
         jumps_sideways = is_first or math.hypot(error_x, error_y) > gate_m
         if not jumps_sideways:
@@ -408,7 +413,6 @@ class Estimator:
             error_y = _FUSE_GAIN * error_y
 
         # PX4 refuses a jump in height at first.
-        vehicle = self._vehicles[index]
         is_refused = abs(error_z) > gate_m and not is_first
         refused_for_s = time_s - vehicle.height_time_s
         jumps_in_height = is_first or (is_refused and refused_for_s >= _HEIGHT_REFUSAL_S)
@@ -533,6 +537,18 @@ class Estimator:
         if time_s - vehicle.lost_time_s < _RECKONING_S:
             return _FLAGS_RECKONING | absolute
         return _FLAGS_LOST
+
+    def position_ratio(self, index: int) -> float:
+        """Return ESTIMATOR_STATUS.pos_horiz_ratio: how far the source of the position differs.
+
+        It is squared, and a share of the largest difference that PX4 fuses. NaN without a source.
+        """
+        vehicle = self._vehicles[index]
+        if vehicle.source is Source.NONE:
+            return math.nan
+        if vehicle.source is Source.VISION:
+            return vehicle.position_ratio
+        return _POSITION_RATIO
 
     def heading_ratio(self, index: int) -> float:
         """Return ESTIMATOR_STATUS.mag_ratio: how far the source of the heading differs from it.

@@ -60,6 +60,8 @@ class VehicleEstimate:
         source: present source.
         level: present error level; None before the first selection.
         is_resting: whether the vehicle rested at the last selection of the source.
+        position_ratio: squared horizontal difference of the newest external position from the
+            estimate, as a share of the largest that is fused.
         heading_ratio: difference of the newest external heading from the estimate, as a share of
             the largest that is fused; NaN while no external heading is fused.
         vision_frame_ned_m: offset (3,) from the frame of vision to that of satellites; None while
@@ -81,6 +83,7 @@ class VehicleEstimate:
     level: ErrorLevel | None = None
     is_resting: bool = True
 
+    position_ratio: float = 0.0
     heading_ratio: float = math.nan
     vision_frame_ned_m: Array | None = None
     late: deque[tuple[Array, Array]] = field(default_factory=deque)

@@ -159,6 +159,10 @@ class Flight:
         (self.folder / "turned").touch()
         (self.folder / "cut").unlink(missing_ok=True)
 
+    def freeze_cameras(self) -> None:
+        """Let the cameras of all vehicles repeat what they have sent last."""
+        (self.folder / "frozen").touch()
+
     def stall_poses(self, seconds: float) -> None:
         """Keep the poses of all vehicles back for a while; then they come late, all at once."""
         (self.folder / "stall").touch()

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from onboard.bus.schema import Truth
 from onboard.config.fleet import Vehicle
 from onboard.frames import ned_frd_from_enu_flu, ned_from_enu, turned_about_up
+from onboard.tuples import Wxyz
 from sitl.mavlink.codec import Encoder
 
 _COMPONENT = 197  # MAV_COMP_ID_VISUAL_INERTIAL_ODOMETRY
@@ -46,6 +47,7 @@ class Odometry:
         self._sent_s = -math.inf
         self._turn_rad = 0.0
         self._turned_about_m = np.zeros(3)
+        self._sent: tuple[NDArray[np.float64], Wxyz] | None = None  # newest position and attitude
 
     def turn(self, truth: Truth, by_rad: float) -> None:
         """Turn the frame about the present place, as a camera does that begins anew; only once."""
@@ -53,8 +55,13 @@ class Odometry:
             self._turn_rad = by_rad
             self._turned_about_m = np.array(truth.position_enu_m) - self._spot_enu_m
 
-    def send(self, truth: Truth) -> None:
-        """Send what the camera measures of a true state, if it is time."""
+    def send(self, truth: Truth, *, is_frozen: bool = False) -> None:
+        """Send what the camera measures of a true state, if it is time.
+
+        Args:
+            truth: the true state.
+            is_frozen: whether the camera has lost its view, and repeats what it has sent last.
+        """
         stamp_s = truth.stamp_ns * 1e-9
         if stamp_s - self._sent_s < _PERIOD_S:
             return
@@ -64,6 +71,11 @@ class Odometry:
         true_enu_m = np.array(truth.position_enu_m) - self._spot_enu_m
         measured_enu_m = self._in_frame(true_enu_m) + self._drift_m
         measured_enu_m += self._rng.normal(0.0, _NOISE_M, 3)
+        attitude_wxyz = turned_about_up(truth.quaternion_enu_flu_wxyz, self._turn_rad)
+        if is_frozen and self._sent is not None:
+            measured_enu_m, attitude_wxyz = self._sent
+        self._sent = (measured_enu_m, attitude_wxyz)
+
         east_m, north_m, up_m = measured_enu_m.tolist()
         x, y, z = ned_from_enu((east_m, north_m, up_m))
 
@@ -75,7 +87,7 @@ class Odometry:
             x=x,
             y=y,
             z=z,
-            q=ned_frd_from_enu_flu(turned_about_up(truth.quaternion_enu_flu_wxyz, self._turn_rad)),
+            q=ned_frd_from_enu_flu(attitude_wxyz),
             vx=math.nan,
             vy=math.nan,
             vz=math.nan,

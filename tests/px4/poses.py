@@ -3,8 +3,8 @@ bus, and into a file; as odometry to those that fly by vision, whose poses are n
 
 While FOLDER/cut exists, no poses and no odometry are sent; while FOLDER/stall exists poses are
 kept, and come late, all at once; truth goes on. Once FOLDER/turned exists, the frames of odometry
-are turned. The file FOLDER/truth.jsonl is the judge's: it
-needs neither a ground nor an agent.
+are turned; while FOLDER/frozen exists, odometry repeats itself. The file FOLDER/truth.jsonl is the
+judge's: it needs neither a ground nor an agent.
 """
 
 from __future__ import annotations
@@ -39,6 +39,7 @@ class _CutBus:
         self._file = (folder / "truth.jsonl").open("w", buffering=1, encoding="utf-8")
         self._written_s: dict[str, float] = {}
         self._turned = folder / "turned"
+        self._frozen = folder / "frozen"
         self._stall = folder / "stall"
         self._kept: list[tuple[Any, ...]] = []  # poses that wait
         self._odometry = {
@@ -60,7 +61,7 @@ class _CutBus:
             if name in self._odometry and not self._cut.exists():
                 if self._turned.exists():
                     self._odometry[name].turn(message, _TURN_RAD)
-                self._odometry[name].send(message)
+                self._odometry[name].send(message, is_frozen=self._frozen.exists())
         elif self._cut.exists() or self._odometry:
             return
         elif self._stall.exists():

@@ -24,6 +24,7 @@ pytestmark = [pytest.mark.long, pytest.mark.timeout(900)]
 _PAPER = Path(__file__).parents[2] / "configs/missions/paper.toml"
 _CROSSING_S = 3.0  # into the formation of the paper's mission
 _PROMISE_M = 0.80
+_DOWN_SOON_S = 6.0
 _ARRIVED_M = 0.6  # by truth, in all three axes: with the drift of odometry
 
 
@@ -88,3 +89,18 @@ def test_vehicles_with_bad_odometry_in_the_crossing_keep_the_promise_and_come_do
         )
         assert math.isfinite(down_s), flight.log
         assert closest_m >= _PROMISE_M, flight.log
+
+
+def test_vehicles_whose_cameras_repeat_themselves_in_the_crossing_come_down_soon(
+    build: Px4Build, table: Table, tmp_path: Path
+) -> None:
+    """PX4 believes that they stand. Dead reckoning begins with the velocity that it believes."""
+    with flying(build, 3, tmp_path, _mission(), _by_vision) as flight:
+        break_in(flight, "formation", _CROSSING_S, Flight.freeze_cameras)
+        flight.wait_until_down()
+        down_s = flight.down_after_s()
+        table.add(
+            "the odometry of all repeats itself",
+            f"closest {flight.closest_m():.2f} m, all down after {down_s:.1f} s",
+        )
+        assert down_s < _DOWN_SOON_S, flight.log

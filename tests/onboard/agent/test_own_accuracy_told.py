@@ -111,6 +111,7 @@ def _status(*, flags: int = 0x1EF, mag_ratio: float = 0.1) -> dict[str, Any]:
         "pos_horiz_accuracy": 0.02,
         "pos_vert_accuracy": 0.1,
         "flags": flags,
+        "pos_horiz_ratio": 0.1,
         "mag_ratio": mag_ratio,
     }
 
@@ -187,6 +188,19 @@ def test_a_position_that_px4_only_dead_reckons_is_not_used() -> None:
     rig.fly()
     rig.snapshot = msgspec.structs.replace(rig.snapshot, is_position_known=False)
     rig.run(0.3)
+    assert rig.core.own.is_dead_reckoned
+    rig.run(0.6)
+    assert rig.core.flight.step is FlightStep.SINKING
+    rig.until("landed")
+
+
+@pytest.mark.failsafe("own position lost", step="flying")
+def test_a_position_that_contradicts_what_px4_feels_is_not_used() -> None:
+    """PX4's estimate follows a camera that repeats itself, and seems to stand."""
+    rig = _rig(0.02, "vision")
+    rig.fly()
+    rig.snapshot = msgspec.structs.replace(rig.snapshot, position_ratio=0.6)
+    rig.run(0.5)
     assert rig.core.own.is_dead_reckoned
     rig.run(0.6)
     assert rig.core.flight.step is FlightStep.SINKING

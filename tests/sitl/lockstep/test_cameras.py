@@ -84,6 +84,31 @@ def test_vehicles_whose_odometry_ends_come_down_by_dead_reckoning_and_keep_the_p
     assert said == set(lost)
 
 
+@pytest.mark.failsafe("own position lost", step="flying")
+@pytest.mark.parametrize("frozen", [("mav0",), ("mav0", "mav1", "mav2")])
+@pytest.mark.parametrize("at_s", [_CROSSING_S, _CROSSING_S + 1.0])
+def test_vehicles_whose_cameras_repeat_themselves_come_down_and_keep_the_promise(
+    lockstep: Any, by_vision: FleetConfig, frozen: tuple[str, ...], at_s: float
+) -> None:
+    """Their PX4s believe that they stand; they flew away, by up to 30 m."""
+    flight = lockstep(by_vision, seed=4)
+    flight.may_land_hard = True  # the height is the camera's, too
+    for name in frozen:
+        flight.inject(Fault("vision_frozen", name, at_s=at_s))
+    verdict = flight.fly(_crossing(by_vision))
+
+    assert not verdict.passed
+    assert flight.min_separation_m > 0.8
+    for name in frozen:
+        x, y, _ = flight.state.vehicles[name].truth.position_enu_m
+        assert flight.state.is_landed(name)
+        assert math.hypot(x, y) < 4.0
+    assert all(touchdown.speed_m_s < 1.3 for touchdown in flight.touchdowns)
+    said = {event.vehicle for event in flight.events if event.code == "position-lost"}
+    assert "mav0" in said  # one that is nearly at its goal has little motion to miss
+    assert said <= set(frozen)
+
+
 @pytest.mark.parametrize("lost_s", [0.7, 2.0])
 def test_a_camera_that_begins_anew_elsewhere_moves_no_vehicle(
     lockstep: Any, by_vision: FleetConfig, lost_s: float
