@@ -9,6 +9,9 @@ Usually a neighbour is avoided at the position of its newest message. There are 
 
     For a contradicted neighbour, the nearer of its own and the mocap's position counts (judged.py).
 
+A mocap pose of a neighbour's body that is where our own vehicle is does not count: the mocap has
+confused the two bodies (own_body.py).
+
 In a large fleet, a vehicle follows only the neighbours within reach, and receives their states at
 full rate. From all others it receives the slow states (subscription.py). The age beyond which a
 neighbour counts as silent depends on whether it is followed.
@@ -33,6 +36,7 @@ from onboard.message_counts import MessageCounts
 from onboard.neighbours import subscription
 from onboard.neighbours.judged import JudgedNeighbours, tracked_numbers
 from onboard.neighbours.mocap_tracker import BodyTracker
+from onboard.neighbours.own_body import OwnBody
 from onboard.neighbours.plausibility import Claim, MocapPosition
 from onboard.neighbours.slot_claims import SlotClaims
 from onboard.neighbours.state_arrays import (
@@ -117,6 +121,10 @@ class NeighbourTable:
             if body is not None:
                 self._bodies[body] = index
         self._trackers: dict[int, BodyTracker] = {}  # index -> tracker of a watched body
+        self._own_body = OwnBody(
+            body_diameter_m=fleet.fleet.body_diameter_m,
+            separation_m=fleet.fleet.safety_distance_m,
+        )
         self._telemetry: dict[str, Telemetry] = {}
         self._slots = SlotClaims(own_name, self._is_gone)
         self._started_ns = 0  # time of the first tick; 0 before it
@@ -291,7 +299,7 @@ class NeighbourTable:
         The pose becomes the neighbour's state only while the neighbour is overdue.
         """
         index = self._bodies.get(pose.body)
-        if index is None:
+        if index is None or self._is_own_body(index, pose, received_ns):
             return False
         if index not in self.watched_bodies.reason_ns:
             self.note_mocap_position(pose, received_ns)
@@ -336,12 +344,24 @@ class NeighbourTable:
         index = self._bodies.get(pose.body)
         if index is None or not pose.is_tracked or not is_plausible(pose.position_enu_m):
             return
+        if self._is_own_body(index, pose, received_ns):
+            return
 
         # an exact repetition means that the mocap has lost the body
         before = self.judged.mocap_positions.get(index)
         is_frozen = before is not None and pose.position_enu_m == before.position_enu_m
         if pose.stamp_ns <= received_ns and not is_frozen:
             self.judged.mocap_positions[index] = MocapPosition(pose.stamp_ns, pose.position_enu_m)
+
+    def _is_own_body(self, index: int, pose: MocapPose, received_ns: int) -> bool:
+        """Return whether a pose of a neighbour's body is a pose of our own body."""
+        expected_enu_m = None
+        if self.arrays.flags[KNOWN, index]:
+            x, y, z, vx, vy, vz = self.arrays.numbers[index, :6].tolist()
+            age_s = max(received_ns - int(self.arrays.stamp_ns[index]), 0) * 1e-9
+            ahead_s = min(age_s, self.silent_s)
+            expected_enu_m = (x + ahead_s * vx, y + ahead_s * vy, z + ahead_s * vz)
+        return self._own_body.is_seen_in(index, pose.position_enu_m, expected_enu_m)
 
     def replaced(self, own_slot_owner: str, now_ns: int) -> frozenset[str]:
         """Return the other vehicles whose slot our own vehicle or a neighbour has.
@@ -382,6 +402,10 @@ class NeighbourTable:
                 self._forget_ages()
 
     # -- silent and contradicted neighbours --------------------------------------------------------
+
+    def note_own_position(self, position_enu_m: Xyz) -> None:
+        """Note where our own vehicle is at this tick."""
+        self._own_body.position_enu_m = position_enu_m
 
     def reposition_contradicted(self, position_enu_m: Xyz, now_ns: int) -> None:
         """Put each contradicted neighbour at its nearer position, and keep the other one."""

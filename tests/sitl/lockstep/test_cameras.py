@@ -211,3 +211,25 @@ def test_a_camera_that_turns_before_the_first_flight_refuses_it(
     flight.run(12.0)
     assert flight.agents["mav1"].core.preflight.not_ready
     assert not flight.agents["mav0"].core.own.displaced_m
+
+
+@pytest.mark.parametrize("at_s", [_CROSSING_S, _CROSSING_S + 1.0])
+def test_a_vehicle_by_vision_does_not_flee_from_its_own_body_that_the_mocap_takes_for_another(
+    lockstep: Any, by_vision: FleetConfig, at_s: float
+) -> None:
+    """It fled at 4 m/s, 12 m far, with the body that it fled from."""
+    by_mocap = load_fleet(_FLEET).vehicles["mav0"]
+    fleet = replace(by_vision, vehicles={**by_vision.vehicles, "mav0": by_mocap})
+    flight = lockstep(fleet, seed=4)
+    flight.may_land_hard = True  # mav0 lands without poses
+    swapped = Fault("mocap_swapped", "mav0", at_s=at_s, parameters={"other": "mav1"})
+    flight.inject(swapped)
+    flight.fly(_crossing(fleet))
+
+    assert flight.min_separation_m > 0.8
+    x, y, _ = flight.state.vehicles["mav1"].truth.position_enu_m
+    assert math.hypot(x, y) < 4.0
+    said = {(event.vehicle, event.code) for event in flight.events}
+    assert ("mav0", "mocap-swapped") in said
+    assert ("mav1", "neighbour-implausible") not in said
+    assert ("mav1", "fence-near") not in said
