@@ -54,7 +54,7 @@ class DeadReckoning:
     # samples, the standard deviation of the position grows.
     std: tuple[float, float] = (0.0, 0.0)
 
-    _mean_bias_m_s2: Vec3 = ZERO_3
+    mean_bias_m_s2: Vec3 = ZERO_3  # of the last seconds, ENU
     _flight_s: float = 0.0  # time since the vehicle left the ground
     _age_s: float = math.inf  # age of the newest sample at the last tick
 
@@ -101,16 +101,21 @@ class DeadReckoning:
         # counts as the ground, and in it the wind already pushes.
         if is_on_ground:
             return memory._replace(velocity_enu_m_s=ZERO_3, bias_enu_m_s2=ZERO_3)
-        return memory._replace(bias_enu_m_s2=self._mean_bias_m_s2)
+        return memory._replace(bias_enu_m_s2=self.mean_bias_m_s2)
+
+    def begin_at(self, memory: KalmanMemory) -> None:
+        """Take the bias and the age of a motion that dead reckoning has begun from earlier."""
+        self.mean_bias_m_s2 = memory.bias_enu_m_s2
+        self._age_s = memory.last_age_s
 
     def _learn_bias(self, memory: KalmanMemory, dt_s: float) -> None:
         """Let the mean bias approach the newest one."""
-        miss = subtract(memory.bias_enu_m_s2, self._mean_bias_m_s2)
+        miss = subtract(memory.bias_enu_m_s2, self.mean_bias_m_s2)
         mean_time_s = max(_MEAN_TIME_SHARE * self._flight_s, dt_s)
         if mean_time_s > _MEAN_TIME_S:
             mean_time_s = _MEAN_TIME_S
             miss = bounded(miss, _LARGEST_MISS_M_S2)
-        self._mean_bias_m_s2 = add_scaled(self._mean_bias_m_s2, dt_s / mean_time_s, miss)
+        self.mean_bias_m_s2 = add_scaled(self.mean_bias_m_s2, dt_s / mean_time_s, miss)
 
     def _with_mean_bias_since(self, memory: KalmanMemory, age_s: float) -> KalmanMemory:
         """Return the motion as if the mean bias had acted since the last sample.
@@ -121,7 +126,7 @@ class DeadReckoning:
             memory: memory of the filter when dead reckoning starts.
             age_s: age of the last sample.
         """
-        change = subtract(self._mean_bias_m_s2, memory.bias_enu_m_s2)
+        change = subtract(self.mean_bias_m_s2, memory.bias_enu_m_s2)
         return memory._replace(
             position_enu_m=add_scaled(memory.position_enu_m, 0.5 * age_s * age_s, change),
             velocity_enu_m_s=add_scaled(memory.velocity_enu_m_s, age_s, change),

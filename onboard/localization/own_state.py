@@ -38,6 +38,7 @@ from onboard.frames import (
 from onboard.localization.dead_reckoning import DeadReckoning, VerticalMotion
 from onboard.localization.local_frame import LocalFrame, ReckonedPosition
 from onboard.localization.motion_fit import LATE_BY_S, MotionFit
+from onboard.localization.motion_history import MotionHistory
 from onboard.localization.odometry_check import OdometryCheck
 from onboard.localization.pose_validator import PoseValidator, PoseVerdict, Px4Evidence
 from onboard.localization.px4_position_check import Px4PositionCheck
@@ -150,7 +151,9 @@ class OwnState:
     _attitude: _TimedAttitude = _NO_ATTITUDE  # newest one of PX4
     _largest_heading_ratio: float = field(init=False)  # of a camera with the frame of the start
     _local_frame: LocalFrame = field(init=False)
-    _odometry_check: OdometryCheck = field(init=False)
+    # only for vehicles with a camera
+    _odometry_check: OdometryCheck = field(default_factory=OdometryCheck)
+    _history: MotionHistory = field(default_factory=MotionHistory)
     _local_ns: int = 0  # stamp of PX4's newest local position
     _fix_ns: int = 0  # last time at which PX4 had a fix; 0: never
 
@@ -160,7 +163,6 @@ class OwnState:
         # A PX4 that flies by vision does not know where on Earth its local frame begins.
         origin = self.origin if vehicle.flies_by_satellites else None
         self._local_frame = LocalFrame(vehicle.start_enu_m, origin, self.ground_at)
-        self._odometry_check = OdometryCheck()
         self._largest_heading_ratio = _LARGEST_TURN_RAD / _heading_gate_rad(vehicle)
         self._params = KalmanParams(
             drag_1_s=vehicle.drag_1_s,
@@ -282,6 +284,9 @@ class OwnState:
             self._memory = self._reckoning.step(self._memory, vertical, dt_s, is_on_ground)
             if not self._reckoning.is_on:
                 self._wind = wind.step(self._wind, self._memory.bias_enu_m_s2, dt_s, is_on_ground)
+            if self.vehicle.flies_by_vision:
+                mean_bias_m_s2 = self._reckoning.mean_bias_m_s2
+                self._history.note(self._memory, mean_bias_m_s2, self._params, dt_s)
 
         jumps = self.jumps
         age_s = self.age_s
@@ -400,8 +405,7 @@ class OwnState:
         """Queue PX4's local position, if there is a new one that PX4's estimator stands for."""
         is_known = snapshot.is_position_known and not self.has_lost_satellites
         if self.vehicle.flies_by_vision:
-            self._odometry_check.update(snapshot.position_ratio, snapshot.position_accuracy_ns)
-            is_known = is_known and not self._odometry_check.is_contradicted
+            is_known = is_known and not self._is_camera_contradicted(snapshot)
         # a camera whose heading PX4 does not use may have begun its frame anew, turned
         is_turned = is_known and self.has_turned_camera(snapshot)
         is_usable = is_known and not is_turned
@@ -426,6 +430,19 @@ class OwnState:
         if position_enu_m is not None:
             yaw_rad = yaw_from_quaternion(snapshot.quaternion_enu_flu_wxyz)
             self._queue.append(_Sample(vectors.Vec3(*position_enu_m), self._local_ns, yaw_rad))
+
+    def _is_camera_contradicted(self, snapshot: Snapshot) -> bool:
+        """Return whether the camera contradicts PX4; when this begins, reckon the last second."""
+        check = self._odometry_check
+        was_contradicted = check.is_contradicted
+        check.update(snapshot.position_ratio, snapshot.position_accuracy_ns)
+
+        if check.is_contradicted and not was_contradicted and self.is_flown:
+            reckoned = self._history.reckoned(self._params)
+            if reckoned is not None:
+                self._memory = reckoned
+                self._reckoning.begin_at(reckoned)
+        return check.is_contradicted
 
     def _follow_px4_heading(self, snapshot: Snapshot) -> None:
         """Take PX4's newest heading. It jumps if it changes faster than a vehicle turns.

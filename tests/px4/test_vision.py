@@ -94,7 +94,7 @@ def test_vehicles_with_bad_odometry_in_the_crossing_keep_the_promise_and_come_do
 def test_vehicles_whose_cameras_repeat_themselves_in_the_crossing_come_down_soon(
     build: Px4Build, table: Table, tmp_path: Path
 ) -> None:
-    """PX4 believes that they stand. Dead reckoning begins with the velocity that it believes."""
+    """PX4 believes that they stand, and its attitude, which dead reckoning uses, turns with it."""
     with flying(build, 3, tmp_path, _mission(), _by_vision) as flight:
         break_in(flight, "formation", _CROSSING_S, Flight.freeze_cameras)
         flight.wait_until_down()
