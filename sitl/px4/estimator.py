@@ -4,9 +4,9 @@ Each vehicle has its own local origin. Position and velocity carry the slow erro
 `estimator_errors.py`, whose size depends on the source: satellites, external vision or nothing.
 
 * With satellites, vision only corrects the estimate slightly.
-* Without satellites the estimate follows vision, right or wrong. It follows a horizontal jump at
-  once, and a jump in height after refusing it for 5 s. Each jump of the estimate counts up PX4's
-  reset counters.
+* Without satellites the estimate follows vision, right or wrong. It follows a horizontal jump after
+  refusing it for 1 s, and a jump in height after refusing it for 5 s. Each jump of the estimate
+  counts up PX4's reset counters.
 * Without any source the estimate drifts.
 """
 
@@ -51,7 +51,9 @@ _GATE_SIGMAS = 5.0  # a difference beyond this multiple of EKF2_EVP_NOISE is a j
 _SMALLEST_GATE_M = 0.2
 # how long a heading that differs by too much is refused, without a gap before it
 _HEADING_REFUSAL_S = 5.0
-_HEIGHT_REFUSAL_S = 5.0  # how long a jump in height is refused
+# How long a jump is refused. Sideways measured on PX4 v1.16 and v1.18 (SIH).
+_SIDEWAYS_REFUSAL_S = 1.0
+_HEIGHT_REFUSAL_S = 5.0
 
 # Dead reckoning, measured on a PX4 v1.16 that lost vision in flight. Pairs are the limits of a
 # uniform draw.
@@ -71,6 +73,7 @@ _COMPASS_MEAN_DEG = (2.0, 17.0)
 _COMPASS_STD_DEG = (2.0, 7.0)
 _POSITION_RATIO = 0.1  # ESTIMATOR_STATUS.pos_horiz_ratio by satellites
 _LARGEST_RATIO = 2.0  # of pos_horiz_ratio, measured
+_RATIO_FALL_S = 1.1  # time constant with which it falls, measured
 _COMPASS_RATIO = 0.1  # ESTIMATOR_STATUS.mag_ratio with a heading by the compass
 _YAW_KEEP = math.exp(-PERIOD_S / estimator_errors.YAW_CORRELATION_S)
 
@@ -404,28 +407,36 @@ class Estimator:
         gate_m = max(_SMALLEST_GATE_M, _GATE_SIGMAS * self.sensors[index].vision_noise_m)
 
         vehicle = self._vehicles[index]
-        vehicle.position_ratio = min((math.hypot(error_x, error_y) / gate_m) ** 2, _LARGEST_RATIO)
+        sideways_m = math.hypot(error_x, error_y)
+        sideways_share = _fused_share(
+            sideways_m / gate_m, time_s - vehicle.sideways_time_s, _SIDEWAYS_REFUSAL_S
+        )
+        height_share = _fused_share(
+            abs(error_z) / gate_m, time_s - vehicle.height_time_s, _HEIGHT_REFUSAL_S
+        )
+        fallen = math.exp(-(time_s - vehicle.ratio_time_s) / _RATIO_FALL_S)
+        ratio = max((sideways_m / gate_m) ** 2, fallen * vehicle.position_ratio)
+        if is_first:
+            sideways_share = 1.0
+            height_share = 1.0
+            ratio = 0.0
 
-        # PX4 follows a horizontal jump at once.
-        jumps_sideways = is_first or math.hypot(error_x, error_y) > gate_m
-        if not jumps_sideways:
-            error_x = _FUSE_GAIN * error_x
-            error_y = _FUSE_GAIN * error_y
-
-        # PX4 refuses a jump in height at first.
-        is_refused = abs(error_z) > gate_m and not is_first
-        refused_for_s = time_s - vehicle.height_time_s
-        jumps_in_height = is_first or (is_refused and refused_for_s >= _HEIGHT_REFUSAL_S)
-        if jumps_in_height:
+        vehicle.position_ratio = min(ratio, _LARGEST_RATIO)
+        vehicle.ratio_time_s = time_s
+        if sideways_share > 0.0:
+            vehicle.sideways_time_s = time_s
+        if height_share > 0.0:
             vehicle.height_time_s = time_s
-        elif is_refused:
-            error_z = 0.0
-        else:
-            vehicle.height_time_s = time_s
-            error_z = _FUSE_GAIN * error_z
 
-        self._correct(index, (error_x, error_y, error_z))
+        correction_m = (
+            sideways_share * error_x,
+            sideways_share * error_y,
+            height_share * error_z,
+        )
+        self._correct(index, correction_m)
 
+        jumps_sideways = sideways_share == 1.0
+        jumps_in_height = height_share == 1.0
         shift = np.zeros(3)
         if jumps_sideways:
             self.resets[index, XY] += 1
@@ -735,3 +746,18 @@ class Estimator:
         if self._is_common:
             return np.repeat(draw(1), count, axis=0)
         return draw(count)
+
+
+def _fused_share(ratio: float, refused_for_s: float, longest_refusal_s: float) -> float:
+    """Return the share of a difference by which a position corrects the estimate; 1: it jumps.
+
+    Args:
+        ratio: difference from the estimate, as a share of the largest that is fused.
+        refused_for_s: time since the last position that was fused.
+        longest_refusal_s: time after which the estimate follows a larger difference.
+    """
+    if ratio <= 1.0:
+        return _FUSE_GAIN
+    if refused_for_s >= longest_refusal_s:
+        return 1.0
+    return 0.0

@@ -53,6 +53,7 @@ class VehicleEstimate:
     Attributes:
         start_time_s: time at which the autopilot started.
         vision_time_s: time of the newest external position.
+        sideways_time_s: time of the newest external position that was fused horizontally.
         height_time_s: time of the newest external position whose height was fused.
         heading_time_s: time of the newest external heading that was fused; -inf before the first.
         lost_time_s: time at which the last source was lost.
@@ -60,8 +61,10 @@ class VehicleEstimate:
         source: present source.
         level: present error level; None before the first selection.
         is_resting: whether the vehicle rested at the last selection of the source.
-        position_ratio: squared horizontal difference of the newest external position from the
-            estimate, as a share of the largest that is fused.
+        position_ratio: squared horizontal difference of an external position from the estimate, as
+            a share of the largest that is fused: of the newest one, or a larger one before, of
+            which less remains with time.
+        ratio_time_s: time of that ratio.
         heading_ratio: difference of the newest external heading from the estimate, as a share of
             the largest that is fused; NaN while no external heading is fused.
         vision_frame_ned_m: offset (3,) from the frame of vision to that of satellites; None while
@@ -74,6 +77,7 @@ class VehicleEstimate:
 
     start_time_s: float = 0.0
     vision_time_s: float = -math.inf
+    sideways_time_s: float = -math.inf
     height_time_s: float = -math.inf
     heading_time_s: float = -math.inf
     lost_time_s: float = -math.inf
@@ -84,6 +88,7 @@ class VehicleEstimate:
     is_resting: bool = True
 
     position_ratio: float = 0.0
+    ratio_time_s: float = -math.inf
     heading_ratio: float = math.nan
     vision_frame_ned_m: Array | None = None
     late: deque[tuple[Array, Array]] = field(default_factory=deque)

@@ -213,6 +213,24 @@ def test_a_camera_that_turns_before_the_first_flight_refuses_it(
     assert not flight.agents["mav0"].core.own.displaced_m
 
 
+@pytest.mark.failsafe("own position lost", step="flying")
+@pytest.mark.parametrize("east_m", [0.25, 1.0])
+def test_vehicles_whose_cameras_jump_come_down_and_keep_the_promise(
+    lockstep: Any, by_vision: FleetConfig, east_m: float
+) -> None:
+    """Jumps of 0.35 m towards each other were believed, and brought them to 0.78 m."""
+    flight = lockstep(by_vision, seed=4)
+    flight.may_land_hard = True
+    for name, jump_m in (("mav0", east_m), ("mav1", -east_m)):
+        parameters = {"east_m": jump_m, "north_m": 0.0}
+        flight.inject(Fault("vision_jump", name, at_s=_CROSSING_S, parameters=parameters))
+    flight.fly(_crossing(by_vision))
+
+    assert flight.min_separation_m > 0.8
+    said = {event.vehicle for event in flight.events if event.code == "position-lost"}
+    assert said == {"mav0", "mav1"}
+
+
 @pytest.mark.parametrize("at_s", [_CROSSING_S, _CROSSING_S + 1.0])
 def test_a_vehicle_by_vision_does_not_flee_from_its_own_body_that_the_mocap_takes_for_another(
     lockstep: Any, by_vision: FleetConfig, at_s: float
