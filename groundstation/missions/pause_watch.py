@@ -41,6 +41,14 @@ class PauseWatch:
     def __init__(self, ground: PauseGround) -> None:
         self._ground = ground
         self._discharge = Discharge()
+        self._pause_begin_ns: int | None = None
+
+    @property
+    def paused_s(self) -> float:
+        """Time for which the title has shown this pause [s]; 0 without one."""
+        if self._pause_begin_ns is None:
+            return 0.0
+        return (self._ground.client.now_ns() - self._pause_begin_ns) * 1e-9
 
     def weakest_battery(self, names: Sequence[str]) -> Reserve | None:
         """Return the weakest battery, its charge and the charge that its way home needs.
@@ -54,15 +62,23 @@ class PauseWatch:
         """
         client = self._ground.client
         return weakest(
-            client.fleet, client.state, names, discharge=self._discharge, now_ns=client.now_ns()
+            client.fleet,
+            client.state,
+            names,
+            discharge=self._discharge,
+            now_ns=client.now_ns(),
+            paused_s=self.paused_s,
         )
 
     def show(self, reserve: Reserve | None) -> None:
         """Show in the title that vehicles are paused, and for how long they can be."""
+        if self._pause_begin_ns is None:
+            self._pause_begin_ns = self._ground.client.now_ns()
         self._ground.pause_line = pause_line(reserve)
 
     def hide(self) -> None:
         """Show in the title that no vehicle is paused."""
+        self._pause_begin_ns = None
         self._ground.pause_line = ""
 
     async def bring_home(

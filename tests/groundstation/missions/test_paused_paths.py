@@ -14,7 +14,9 @@ from msgspec.structs import replace
 from groundstation.missions.api import Fleet
 from groundstation.missions.ground import MissionGround
 from groundstation.missions.path_following import follow_paths
-from groundstation.orders.battery_reserve import Discharge, weakest
+from groundstation.missions.pause_watch import PauseWatch
+from groundstation.orders import battery_reserve
+from groundstation.orders.battery_reserve import Discharge, Reserve, weakest
 from groundstation.orders.grammar import parse
 from groundstation.orders.plan import plan_order
 from groundstation.orders.result import OrderFailed
@@ -170,3 +172,56 @@ def test_a_battery_that_sinks_faster_than_its_file_says_has_to_leave_earlier() -
     assert discharge.rate_1_s("mav0", 2_000_000_000, 0.5) == 0.0  # too soon to believe
     assert discharge.rate_1_s("mav0", 10_000_000_000, 0.7) == pytest.approx(0.02)
     assert discharge.rate_1_s("mav1", 10_000_000_000, 0.7) == 0.0
+
+
+async def test_a_pause_counts_on_by_the_clock_while_the_reported_charge_stands_still(
+    fleet: FleetConfig, bus: FakeBus, flying: Any
+) -> None:
+    for name in fleet.enabled_names:
+        bus.tell(name, battery_frac=0.5)  # where PX4's simulated battery stops
+    await asyncio.sleep(0.1)
+    discharge = Discharge()
+
+    def at(time_s: int, paused_s: float) -> Reserve:
+        reserve = weakest(
+            fleet,
+            flying.state,
+            fleet.enabled_names,
+            discharge,
+            time_s * 1_000_000_000,
+            paused_s=paused_s,
+        )
+        assert reserve is not None
+        return reserve
+
+    before = at(0, 0.0)
+    assert at(1000, 0.0) == before  # only a pause has to end
+    assert at(1030, 30.0) == before
+
+    counted = at(1060, 60.0)
+    assert counted.has_pct == pytest.approx(40.0)  # 30 s of the 300 s of a full battery
+    assert "with 40 % by the clock, because its report stands at 50 %" in str(counted)
+    assert at(1200, 200.0).is_used_up
+
+    assert discharge.stands_s("mav0", 1_200_000_000_000, 0.49) == 0.0  # it is reported again
+
+
+async def test_a_pause_is_counted_from_its_own_begin(
+    fleet: FleetConfig, flying: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(battery_reserve, "_STANDS_S", 0.0)
+    ground: Any = MissionGround(flying)
+    watch = PauseWatch(ground)
+
+    async def stands_after(wait_s: float) -> bool:
+        watch.weakest_battery(fleet.enabled_names)
+        await asyncio.sleep(wait_s)
+        reserve = watch.weakest_battery(fleet.enabled_names)
+        assert reserve is not None
+        return reserve.stands_at_pct is not None
+
+    assert not await stands_after(0.1)
+    watch.show(None)
+    assert await stands_after(0.1)
+    watch.hide()
+    assert not await stands_after(0.1)
