@@ -20,7 +20,15 @@ from onboard.config.flight_space import flight_space_of
 from onboard.config.ground import ground_at_m, least_height_m, touchable_ground_at_m
 from onboard.config.obstacles import Circle
 from onboard.constants import GRAVITY_M_S2
-from onboard.control.path import MAX_JUMP_M, MAX_JUMP_M_S, Path, jumps, sampled
+from onboard.control.path import (
+    MAX_JUMP_M,
+    MAX_JUMP_M_S,
+    MAX_TURN_RAD_S,
+    YAW,
+    Path,
+    jumps,
+    sampled,
+)
 from onboard.control.vertical_limits import planned_m_s2
 from onboard.estimation.accuracies import ACCURACIES, Accuracy
 from onboard.feasibility.finding import Finding, at_least, at_most, worst
@@ -44,6 +52,10 @@ _MAX_LISTED = 12  # items of a list that a sentence names
 _TILT_SHARE = 0.8
 _LIMIT_FACTOR = 1.01  # factor on a limit above which a path is refused
 _FENCE_ROOM_M = 0.15  # smallest distance of a path from the fence
+_YAW_BEHIND_DEG = 10.0  # a heading that stays further behind its path's is a warning
+_YAW_BEHIND_S = (
+    0.5  # how long it stays so; a shorter time is that of numbers that wrap, or of a jerk
+)
 
 
 class SampledPaths(NamedTuple):
@@ -335,7 +347,7 @@ def path_findings(
 
     Returns:
         One finding each for speed, acceleration, vertical acceleration, tilt, speed at the ends,
-        jumps of position and velocity, fence, height, obstacles and spacing.
+        yaw, jumps of position and velocity, fence, height, obstacles and spacing.
     """
     flown = sample(paths)
     vehicles = [fleet.vehicles[name] for name in flown.names]
@@ -390,6 +402,7 @@ def path_findings(
             where=where,
         ),
     ]
+    findings.append(_yaw_finding(flown, where))
     findings += jump_findings(paths, where)
     findings += _fence_and_height_findings(fleet, flown, where)
     if fleet.obstacles:
@@ -489,6 +502,61 @@ def _limit_finding(
         refuse_above=_LIMIT_FACTOR * bound,
         warn_above=_LIMIT_FACTOR * bound,
     )
+
+
+def yaw_finding(paths: Mapping[str, Path], where: str) -> Finding:
+    """Return the finding about the heading that stays furthest behind that of its path.
+
+    Args:
+        paths: paths of vehicles.
+        where: position in the mission, for the sentences.
+    """
+    return _yaw_finding(sample(paths), where)
+
+
+def _yaw_finding(flown: SampledPaths, where: str) -> Finding:
+    behind_deg = np.degrees(_yaw_behind_rad(flown))
+    step, index = np.unravel_index(behind_deg.argmax(), behind_deg.shape)
+    return at_most(
+        name="path yaw",
+        where=where,
+        value=float(behind_deg[step, index]),
+        bound=_YAW_BEHIND_DEG,
+        unit="deg",
+        sentence=f"{capitalised(where)}: from {flown.times_s[step]:.1f} s on the heading stays for "
+        f"{_YAW_BEHIND_S:g} s <value> behind that of {flown.names[index]}'s path, because vehicles "
+        f"turn by {math.degrees(MAX_TURN_RAD_S):.0f} degrees a second and the shorter way; "
+        "<relation> <bound> counts as flown",
+        remedy="Give the turn more time.",
+        refuse_above=math.inf,
+    )
+
+
+def _yaw_behind_rad(flown: SampledPaths) -> Array:
+    """Return how far each heading is at least behind its path's from each time on (T, N) [rad].
+
+    The least of ``_YAW_BEHIND_S`` counts, also after the end of the paths.
+    """
+    step_s = float(flown.times_s[1] - flown.times_s[0])
+    window = math.ceil(_YAW_BEHIND_S / step_s) + 1
+    yaw_rad = np.pad(flown.values[0, :, :, YAW], ((0, window - 1), (0, 0)), mode="edge")
+
+    # as the agent turns: the shorter way, and no further in each step
+    most_rad = MAX_TURN_RAD_S * step_s
+    behind_rad = np.zeros(yaw_rad.shape)
+    if np.abs(_wrapped_rad(np.diff(yaw_rad, axis=0))).max() <= most_rad:
+        return behind_rad[: 1 - window]  # no turn is quicker, as of most paths
+    held_rad = yaw_rad[0]
+    for step, wanted_rad in enumerate(yaw_rad):
+        held_rad = held_rad + np.clip(_wrapped_rad(wanted_rad - held_rad), -most_rad, most_rad)
+        behind_rad[step] = np.abs(_wrapped_rad(wanted_rad - held_rad))
+    windows = np.lib.stride_tricks.sliding_window_view(behind_rad, window, axis=0)
+    return np.asarray(windows.min(-1))
+
+
+def _wrapped_rad(angle_rad: Array) -> Array:
+    """Return angles between -pi and pi."""
+    return np.asarray((angle_rad + math.pi) % (2.0 * math.pi) - math.pi)
 
 
 def _tilt_deg(fleet: FleetConfig, flown: SampledPaths) -> Array:

@@ -15,6 +15,7 @@ from onboard.control.path import (
     AXES,
     DURATION,
     LONGEST_S,
+    MAX_TURN_RAD_S,
     NUMBER_COUNT,
     POWERS,
     YAW,
@@ -37,8 +38,8 @@ _SPLINE_M = 0.5
 _CORNER_COSINE = math.cos(math.radians(70.0))  # a sharper bend is a corner
 _HALF_TURN_RAD = math.pi + 1e-6  # with room for rounding
 # A turn of more than half a circle that would be quicker on average is taken for numbers that wrap.
-# Vehicles turn with 1 rad/s at most, and a turn from rest to rest peaks at 1.5 times its mean rate.
-_QUICKEST_TURN_RAD_S = 1.0 / 1.5
+# A turn from rest to rest peaks at 1.5 times its mean rate.
+_QUICKEST_TURN_RAD_S = MAX_TURN_RAD_S / 1.5
 _TOLERANCE_M = 0.01  # largest error of a piece in position
 # Largest error of a piece in acceleration, unless a tenth of the largest acceleration is more.
 _TOLERANCE_M_S2 = 0.5

@@ -14,7 +14,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-from groundstation.paths.checks import height_share_of, limits_of, path_spacing_m, sample
+from groundstation.paths.checks import (
+    height_share_of,
+    limits_of,
+    path_spacing_m,
+    sample,
+    yaw_finding,
+)
 from groundstation.paths.lights import TimedColour
 from groundstation.paths.path_files import write_path
 from groundstation.processes.free_ports import in_another_folder, toml_text
@@ -111,6 +117,9 @@ def write_show(
     text = _fleet_text(show, fleet, vehicles, flyable, promise)
     written_fleet = fleet_from_mapping(tomllib.loads(text), path=path, text=text)
     flyable.notes.append(_battery_words(flyable, written_fleet, vehicles))
+    yaw = yaw_finding(flyable.paths, "the paths")
+    if yaw.status == "warning":
+        flyable.notes.append(yaw.sentence)
     comments_of_all = [f"Made by covey import from {source}.", *flyable.notes]
     (folder / "paths").mkdir(parents=True, exist_ok=True)
     _write(folder / "fleet.toml", _commented(comments_of_all, text))

@@ -34,6 +34,7 @@ MAX_PIECES = MAX_BYTES // _ROW.size
 # largest jumps from the end of a piece to the begin of the next one
 MAX_JUMP_M = 0.02
 MAX_JUMP_M_S = 0.05
+MAX_TURN_RAD_S = 1.0  # with which a vehicle turns to the heading of a path or of a goal
 
 
 class Path(NamedTuple):

@@ -18,6 +18,7 @@ from onboard.control import (
     trajectory,
     vertical_limits,
 )
+from onboard.control.path import MAX_TURN_RAD_S
 from onboard.estimation import disturbance_observer, hover_thrust
 
 # share of the horizontal acceleration that may compensate drag and wind; the rest stays for the law
@@ -50,7 +51,7 @@ class PipelineParams(NamedTuple):
     activity_time_s: float = 0.5  # the "recent past" in which the law was active
     clock_time_s: float = 0.2  # time constant of the clock's rate
 
-    max_yaw_rate_rad_s: float = 1.0  # at which the heading turns to that of a goal
+    max_yaw_rate_rad_s: float = MAX_TURN_RAD_S  # at which the heading turns to that of a goal
 
 
 def pipeline_params(

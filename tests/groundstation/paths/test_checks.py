@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from msgspec.structs import replace
 
-from groundstation.paths.checks import path_findings, refusals
+from groundstation.paths.checks import path_findings, refusals, yaw_finding
 from groundstation.paths.pieces import quintic, resting
 from onboard.arrays import Array
 from onboard.config.fleet import load_fleet
@@ -91,3 +91,40 @@ def test_a_heavy_vehicles_path_climbs_with_less_acceleration_than_it_turns(
     assert bool(sentences) is is_refused
     if is_refused:
         assert "path vertical acceleration is 1.31 m/s^2" in sentences[0]
+
+
+@pytest.mark.parametrize(
+    ("turns", "behind_deg"),
+    [
+        ([(6.0, 180.0)], 0.0),  # a turn from rest to rest as quick as it is flown
+        ([(0.1, -358.0)], 0.0),  # from 179 to -179: the heading stays where it is
+        ([(0.1, 170.0)], 141.0),  # what it has not turned half a second later
+        ([(3.0, 0.0), (0.0, 90.0)], 61.0),  # a jump from one piece to the next
+    ],
+)
+def test_a_path_that_turns_quicker_than_vehicles_is_a_warning(
+    turns: list[tuple[float, float]], behind_deg: float
+) -> None:
+    pieces = []
+    here = motion(-1.2)
+    for duration_s, turn_deg in [*turns, (3.0, 0.0)]:
+        there = here.copy()
+        there[0, 3] += np.radians(turn_deg)
+        if duration_s > 0.0:
+            pieces.append(quintic(duration_s, here, there).tolist())
+        here = there
+    paths = {
+        "mav1": path_of([resting(6.0, motion(0.0)[0]).tolist()]),
+        "mav0": path_of(pieces),
+    }
+
+    finding = yaw_finding(paths, "step[2]")
+
+    assert finding in path_findings(PAPER, paths, "step[2]")
+    if behind_deg == 0.0:
+        assert finding.status == "ok"
+        assert finding.value < 5.0
+    else:
+        assert finding.status == "warning"
+        assert finding.value == pytest.approx(behind_deg, abs=6.0)
+        assert "behind that of mav0's path" in finding.sentence

@@ -460,6 +460,17 @@ def test_long_turns_of_yaw_are_flown_as_they_are_written(tmp_path: Path, turn_de
     assert yaws_deg == pytest.approx([0.0, -0.5 * turn_deg, -turn_deg], abs=0.01)
 
 
+@pytest.mark.parametrize(("quick_s", "is_noted"), [(0.5, True), (8.0, False)])
+def test_an_import_says_whose_yaw_is_quicker_than_it_is_flown(
+    tmp_path: Path, quick_s: float, is_noted: bool
+) -> None:
+    yaw = {"setpoints": [[6.0, 0.0], [6.0 + quick_s, 170.0]]}
+    show = write_skyc(tmp_path / "show.skyc", line_of(2), 20.0, yawControl=yaw)
+    imported(show, tmp_path / "out")
+    text = (tmp_path / "out" / "mission.toml").read_text(encoding="utf-8")
+    assert ("behind that of mav0's path" in text) is is_noted
+
+
 @pytest.mark.parametrize(
     ("orientation_deg", "turn_deg"),
     [(None, 0.0), (90.0, 0.0), (0.0, 90.0), (180.0, -90.0), (60, 30.0)],
