@@ -39,8 +39,8 @@ class ReplayBar(Bar):
         replay = self.replay
         sign, colour = self._sign()
         position = f"{clock(replay.position_s)} / {clock(replay.length_s)}"
-        cut = "  ✂ cut off" if replay.timeline.broken else ""
-        left = f" {sign} {replay.speed:g}×  {position}{cut}  "
+        damage = "  ✂ cut off or damaged" if replay.timeline.broken else ""
+        left = f" {sign} {replay.speed:g}×  {position}{damage}  "
 
         keys = " "
         if self.size.width >= cell_len(left) + len(KEYS) + _MIN_TRACK:

@@ -3,7 +3,8 @@
 The index has one row for each chunk, read from the heads of the file's records. So a record that
 was cut off can be read as far as it goes, and memory does not grow with the messages. The ``mcap``
 library decodes the chunks. Its seeking reader is not used, because it needs the summary at the end
-of the file, which a record cut off by SIGKILL lacks, and it stops at the first damaged chunk.
+of the file, which a record cut off by SIGKILL lacks, and it stops at the first damaged chunk. Where
+there is a summary, it tells from which chunk on the reading goes on behind a damaged head.
 
 Each computer stamps messages by its own clock. If the stamps of a sender are far from all others,
 they are shifted onto the common clock: that of the sender with messages in most chunks.
@@ -17,7 +18,7 @@ import heapq
 import io
 import math
 import struct
-from collections import Counter
+from collections import Counter, deque
 from collections.abc import Callable, Collection, Iterator, Mapping
 from dataclasses import dataclass, field
 from functools import partial
@@ -27,7 +28,7 @@ from typing import NamedTuple, TypeVar
 
 from mcap.data_stream import ReadDataStream
 from mcap.opcode import Opcode
-from mcap.records import Channel, Chunk, Metadata, Schema
+from mcap.records import Channel, Chunk, McapRecord, Metadata, Schema
 
 from groundstation.recording.channels import KINDS, MAX_STAMP_NS, REPLY, from_json
 from groundstation.recording.reader import (
@@ -38,6 +39,7 @@ from groundstation.recording.reader import (
     json_object,
     record_path,
 )
+from groundstation.recording.summary import MAGIC, read_summary
 from groundstation.recording.writer import MADE_BY
 from onboard.bus.schema import Event, Message
 from onboard.config.file_reading import RECORD, opened
@@ -52,7 +54,7 @@ CLOCK_APART_NS = 5_000_000_000
 # A stamp further from the others of its chunk than this does not extend the chunk's time span.
 MAX_LATE_NS = 60_000_000_000
 DAMAGED_PIECE = "A piece of the record is damaged; the flight jumps over it."
-_MAGIC = b"\x89MCAP0\r\n"
+_DAMAGED_REST = "A piece of the record is damaged, and what came after it cannot be found."
 _ZIP_MAGIC = b"PK\x03\x04"
 _GROUND = "ground"
 _MAX_METADATA_BYTES = 64 * 1024
@@ -68,6 +70,7 @@ _STAMP = struct.Struct("<Q")
 _INDEX_ENTRY_BYTES = 16
 
 # plain numbers, because access to members of an enumeration is slow
+_OPCODES = frozenset(map(int, Opcode))
 _DATA_END = int(Opcode.DATA_END)
 _CHUNK = int(Opcode.CHUNK)
 _METADATA = int(Opcode.METADATA)
@@ -145,7 +148,7 @@ class Timeline:
 
     def __init__(self, folder: Path) -> None:
         self.path = record_path(folder)
-        self.broken = ""  # sentence about the first damage of the record; empty if it is whole
+        self.broken = ""  # sentence about damage of the record; empty if it is whole
         self.made_by: dict[str, str] = {}  # program, version and start; empty in older records
         self.malformed = 0  # messages that could not be decoded
         self.events: list[tuple[int, Event]] = []  # (stamp, event), sorted, up to the limits above
@@ -238,40 +241,60 @@ class Timeline:
             self.broken = f"{self.path.name} cannot be read further ({error})."
         self._apply_shifts(stamps)
 
-    def _scan_records(self, stamps: _Stamps) -> None:
-        """Read the heads of the file's records, and the indexes of its chunks."""
-        stream = self._stream
-        size = stream.seek(0, io.SEEK_END)
-        stream.seek(0)
-        begin = stream.read(len(_MAGIC))
+    def _require_record(self) -> None:
+        """Raise ConfigError if the file does not begin as a record."""
+        self._stream.seek(0)
+        begin = self._stream.read(len(MAGIC))
         if begin.startswith(_ZIP_MAGIC):
             raise ConfigError(
                 f"{self.path}: this is a ZIP file. Unpack it, and give the folder of a recorded"
                 " flight."
             )
-        if begin != _MAGIC:
+        if begin != MAGIC:
             raise ConfigError(
                 f"{self.path}: this is no MCAP file. Give the folder of a recorded flight."
             )
 
-        offset = len(_MAGIC)
+    def _scan_records(self, stamps: _Stamps) -> None:
+        """Read the heads of the file's records, and the indexes of its chunks."""
+        self._require_record()
+        stream = self._stream
+        size = stream.seek(0, io.SEEK_END)
+        summary = read_summary(stream)
+        for record in summary.channels:
+            self._add_channel(record)
+
+        next_chunks = deque(summary.chunk_starts)  # of the chunks that the summary knows
+        offset = len(MAGIC)
+        stream.seek(offset)
         while True:
             head = stream.read(_HEAD.size)
             if len(head) < _HEAD.size:
                 self.broken = "The record was cut off: it ends without its end mark."
                 break
             opcode, length = _HEAD.unpack(head)
+
+            is_wrong = opcode not in _OPCODES
+            if next_chunks and offset == next_chunks[0]:
+                next_chunks.popleft()
+                is_wrong = opcode != _CHUNK
             offset += _HEAD.size
+            if next_chunks and (opcode == _DATA_END or offset + length > next_chunks[0]):
+                is_wrong = True
+
+            if is_wrong:
+                self.broken = DAMAGED_PIECE
+                if next_chunks:
+                    offset = next_chunks[0]
+                    stream.seek(offset)
+                    continue
 
             if opcode == _DATA_END:
-                stream.seek(max(0, size - len(_MAGIC)))
-                if stream.read() != _MAGIC:
+                if not self._has_end_mark():
                     self.broken = self._cut_off("in its closing part", "what was flown is whole")
                 break
             if offset + length > size:
-                self.broken = self._cut_off(
-                    "in the middle of a piece", "what was before it is shown"
-                )
+                self.broken = self._past_the_end(bool(summary.chunk_starts))
                 break
 
             # nearly all records are message indexes; reading one moves the file to the next record
@@ -289,6 +312,24 @@ class Timeline:
 
             offset += length
             stream.seek(offset)
+
+    def _past_the_end(self, knows_chunks: bool) -> str:
+        """Return a sentence about a piece that would end beyond the file.
+
+        Args:
+            knows_chunks: whether the summary has named all chunks, so none comes after this piece.
+        """
+        if not self._has_end_mark():
+            return self._cut_off("in the middle of a piece", "what was before it is shown")
+        if knows_chunks:
+            return DAMAGED_PIECE
+        return _DAMAGED_REST
+
+    def _has_end_mark(self) -> bool:
+        """Return whether the file ends as a closed record does; the file's position changes."""
+        size = self._stream.seek(0, io.SEEK_END)
+        self._stream.seek(max(0, size - len(MAGIC)))
+        return self._stream.read() == MAGIC
 
     def _cut_off(self, where: str, rest: str) -> str:
         """Return a sentence about a cut, and about the rest of the flight, if there is any."""
@@ -352,17 +393,21 @@ class Timeline:
         """Read the channels that begin in a chunk; the file's position is restored."""
         position = self._stream.tell()
         for record in self._unpacked(chunk, chunk_records):
-            if isinstance(record, Schema):
-                self._schemas[record.id] = record.name
-            elif isinstance(record, Channel):
-                topic, _, name = record.topic.partition("/")
-                schema = self._schemas.get(record.schema_id, "")
-                kind = KINDS.get(schema.removeprefix("covey."))
-                if kind is not None:
-                    self._channels[record.id] = _RecordChannel(
-                        topic=topic, name=name, kind=kind, clock=_clock_of(topic, name)
-                    )
+            self._add_channel(record)
         self._stream.seek(position)
+
+    def _add_channel(self, record: McapRecord) -> None:
+        """Keep a channel, or a schema, which comes before its channels; leave out all else."""
+        if isinstance(record, Schema):
+            self._schemas[record.id] = record.name
+        elif isinstance(record, Channel):
+            topic, _, name = record.topic.partition("/")
+            schema = self._schemas.get(record.schema_id, "")
+            kind = KINDS.get(schema.removeprefix("covey."))
+            if kind is not None:
+                self._channels[record.id] = _RecordChannel(
+                    topic=topic, name=name, kind=kind, clock=_clock_of(topic, name)
+                )
 
     def _read_events(self, number: int) -> None:
         # those that cannot be decoded are counted by whoever reads the messages

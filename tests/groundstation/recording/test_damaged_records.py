@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import contextlib
 import random
+import struct
 import time
 from pathlib import Path
 
 import msgspec
 import pytest
+from mcap.opcode import Opcode
 from mcap.writer import Writer
 
 from groundstation.client.preflight_page import PageLine, VehiclePage, as_text
@@ -16,6 +18,8 @@ from groundstation.figures.data import TOPICS, from_samples
 from groundstation.flights.mission_flight import clock_say
 from groundstation.recording.flight_reading import read_flight
 from groundstation.recording.flight_report import report
+from groundstation.recording.summary import MAGIC
+from groundstation.recording.timeline import DAMAGED_PIECE, Timeline
 from groundstation.recording.writer import MAX_CHANNELS, RecordFiles, RecordWriter
 from onboard.bus.schema import Event, Message, OrderReply, Truth
 from onboard.bus.topics import Topic
@@ -70,6 +74,55 @@ def test_a_flipped_bit_never_ends_figures_or_report_with_an_exception(tmp_path: 
         with contextlib.suppress(ConfigError):  # a sentence
             report(tmp_path)
             from_samples(read(tmp_path, TOPICS), title="x", safety_distance_m=0.8)
+
+
+@pytest.mark.parametrize("is_first", [True, False])
+@pytest.mark.parametrize(
+    "damaged_head",
+    [
+        b"\x77",  # an opcode that MCAP does not have
+        bytes([Opcode.MESSAGE_INDEX]),
+        bytes([Opcode.DATA_END]),
+        bytes([Opcode.CHUNK]) + b"\xff" * 8,  # a length beyond the file
+        bytes([Opcode.CHUNK]) + struct.pack("<Q", 20),  # and one within the chunk
+        b"\xff" * 9,
+    ],
+)
+def test_a_damaged_head_costs_its_own_piece_only_and_is_said(
+    tmp_path: Path, damaged_head: bytes, is_first: bool
+) -> None:
+    path = record(tmp_path / "flight", 10.0) / "flight.mcap"
+    whole = path.read_bytes()
+    with contextlib.closing(Timeline(path)) as timeline:
+        assert not timeline.broken
+        number = 0 if is_first else timeline.chunk_count // 2
+        head = timeline._chunks[number].offset - 9
+        channels = timeline.raw_channels(number, timeline.topics)
+        count = timeline.count_messages() - sum(len(channel.datas) for channel in channels)
+
+    path.write_bytes(whole[:head] + damaged_head + whole[head + len(damaged_head) :])
+
+    with contextlib.closing(Timeline(path)) as timeline:
+        assert timeline.count_messages() == count
+        assert timeline.broken == DAMAGED_PIECE
+
+
+def test_a_wrong_opcode_in_a_record_that_was_cut_off_is_said(tmp_path: Path) -> None:
+    path = record(tmp_path / "flight", 10.0) / "flight.mcap"
+    whole = path.read_bytes()
+    with contextlib.closing(Timeline(path)) as timeline:
+        second = timeline._chunks[1].offset - 9
+        third = timeline._chunks[2].offset - 9
+
+    path.write_bytes(whole[:second] + b"\x77" + whole[second + 1 : third])
+    with contextlib.closing(Timeline(path)) as timeline:
+        assert "cut off" in timeline.broken
+        assert timeline.chunk_count == 1
+
+    # closed, but without a summary
+    path.write_bytes(whole[: second + 1] + b"\xff" * 8 + MAGIC)
+    with contextlib.closing(Timeline(path)) as timeline:
+        assert timeline.broken.startswith("A piece of the record is damaged, and what came after")
 
 
 def test_a_stamp_beyond_64_bits_is_left_out_and_counted(tmp_path: Path) -> None:
