@@ -24,6 +24,7 @@ from typing import Annotated, Any, get_args
 
 from cyclopts import CoercionError, Parameter, Token
 
+from groundstation.recording.output_file import write_together
 from groundstation.starter.law_files import law_module, own_law_texts, with_own_law
 from groundstation.starter.starter_files import (
     HERE,
@@ -132,16 +133,15 @@ def init(
     if law is not None:
         fleet_text = with_own_law(fleet_text, law)
 
-    folder.mkdir(parents=True, exist_ok=True)
-    fleet_path.write_text(fleet_text, encoding="utf-8")
-    mission_path.write_text(starter_files.mission_text, encoding="utf-8")
+    texts = {fleet_path: fleet_text, mission_path: starter_files.mission_text}
+    if law_path is not None and law_test_path is not None:
+        texts[law_path], texts[law_test_path] = own_law_texts()
+    write_together({path: text.encode() for path, text in texts.items()})
+
     count = numbered(len(starter_files.fleet.vehicles), "vehicle")
     print(f"Written: {fleet_path} for {count}, and {mission_path}.")
 
     if law_path is not None and law_test_path is not None:
-        law_text, law_test_text = own_law_texts()
-        law_path.write_text(law_text, encoding="utf-8")
-        law_test_path.write_text(law_test_text, encoding="utf-8")
         print(
             f"Written: {law_path}, a law of your own, and {law_test_path}. "
             "What it may do: docs/own-law.md."

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import os
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 
 from onboard.config.file_reading import OUTPUT_FILE, opened
@@ -80,3 +80,28 @@ def written_beside(path: Path) -> Iterator[Path]:
     finally:
         with contextlib.suppress(OSError):
             part.unlink(missing_ok=True)
+
+
+def write_together(contents: Mapping[Path, bytes]) -> None:
+    """Write files all or none, for instance on a full disk; folders are made where they lack.
+
+    Args:
+        contents: bytes of each file, which may be there already.
+
+    Raises:
+        OSError: a file cannot be written. No file has changed, and no new folder is left.
+    """
+    new_folders: list[Path] = []
+    try:
+        with contextlib.ExitStack() as parts:
+            for path, data in contents.items():
+                missing = [folder for folder in path.parents if not folder.is_dir()]
+                for folder in reversed(missing):
+                    folder.mkdir(exist_ok=True)
+                    new_folders.append(folder)
+                parts.enter_context(written_beside(path)).write_bytes(data)
+    except OSError:
+        for folder in reversed(new_folders):
+            with contextlib.suppress(OSError):
+                folder.rmdir()
+        raise

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import shutil
 import tempfile
 from pathlib import Path
 
 from groundstation.mission_files.loading import load_mission
 from groundstation.mission_files.mission_findings import refused_findings
+from groundstation.recording.output_file import write_together
 from groundstation.shows.conversion import Converted
 from groundstation.shows.csv_folder import read_csv_zip, read_folder
 from groundstation.shows.output import write_show
@@ -66,6 +66,7 @@ def import_show(
 
     Raises:
         ConfigError: the show cannot be flown.
+        OSError: the files cannot be written; none is left.
     """
     with tempfile.TemporaryDirectory(prefix="covey-import-") as name:
         draft = Path(name) / "show"
@@ -80,5 +81,6 @@ def import_show(
             raise ConfigError(
                 f"{source}: the law says that this cannot be flown; nothing is written. {reasons}"
             )
-        shutil.copytree(draft, folder, dirs_exist_ok=True)
+        files = [path for path in draft.rglob("*") if path.is_file()]
+        write_together({folder / path.relative_to(draft): path.read_bytes() for path in files})
     return flyable

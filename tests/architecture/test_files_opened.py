@@ -63,6 +63,7 @@ ALLOWED = {
     "groundstation/network/network_interfaces.py": "files of the kernel",
     "groundstation/orders/forecast_process.py": "bytes of a child that it has started",
     "groundstation/processes/supervisor.py": "logs of its own children",
+    "groundstation/shows/import_show.py": "files of the show that it has just written",
     "groundstation/web/page_server.py": "its own page",
     "onboard/bus/clock_sync.py": "a file of the kernel",
     "sitl/monte_carlo/plot.py": "a trace that the same command has written",

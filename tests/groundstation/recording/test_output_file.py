@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import errno
 import os
 from pathlib import Path
 
 import pytest
 
-from groundstation.recording.output_file import refuse_other_file, written_beside
+from groundstation.cli import main
+from groundstation.recording.output_file import refuse_other_file, write_together, written_beside
 from onboard.config.fleet import ConfigError
+from tests.groundstation.shows.made_shows import line_of, write_skyc
 
 
 def _is_own(begin: bytes) -> bool:
@@ -85,3 +88,50 @@ def test_a_symbolic_link_stays_and_its_file_is_replaced(tmp_path: Path) -> None:
         assert link.is_symlink()
         assert (folder / "file").read_text() == text
     assert [path.name for path in folder.iterdir()] == ["file"]
+
+
+@pytest.fixture
+def full_disk(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A disk that is full as soon as a mission is written."""
+    write_bytes = Path.write_bytes
+
+    def write(path: Path, data: bytes) -> int:
+        if "mission" in path.name and ".part" in path.name:
+            write_bytes(path, data[:10])
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+        return write_bytes(path, data)
+
+    monkeypatch.setattr(Path, "write_bytes", write)
+
+
+@pytest.mark.usefixtures("full_disk")
+def test_files_that_are_written_together_are_all_written_or_none(tmp_path: Path) -> None:
+    old = tmp_path / "old"
+    old.write_bytes(b"old")
+    contents = {old: b"new", tmp_path / "a" / "b" / "new": b"new"}
+
+    with pytest.raises(OSError, match="No space left"):
+        write_together({**contents, tmp_path / "a" / "mission": bytes(20)})
+    assert list(tmp_path.iterdir()) == [old]
+    assert old.read_bytes() == b"old"
+
+    write_together(contents)
+    assert all(path.read_bytes() == b"new" for path in contents)
+
+
+@pytest.mark.usefixtures("full_disk")
+@pytest.mark.parametrize("command", ["init", "import"])
+def test_a_full_disk_is_said_and_leaves_nothing_in_the_way(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], command: str
+) -> None:
+    out = tmp_path / "out"
+    words = ["init", str(out)]
+    if command == "import":
+        show = write_skyc(tmp_path / "show.skyc", line_of(2), 12.0)
+        words = ["import", str(show), "--out", str(out)]
+
+    assert main(words) == 2
+
+    refusal = capsys.readouterr().err
+    assert "nothing more can be written (No space left on device). Make room" in refusal
+    assert not out.exists()
