@@ -22,14 +22,15 @@ _LOOP_END = 13
 _PYRO = (20, 21)
 
 
-def colours(data: bytes) -> tuple[TimedColour, ...]:
+def colours(data: bytes, end_s: float) -> tuple[TimedColour, ...]:
     """Return the colours of a program; between two of them the colour changes linearly.
 
     Args:
         data: bytes of the program.
+        end_s: time of the program at which an endless loop ends [s], one of 0 repetitions.
 
     Raises:
-        ValueError: a command is unknown or incomplete, or loops do not end.
+        ValueError: a command is unknown or incomplete, or there are too many of them.
     """
     reader = _Reader(data)
     lights: list[TimedColour] = [(0.0, 0, 0, 0)]
@@ -61,16 +62,21 @@ def colours(data: bytes) -> tuple[TimedColour, ...]:
 
         elif command == _LOOP:
             count = reader.byte()
-            loops.append(_Loop(begin=reader.position, left=count))
+            loops.append(_Loop(begin=reader.position, left=count, since_s=now_s))
 
         elif command == _LOOP_END:
             if not loops:
                 raise ValueError("a loop ends that has not begun")
             loops[-1].left -= 1
+            is_endless = loops[-1].left < 0
+            takes_no_time = now_s == loops[-1].since_s
+            if is_endless and (now_s >= end_s or takes_no_time):
+                return tuple(lights)
             if loops[-1].left == 0:
                 loops.pop()
             else:
                 reader.position = loops[-1].begin
+                loops[-1].since_s = now_s
 
         elif command in _PYRO:
             reader.byte()
@@ -86,7 +92,8 @@ class _Loop:
     """A loop under way."""
 
     begin: int  # position of its first command
-    left: int  # number of remaining repetitions, including this one
+    left: int  # number of remaining repetitions, including this one; below 1 in an endless loop
+    since_s: float  # time of the program at which this repetition began [s]
 
 
 class _Reader:

@@ -335,7 +335,7 @@ def _drone(file: str, index: int, settings: dict[str, Any]) -> Drone:
         home_enu_m=home_enu_m,
         path=path,
         begin_s=begin_s,
-        lights=_lights(subject, _table(settings, "lights")),
+        lights=_lights(subject, _table(settings, "lights"), last_s),
     )
 
 
@@ -454,11 +454,11 @@ def _with_yaw(subject: str, path: Path, begin_s: float, control: dict[str, Any])
         ) from None
 
 
-def _lights(subject: str, program: dict[str, Any]) -> tuple[TimedColour, ...]:
+def _lights(subject: str, program: dict[str, Any], end_s: float) -> tuple[TimedColour, ...]:
     if program.get("version") != 1 or not isinstance(program.get("data"), str):
         return ()
     try:
-        return colours(base64.b64decode(program["data"], validate=True))
+        return colours(base64.b64decode(program["data"], validate=True), end_s)
     except (ValueError, binascii.Error) as error:
         raise ConfigError(f"{subject}: its light program cannot be read ({error}).") from None
 

@@ -240,7 +240,7 @@ def test_many_shows_with_other_values_are_imported_or_refused() -> None:
 @given(st.binary(max_size=60))
 def test_a_light_program_of_any_bytes_is_read_or_refused(data: bytes) -> None:
     try:
-        colours(data)
+        colours(data, 60.0)
     except ConfigError:
         raise
     except ValueError:

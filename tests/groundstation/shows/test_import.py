@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import base64
 import json
 import math
 import tomllib
@@ -621,13 +622,26 @@ def test_what_is_no_zip_or_too_large_or_truncated_is_refused(tmp_path: Path) -> 
 def test_light_programs_become_colours_at_times() -> None:
     # white for 1 s, fade to red in 2 s, twice black for 0.5 s
     program = bytes([7, 50, 8, 255, 0, 0, 100, 12, 2, 6, 25, 13, 0])
-    lights = colours(program)
+    lights = colours(program, 60.0)
     assert (1.0, 255, 255, 255) in lights
     assert (3.0, 255, 0, 0) in lights
     assert lights[-1] == (4.0, 0, 0, 0)
-    for broken in (bytes([4, 1]), bytes([99]), bytes([13]), bytes([12, 0, 1, 13])):
+    for broken in (bytes([4, 1]), bytes([99]), bytes([13])):
         with pytest.raises(ValueError, match=r"it |its |loop"):
-            colours(broken)
+            colours(broken, 60.0)
+
+
+def test_an_endless_loop_of_lights_ends_with_the_path(tmp_path: Path) -> None:
+    blinking = bytes([12, 0, 7, 25, 6, 25, 13, 7, 50])  # white and black, for 0.5 s each
+    program = {"version": 1, "data": base64.b64encode(blinking).decode()}
+    show = write_skyc(tmp_path / "show.skyc", line_of(1), 12.0, lights=program)
+    (drone,) = read_skyc(show).drones
+    assert colour_at(drone.lights, 10.7) == (0, 0, 0)
+    assert colour_at(drone.lights, 11.3) == (255, 255, 255)
+    assert drone.lights[-1] == (12.0, 0, 0, 0)
+
+    without_time = bytes([12, 0, 7, 0, 13])
+    assert colours(without_time, 12.0)[-1] == (0.0, 255, 255, 255)
 
 
 def _crossing_above(folder: Path) -> Path:
