@@ -103,6 +103,15 @@ class DeadReckoning:
             return memory._replace(velocity_enu_m_s=ZERO_3, bias_enu_m_s2=ZERO_3)
         return memory._replace(bias_enu_m_s2=self.mean_bias_m_s2)
 
+    @property
+    def has_learned_bias(self) -> bool:
+        """Whether the mean bias has its full time constant, some seconds after the take-off."""
+        return self._mean_time_s >= _MEAN_TIME_S
+
+    @property
+    def _mean_time_s(self) -> float:
+        return min(_MEAN_TIME_SHARE * self._flight_s, _MEAN_TIME_S)
+
     def begin_at(self, memory: KalmanMemory) -> None:
         """Take the bias and the age of a motion that dead reckoning has begun from earlier."""
         self.mean_bias_m_s2 = memory.bias_enu_m_s2
@@ -111,9 +120,8 @@ class DeadReckoning:
     def _learn_bias(self, memory: KalmanMemory, dt_s: float) -> None:
         """Let the mean bias approach the newest one."""
         miss = subtract(memory.bias_enu_m_s2, self.mean_bias_m_s2)
-        mean_time_s = max(_MEAN_TIME_SHARE * self._flight_s, dt_s)
-        if mean_time_s > _MEAN_TIME_S:
-            mean_time_s = _MEAN_TIME_S
+        mean_time_s = max(self._mean_time_s, dt_s)
+        if self.has_learned_bias:
             miss = bounded(miss, _LARGEST_MISS_M_S2)
         self.mean_bias_m_s2 = add_scaled(self.mean_bias_m_s2, dt_s / mean_time_s, miss)
 

@@ -3,7 +3,8 @@
 A camera that contradicts PX4 is noticed some time after it has begun to be wrong. The estimate has
 followed it until then: its velocity is wrong, and it takes the difference for a push of the wind.
 So dead reckoning begins earlier, at a motion from before the camera was wrong, and repeats the
-ticks since then by attitude and throttle alone.
+ticks since then by attitude and throttle alone. It begins no earlier than needed, because a gust
+that is not known errs with the square of the time.
 """
 
 from __future__ import annotations
@@ -17,12 +18,13 @@ from onboard.estimation.kalman import KalmanMemory, KalmanParams
 from onboard.vectors import Vec3
 
 # Longer than the time until a camera that stands still is noticed, which is 0.7 s.
-_REMEMBERED_S = 1.0
+_REMEMBERED_NS = 1_000_000_000
 
 
 class _Tick(NamedTuple):
     """The end of one tick."""
 
+    time_ns: int
     memory: KalmanMemory
     mean_bias_m_s2: Vec3  # of the last seconds, see DeadReckoning
     driven_enu_m_s2: Vec3  # acceleration by attitude and throttle in this tick
@@ -34,42 +36,58 @@ class MotionHistory:
     """Motions of one vehicle at the ticks of the last second."""
 
     _ticks: deque[_Tick] = field(default_factory=deque)
-    _remembered_s: float = 0.0  # duration of all ticks but the oldest one
 
     def note(
-        self, memory: KalmanMemory, mean_bias_m_s2: Vec3, params: KalmanParams, dt_s: float
+        self,
+        now_ns: int,
+        memory: KalmanMemory,
+        mean_bias_m_s2: Vec3,
+        driven_enu_m_s2: Vec3,
+        dt_s: float,
     ) -> None:
         """Note the motion at the end of a tick.
 
         Args:
+            now_ns: time of the tick.
             memory: memory of the filter.
             mean_bias_m_s2: mean bias of the last seconds, ENU.
-            params: noise and limits of the filter.
+            driven_enu_m_s2: acceleration by attitude and throttle in this tick, ENU.
             dt_s: length of the tick.
         """
-        driven_enu_m_s2 = kalman.driven_enu_m_s2(memory, params)
-        self._ticks.append(_Tick(memory, mean_bias_m_s2, driven_enu_m_s2, dt_s))
-        if len(self._ticks) > 1:
-            self._remembered_s += dt_s
-
-        while self._remembered_s > _REMEMBERED_S:
+        tick = _Tick(
+            time_ns=now_ns,
+            memory=memory,
+            mean_bias_m_s2=mean_bias_m_s2,
+            driven_enu_m_s2=driven_enu_m_s2,
+            duration_s=dt_s,
+        )
+        self._ticks.append(tick)
+        while now_ns - self._ticks[0].time_ns > _REMEMBERED_NS:
             self._ticks.popleft()
-            self._remembered_s -= self._ticks[0].duration_s
 
-    def reckoned(self, params: KalmanParams) -> KalmanMemory | None:
-        """Return the present motion, reckoned from the oldest one; None if none is remembered.
+    def forget(self) -> None:
+        """Forget all motions."""
+        self._ticks.clear()
+
+    def reckoned(self, since_ns: int, params: KalmanParams) -> KalmanMemory | None:
+        """Return the present motion, reckoned from an earlier one; None if none is remembered.
 
         Its bias is the mean one that was known then. The ticks since then count as ticks without a
         sample.
 
         Args:
+            since_ns: time of that motion; without one, the oldest one after it counts.
             params: noise and limits of the filter.
         """
         if not self._ticks:
             return None
 
-        oldest = self._ticks[0]
-        memory = oldest.memory._replace(bias_enu_m_s2=oldest.mean_bias_m_s2)
-        for tick in list(self._ticks)[1:]:
+        ticks = list(self._ticks)
+        while len(ticks) > 1 and ticks[1].time_ns <= since_ns:
+            del ticks[0]
+
+        first = ticks[0]
+        memory = first.memory._replace(bias_enu_m_s2=first.mean_bias_m_s2)
+        for tick in ticks[1:]:
             memory = kalman.predict(memory, tick.driven_enu_m_s2, params, tick.duration_s)
-        return memory._replace(thrust_m_s2=self._ticks[-1].memory.thrust_m_s2)
+        return memory._replace(thrust_m_s2=ticks[-1].memory.thrust_m_s2)

@@ -16,6 +16,7 @@ import math
 from collections import deque
 
 _RISE = 0.28  # ratios that are larger than earlier ones by this contradict
+_RISING = 0.05  # a ratio that is larger by this has begun to rise
 _RISEN_NS = 150_000_000  # time for which they do so before that counts: not a single one
 _EARLIER_NS = 550_000_000  # ratios of at least this age are compared with
 _HISTORY_NS = 1_650_000_000  # and of at most this age
@@ -28,10 +29,12 @@ class OdometryCheck:
 
     Attributes:
         is_contradicted: whether it does so now; PX4's position must not be used then.
+        rising_since_ns: time of the last ratio before those that rose until it did so.
     """
 
     def __init__(self) -> None:
         self.is_contradicted = False
+        self.rising_since_ns = 0
         self._ratios: deque[tuple[int, float]] = deque()  # newest ratios with their stamps [ns]
         self._risen_since_ns = 0  # 0: the newest ratio has not risen
         self._agrees_since_ns = 0  # 0: it does not agree
@@ -68,6 +71,9 @@ class OdometryCheck:
             return False
         if self._risen_since_ns == 0:
             self._risen_since_ns = stamp_ns
+            self.rising_since_ns = max(
+                each_ns for each_ns, each in self._ratios if each <= max(earlier) + _RISING
+            )
         return stamp_ns - self._risen_since_ns >= _RISEN_NS
 
     def _has_agreed(self, ratio: float, stamp_ns: int) -> bool:

@@ -262,6 +262,7 @@ class OwnState:
         if not self.vehicle.mocap_required:
             self._queue_local_position(snapshot)
 
+        driven_enu_m_s2 = vectors.ZERO_3
         if self._memory is not None:
             self._memory = kalman.drive(
                 self._memory,
@@ -273,7 +274,8 @@ class OwnState:
                 is_on_ground,
             )
             if not self.vehicle.mocap_required:
-                self.fit.drive(kalman.driven_enu_m_s2(self._memory, self._params))
+                driven_enu_m_s2 = kalman.driven_enu_m_s2(self._memory, self._params)
+                self.fit.drive(driven_enu_m_s2)
 
         for sample in self._queue:
             self._use(sample, snapshot, now_ns, dt_s, is_on_ground)
@@ -285,8 +287,7 @@ class OwnState:
             if not self._reckoning.is_on:
                 self._wind = wind.step(self._wind, self._memory.bias_enu_m_s2, dt_s, is_on_ground)
             if self.vehicle.flies_by_vision:
-                mean_bias_m_s2 = self._reckoning.mean_bias_m_s2
-                self._history.note(self._memory, mean_bias_m_s2, self._params, dt_s)
+                self._note_motion(now_ns, self._memory, driven_enu_m_s2, dt_s)
 
         jumps = self.jumps
         age_s = self.age_s
@@ -431,14 +432,30 @@ class OwnState:
             yaw_rad = yaw_from_quaternion(snapshot.quaternion_enu_flu_wxyz)
             self._queue.append(_Sample(vectors.Vec3(*position_enu_m), self._local_ns, yaw_rad))
 
+    def _note_motion(
+        self, now_ns: int, memory: kalman.KalmanMemory, driven_enu_m_s2: vectors.Vec3, dt_s: float
+    ) -> None:
+        """Note the motion at the end of a tick, if dead reckoning could begin with it later.
+
+        Until the push of the wind is known, dead reckoning needs the newest one.
+        """
+        if self._reckoning.has_learned_bias:
+            mean_bias_m_s2 = self._reckoning.mean_bias_m_s2
+            self._history.note(now_ns, memory, mean_bias_m_s2, driven_enu_m_s2, dt_s)
+        else:
+            self._history.forget()
+
     def _is_camera_contradicted(self, snapshot: Snapshot) -> bool:
-        """Return whether the camera contradicts PX4; when this begins, reckon the last second."""
+        """Return whether the camera contradicts PX4.
+
+        When this begins, the time since the camera has been wrong is reckoned anew.
+        """
         check = self._odometry_check
         was_contradicted = check.is_contradicted
         check.update(snapshot.position_ratio, snapshot.position_accuracy_ns)
 
         if check.is_contradicted and not was_contradicted and self.is_flown:
-            reckoned = self._history.reckoned(self._params)
+            reckoned = self._history.reckoned(check.rising_since_ns, self._params)
             if reckoned is not None:
                 self._memory = reckoned
                 self._reckoning.begin_at(reckoned)

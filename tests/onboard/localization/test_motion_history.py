@@ -12,11 +12,6 @@ from onboard.vectors import ZERO_3, Vec3, add_scaled
 _PARAMS = KalmanParams(drag_1_s=0.3)
 _DT_S = 0.02
 _EAST_M_S2 = Vec3(1.0, 0.0, 0.0)
-_CLOSE = 0.005  # drag is taken at the end of a tick, not in its middle
-
-
-def _at_rest() -> KalmanMemory:
-    return kalman.initial(ZERO_3, _PARAMS)
 
 
 def _driven(memory: KalmanMemory) -> KalmanMemory:
@@ -33,55 +28,77 @@ def _following_a_frozen_camera(memory: KalmanMemory) -> KalmanMemory:
     )
 
 
-def test_nothing_is_reckoned_before_the_first_tick() -> None:
-    assert MotionHistory().reckoned(_PARAMS) is None
+class _Flight:
+    """Ticks of a vehicle that accelerates to the east."""
+
+    def __init__(self, bias_m_s2: Vec3 = ZERO_3) -> None:
+        self.history = MotionHistory()
+        self.true = kalman.initial(ZERO_3, _PARAMS)._replace(bias_enu_m_s2=bias_m_s2)
+        self.now_ns = 0
+
+    def tick(self, believed: KalmanMemory | None = None, mean_bias_m_s2: Vec3 = ZERO_3) -> None:
+        """Fly a tick; note what is true, or what is believed."""
+        self.now_ns += round(_DT_S * 1e9)
+        self.true = _driven(self.true)
+        noted = believed if believed is not None else self.true
+        self.history.note(self.now_ns, noted, mean_bias_m_s2, _EAST_M_S2, _DT_S)
+
+    def reckoned(self, since_ns: int) -> KalmanMemory:
+        reckoned = self.history.reckoned(since_ns, _PARAMS)
+        assert reckoned is not None
+        return reckoned
+
+
+def test_nothing_is_reckoned_before_the_first_tick_or_once_forgotten() -> None:
+    flight = _Flight()
+    assert flight.history.reckoned(0, _PARAMS) is None
+    flight.tick()
+    flight.history.forget()
+    assert flight.history.reckoned(0, _PARAMS) is None
 
 
 def test_a_motion_by_a_camera_that_is_wrong_since_half_a_second_is_not_believed() -> None:
-    history = MotionHistory()
-    true = _at_rest()
+    flight = _Flight()
     for _ in range(60):
-        true = _driven(true)
-        history.note(true, ZERO_3, _PARAMS, _DT_S)
+        flight.tick()
+    wrong_since_ns = flight.now_ns
 
-    believed = true
+    believed = flight.true
     bias_m_s2 = ZERO_3
     for _ in range(25):
-        true = _driven(true)
         believed = _following_a_frozen_camera(_driven(believed))
         bias_m_s2 = add_scaled(bias_m_s2, 0.02, believed.bias_enu_m_s2)
-        history.note(believed, bias_m_s2, _PARAMS, _DT_S)
+        flight.tick(believed, bias_m_s2)
 
-    reckoned = history.reckoned(_PARAMS)
-    assert reckoned is not None
-    assert reckoned.position_enu_m == pytest.approx(true.position_enu_m, abs=_CLOSE)
-    assert reckoned.velocity_enu_m_s == pytest.approx(true.velocity_enu_m_s, abs=_CLOSE)
+    true = flight.true
+    reckoned = flight.reckoned(wrong_since_ns)
+    assert reckoned.position_enu_m == pytest.approx(true.position_enu_m)
+    assert reckoned.velocity_enu_m_s == pytest.approx(true.velocity_enu_m_s)
     assert reckoned.bias_enu_m_s2 == ZERO_3
     assert reckoned.last_age_s == pytest.approx(true.last_age_s)
 
 
+def test_what_was_known_until_then_stays() -> None:
+    flight = _Flight()
+    for _ in range(40):
+        flight.tick(mean_bias_m_s2=Vec3(9.0, 0.0, 0.0))
+    assert flight.reckoned(flight.now_ns).position_enu_m == flight.true.position_enu_m
+
+
 def test_a_steady_wind_goes_on_to_push() -> None:
-    history = MotionHistory()
     push_m_s2 = Vec3(0.5, 0.0, 0.0)
-    true = _at_rest()._replace(bias_enu_m_s2=push_m_s2)
+    flight = _Flight(push_m_s2)
     for _ in range(80):
-        true = _driven(true)
-        noisy = true._replace(bias_enu_m_s2=Vec3(2.0, 0.0, 0.0))
-        history.note(noisy, push_m_s2, _PARAMS, _DT_S)
+        noisy = _driven(flight.true)._replace(bias_enu_m_s2=Vec3(2.0, 0.0, 0.0))
+        flight.tick(noisy, push_m_s2)
 
-    reckoned = history.reckoned(_PARAMS)
-    assert reckoned is not None
-    assert reckoned.position_enu_m == pytest.approx(true.position_enu_m, abs=_CLOSE)
+    reckoned = flight.reckoned(flight.now_ns - 500_000_000)
+    assert reckoned.position_enu_m == pytest.approx(flight.true.position_enu_m)
 
 
-def test_a_short_flight_is_reckoned_from_its_begin() -> None:
-    history = MotionHistory()
-    true = _at_rest()
+def test_a_short_history_is_reckoned_from_its_begin() -> None:
+    flight = _Flight()
     for _ in range(5):
-        history.note(true, ZERO_3, _PARAMS, _DT_S)
-        true = _driven(true)
-    history.note(true, ZERO_3, _PARAMS, _DT_S)
-
-    reckoned = history.reckoned(_PARAMS)
-    assert reckoned is not None
-    assert reckoned.position_enu_m == pytest.approx(true.position_enu_m, abs=_CLOSE)
+        flight.tick()
+    reckoned = flight.reckoned(-1_000_000_000)
+    assert reckoned.position_enu_m == pytest.approx(flight.true.position_enu_m)

@@ -30,6 +30,14 @@ def test_a_camera_that_stands_still_is_noticed_and_not_forgotten() -> None:
     assert told == [False] * 10 + [True] * 8
 
 
+def test_the_time_since_which_the_ratios_rise_is_that_of_the_last_one_before() -> None:
+    check = OdometryCheck()
+    rising = (0.13, 0.25, 0.5, 0.9)  # the first one is as large as good cameras' are
+    told = _tell(check, (*_HOVERING, *rising))
+    assert told[-1]
+    assert check.rising_since_ns == 1 + len(_HOVERING) * _PERIOD_NS
+
+
 @pytest.mark.parametrize(
     "ratios",
     [
