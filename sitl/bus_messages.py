@@ -8,19 +8,22 @@ import numpy as np
 
 from onboard.bus.codec import Malformed
 from onboard.bus.schema import FaultOrder, MocapPose, OrderReply, Truth
-from onboard.config.fleet import Person, Vehicle
+from onboard.config.fleet import FleetConfig, Person, Vehicle
 from onboard.config.people import body_of
 from sitl.emulator.emulator import Emulator
 from sitl.emulator.mocap import Mocap, MocapSettings, Pose
 from sitl.emulator.walk import position_at
 from sitl.faults.catalogue import Fault, FaultError
+from sitl.fleet_faults import refuse_absent_source
 
 TRUTH_EVERY_STEPS = 5  # every tick of the agents, 20 ms
 _PEOPLE_SEED = 1  # added to the seed, so that people get different noise from the vehicles
 _LONGEST_WAIT_S = 1e6  # longest time until an ordered fault begins
 
 
-def answer_fault(emulator: Emulator, order: FaultOrder | Malformed) -> OrderReply:
+def answer_fault(
+    emulator: Emulator, fleet: FleetConfig, order: FaultOrder | Malformed
+) -> OrderReply:
     """Plan the fault of an order; return the reply with the reason of a refusal."""
     if isinstance(order, Malformed):
         return OrderReply(
@@ -40,9 +43,9 @@ def answer_fault(emulator: Emulator, order: FaultOrder | Malformed) -> OrderRepl
                 f"{order.fault}: after_s is {order.after_s:.0f}; "
                 f"give 0 to {_LONGEST_WAIT_S:.0f} seconds."
             )
-        if order.is_rehearsal:
-            accepted = emulator.check(fault)
-        else:
+        accepted = emulator.check(fault)
+        refuse_absent_source(accepted, fleet)
+        if not order.is_rehearsal:
             accepted = emulator.inject(fault)
     except FaultError as error:
         return OrderReply(

@@ -103,6 +103,7 @@ class Server:
         file_session_bytes: int = 0,
     ) -> None:
         self._station = station
+        self.fleet = fleet
         self._vehicles = [fleet.vehicles[name] for name in vehicles]
         self.emulator = emulator_of(
             fleet, self._vehicles, seed=seed, environment=environment, px4=px4
@@ -325,7 +326,9 @@ async def _serve(server: Server) -> None:
             def take_fault(
                 order: FaultOrder | Malformed, reply: Callable[[OrderReply], None]
             ) -> None:
-                loop.call_soon_threadsafe(lambda: reply(answer_fault(server.emulator, order)))
+                loop.call_soon_threadsafe(
+                    lambda: reply(answer_fault(server.emulator, server.fleet, order))
+                )
 
             bus.serve_faults(take_fault)
             clock = loop.create_task(ClockNode(bus).keep())  # agents may run on other hosts

@@ -26,11 +26,12 @@ def refuse_wrong_faults(lines: Sequence[str], fleet: FleetConfig) -> None:
         return
 
     from sitl.faults.catalogue import FaultError, FaultPlan, parse
+    from sitl.fleet_faults import refuse_absent_source
 
     plan = FaultPlan(fleet.enabled_names)
     for line in lines:
         try:
-            plan.add(parse(line), 0.0)
+            refuse_absent_source(plan.add(parse(line), 0.0), fleet)
         except FaultError as error:
             raise ConfigError(f"The fault '{line}': {error}") from None
 
@@ -52,6 +53,7 @@ def refuse_wrong_fault_steps(mission: Mission) -> None:
 def _refuse_wrong_fault_step(key: str, step: FaultStep, mission: Mission) -> None:
     """Refuse one step whose fault the emulator would refuse in flight."""
     from sitl.faults.catalogue import Fault, FaultError, check
+    from sitl.fleet_faults import refuse_absent_source
 
     for vehicle in mission.fleet.select(step.vehicles):
         fault = Fault(
@@ -61,7 +63,8 @@ def _refuse_wrong_fault_step(key: str, step: FaultStep, mission: Mission) -> Non
             parameters=dict(step.parameters),
         )
         try:
-            check(fault, mission.fleet.enabled_names)
+            checked = check(fault, mission.fleet.enabled_names)
+            refuse_absent_source(checked, mission.fleet)
         except FaultError as error:
             raise ConfigError(
                 f"{mission.path}: '{key}': {error} covey sitl --faults lists all."

@@ -14,7 +14,9 @@ from collections.abc import Callable
 from dataclasses import replace
 from typing import TYPE_CHECKING, NamedTuple
 
+from onboard.bus.codec import Malformed
 from onboard.bus.pose_publisher import PosePublisher
+from onboard.bus.schema import FaultOrder, OrderReply
 from onboard.bus.topics import Topic
 from onboard.config.fleet import FleetConfig
 from sitl.bus_messages import TRUTH_EVERY_STEPS, Broadcast, answer_fault
@@ -22,6 +24,7 @@ from sitl.emulator.emulator import Environment
 from sitl.emulator.mocap import MocapSettings
 from sitl.faults.catalogue import Fault
 from sitl.fleet_emulator import emulator_of
+from sitl.fleet_faults import refuse_absent_source
 from sitl.lockstep.agents import AgentShell
 from sitl.lockstep.bus import SimBus
 from sitl.lockstep.connections import LONGEST_BUS_DELAY_S, BusSettings
@@ -88,7 +91,7 @@ class Simulation:
         self.bus = self._new_bus(BusSettings() if bus is None else bus, seed)
         self._node = self.bus.node(_SIMULATOR)
         self._node.start()
-        self._node.serve_faults(lambda order, reply: reply(answer_fault(self.emulator, order)))
+        self._node.serve_faults(self._take_fault)
         self._poses = PosePublisher(self._node)
 
         self.links = LinkBank(self.emulator, fleet, vehicles, self.clock_ns, seed=seed)
@@ -153,7 +156,13 @@ class Simulation:
         Raises:
             FaultError: the fault is impossible.
         """
+        refuse_absent_source(self.emulator.check(fault), self.fleet)
         return self.emulator.inject(fault)
+
+    def _take_fault(
+        self, order: FaultOrder | Malformed, reply: Callable[[OrderReply], None]
+    ) -> None:
+        reply(answer_fault(self.emulator, self.fleet, order))
 
     def _change_outside(self, fault: Fault, is_on: bool) -> None:
         """Begin or end a fault of something outside the emulator: the bus, an agent, the base."""

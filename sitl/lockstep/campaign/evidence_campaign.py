@@ -192,7 +192,7 @@ def possible_victims(fleet: FleetConfig, injection: Injection) -> list[str]:
     if injection.needs == "poses":
         fitting = [name for name in names if fleet.vehicles[name].mocap_required]
     else:  # satellites
-        fitting = [name for name in names if not fleet.vehicles[name].mocap_required]
+        fitting = [name for name in names if fleet.vehicles[name].flies_by_satellites]
     if injection.is_of_all and len(fitting) < len(names):
         return []
     return fitting

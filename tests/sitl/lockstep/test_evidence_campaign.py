@@ -94,10 +94,18 @@ def hop_mission(hop: Campaign):
 
 def test_only_what_a_fleet_has_can_break(paper: FleetConfig) -> None:
     satellites = load_fleet("px4-sitl")
+    by_vision = msgspec.structs.replace(
+        satellites,
+        vehicles={
+            name: msgspec.structs.replace(vehicle, px4_position="vision")
+            for name, vehicle in satellites.vehicles.items()
+        },
+    )
     alone = msgspec.structs.replace(paper, vehicles={"mav0": paper.vehicles["mav0"]}, formations={})
     assert possible_victims(paper, injection_of("satellites lost")) == []
     assert possible_victims(satellites, injection_of("satellites lost")) == [*satellites.vehicles]
     assert possible_victims(satellites, injection_of(FAULT)) == []
+    assert possible_victims(by_vision, injection_of("satellites lost")) == []
     assert possible_victims(alone, injection_of("mocap swaps two")) == []
     assert possible_victims(alone, injection_of("motor dead")) == ["mav0"]
 
