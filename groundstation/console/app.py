@@ -267,15 +267,16 @@ class ConsoleApp(App[int]):
             alone=alone,
         )
         self.panels.table.styles.height = table_height
-        verdict_height = None
         cramped = False
-        if isinstance(table_height, int) and alone != "verdict":
-            verdict_height = largest_verdict_height(height, table_height)
         if isinstance(table_height, int) and not alone:
             cramped = is_cramped(height, table_height)
-
         screen.set_class(cramped, "cramped")
+
+        verdict_height = None
+        if alone != "verdict":
+            verdict_height = largest_verdict_height(height, table_height)
         self.panels.verdict.styles.max_height = verdict_height
+        screen.set_class(self.mission.is_verdict_shown and verdict_height != 0, "judged")
         self.panels.plan.styles.width = plan_width
 
     # -- the picture -------------------------------------------------------------------------------

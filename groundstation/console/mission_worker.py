@@ -60,6 +60,7 @@ class MissionWorker:
         self._line = ""  # the mission's state or outcome, for the title
         self.status = 0  # exit status of the console so far
         self.verdict: Sequence[str] = ()  # sentences of the verdict; empty before the end
+        self.is_verdict_shown = False  # whether its box is to be seen where there is room for it
 
     @property
     def has_mission(self) -> bool:
@@ -134,7 +135,7 @@ class MissionWorker:
             return
 
         screen = self._app.screen_stack[0]
-        if not self._panels.verdict.display:
+        if not self.is_verdict_shown:
             self._show_box(is_shown=True)
         elif not screen.has_class(_ALONE):  # it is in its box
             screen.add_class(_ALONE)
@@ -202,12 +203,10 @@ class MissionWorker:
 
     def _show_box(self, *, is_shown: bool) -> None:
         """Show or hide the verdict's box below plan and events."""
-        self._panels.verdict.display = is_shown
+        self.is_verdict_shown = is_shown
         self._panels.verdict.border_subtitle = _BOX_KEYS
 
-        screen = self._app.screen_stack[0]
-        screen.set_class(is_shown, "judged")
-        screen.remove_class(_ALONE)
+        self._app.screen_stack[0].remove_class(_ALONE)
         self._panels.verdict.post_message(Lines.Alone(""))  # no panel has all the room now
 
 

@@ -17,6 +17,7 @@ _PLAN_MOST_SHARE = 0.62  # largest share of the width for the plan
 _EVENTS_LEAST = 3  # rows that a verdict leaves to the events, with their border
 _BESIDE_VERDICT = 6  # rows that a verdict leaves to plan and events if both have room
 _VERDICT_LEAST = 4  # smallest height of a verdict, with its border
+_SPARE = 2  # rows that a verdict leaves at least, for an event and a notice or a long status line
 _RIGHT_LEAST = 7  # rows in which separation and events have borders and a row of each is shown
 
 # Smallest sizes of a table and a plan with anything in them.
@@ -76,14 +77,22 @@ def is_cramped(height: int, table_height: int) -> bool:
     return height - table_height - LINES_AROUND < _RIGHT_LEAST
 
 
-def largest_verdict_height(height: int, table_height: int) -> int:
+def largest_verdict_height(height: int, table_height: Size) -> int:
     """Return the largest height of a verdict in rows, with its border, that leaves room for events.
+
+    It is 0 where a verdict would push the order line or the worst alarm out of the terminal.
 
     Args:
         height: height of the terminal, in cells.
-        table_height: rows of the fleet table.
+        table_height: rows of the fleet table; text if it takes all the room.
     """
+    if not isinstance(table_height, int):
+        return 0
+
     rows_below_table = height - table_height - LINES_AROUND
+    if rows_below_table < _VERDICT_LEAST + _SPARE:
+        return 0
+
     rows_of_others = _EVENTS_LEAST
     if height >= SHORT:
         rows_of_others = _BESIDE_VERDICT

@@ -11,6 +11,7 @@ from rich.text import Text
 
 from groundstation.console.app import ConsoleApp
 from groundstation.console.history import History
+from groundstation.console.panel_sizes import LOW
 from groundstation.console.screens.alarms_screen import AlarmList
 from groundstation.console.screens.dialogs import HELP, REPLAY_HELP, HelpScreen, QuitScreen
 from groundstation.console.screens.preview_screen import PreviewScreen
@@ -116,6 +117,48 @@ async def test_a_verdict_without_room_says_how_many_lines_are_hidden() -> None:
         await see(app, pilot)
         await see(app, pilot)
         assert "─ v enlarges" in words_of(app)
+
+
+@pytest.mark.parametrize("width", [80, 36])
+@pytest.mark.parametrize("is_judged", [False, True])
+async def test_the_worst_alarm_is_in_the_last_row_at_every_height(
+    width: int, is_judged: bool
+) -> None:
+    async def mission() -> object:
+        return VERDICT
+
+    _, app = eight(mission=mission if is_judged else None)
+    async with app.run_test(size=(width, 30)) as pilot:
+        await see(app, pilot)
+        for height in range(5, 25):
+            await pilot.resize_terminal(width, height)
+            await see(app, pilot)
+            shown = screen(app)
+            assert "LAND ALL" in shown[-1], (height, shown)
+            assert any("✖ mav4 – mav5" in row for row in shown[-2:]), (height, shown)
+            if height >= LOW:
+                assert any(row.startswith(" : ") for row in shown), (height, shown)
+
+
+@pytest.mark.parametrize("height", [8, 14])
+async def test_a_verdict_without_any_room_is_shown_by_its_key(height: int) -> None:
+    async def mission() -> object:
+        return VERDICT
+
+    _, app = eight(mission=mission)
+    async with app.run_test(size=(80, height)) as pilot:
+        await see(app, pilot)
+        await see(app, pilot)
+        assert "v enlarges" not in words_of(app)
+        assert app.panels.separation.is_on_screen == (height >= LOW)
+
+        await pilot.press("v")
+        await see(app, pilot)
+        assert "v hides" in words_of(app)
+
+        await pilot.press("v")
+        await see(app, pilot)
+        assert "v hides" not in words_of(app)
 
 
 @pytest.mark.parametrize("height", [12, 13, 15, 17, 20, 24])
