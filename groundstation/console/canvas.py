@@ -6,10 +6,12 @@ Text is drawn on top of the dots. A cell has only one colour: the colour that wa
 from __future__ import annotations
 
 import itertools
+from collections.abc import Sequence
 from functools import lru_cache
+from typing import NamedTuple
 
 import numpy as np
-from rich.cells import get_character_cell_size
+from rich.cells import cell_len, get_character_cell_size
 from rich.segment import Segment
 from rich.style import Style
 from textual.strip import Strip
@@ -28,6 +30,18 @@ _SPACE = 0x20
 _BRAILLE = 0x2800  # first character of the braille block: no dot
 _TAIL = 0x10FFFF  # marks the second cell of a wide character, for which nothing is written
 _LARGEST_RADIUS = 1e4  # in dots; larger circles are not drawn
+_NO_ROOM = "•"  # stands for a label that has no room
+_OF_NUMBERS = frozenset(map(ord, "0123456789.-"))
+
+
+class Label(NamedTuple):
+    """A short text at a point, which means something only as a whole: a vehicle's number."""
+
+    column: int  # cell of the point
+    row: int
+    text: str
+    colour: str
+    lead: int = 0  # cells of the text before the point
 
 
 class Canvas:
@@ -138,6 +152,50 @@ class Canvas:
                     codes[column + 1] = _TAIL
                 self.styles[row, column:end] = style_number
             column = end
+
+    def labels(self, labels: Sequence[Label]) -> list[int | None]:
+        """Write labels, the most important first; return the column at which each begins.
+
+        A label covers other text, but no label: it is written whole and with a free cell on both
+        sides, or not at all. Instead of it there is a dot then, and its column is None. At the edge
+        of the canvas it moves inwards. Another number that it touches is removed.
+        """
+        is_taken = np.zeros((self.height, self.width), bool)
+        columns: list[int | None] = []
+        for label in labels:
+            width = cell_len(label.text)
+            column = min(label.column - label.lead, self.width - width)
+            column = max(0, column)
+            around = slice(max(0, column - 1), column + width + 1)
+
+            is_inside = 0 <= label.row < self.height and 0 <= label.column < self.width
+            has_room = is_inside and width <= self.width and not is_taken[label.row, around].any()
+            if not has_room:
+                columns.append(None)
+                continue
+            self._remove_numbers(column, label.row, width)
+            self.text(column, label.row, label.text, label.colour, bold=True)
+            is_taken[label.row, column : column + width] = True
+            columns.append(column)
+
+        for label, written in zip(labels, columns, strict=True):
+            is_inside = 0 <= label.row < self.height and 0 <= label.column < self.width
+            if written is None and is_inside and not is_taken[label.row, label.column]:
+                self.text(label.column, label.row, _NO_ROOM, label.colour, bold=True)
+        return columns
+
+    def _remove_numbers(self, column: int, row: int, width: int) -> None:
+        """Remove numbers that touch some cells of a row, which would go on from text in them."""
+        codes = self._chars[row]
+        before = column - 1
+        while before >= 0 and int(codes[before]) in _OF_NUMBERS:
+            codes[before] = 0
+            before -= 1
+
+        after = column + width
+        while after < self.width and int(codes[after]) in _OF_NUMBERS:
+            codes[after] = 0
+            after += 1
 
     def is_free(self, column: int, row: int, width: int) -> bool:
         """Whether text of this width fits here without covering other text."""

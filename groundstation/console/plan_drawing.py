@@ -17,7 +17,7 @@ import numpy as np
 from rich.cells import cell_len
 
 from groundstation.console import theme
-from groundstation.console.canvas import DOTS_ACROSS, DOTS_DOWN, Canvas
+from groundstation.console.canvas import DOTS_ACROSS, DOTS_DOWN, Canvas, Label
 from groundstation.console.history import FAR_M, History
 from groundstation.console.theme import BAD, FAINT, RULE, TEXT, WARN
 from groundstation.fleet.state import PersonView, VehicleView
@@ -508,23 +508,34 @@ class _Number:
 
 
 def _draw_labels(canvas: Canvas, scene: PlanScene, too_close: set[str]) -> None:
-    """Write numbers, then heights, so that no height covers a number."""
-    numbers = []
-    for view in scene.views:
-        if view.name in scene.positions_enu_m and view.telemetry is not None:
-            number = _write_number(canvas, scene, view, is_close=view.name in too_close)
-            if scene.is_emphasised(view.name):
-                numbers.append(number)
+    """Write numbers, then heights, so that no height covers a number.
+
+    Where a crowd leaves no room for all numbers, the most important ones are written.
+    """
+    views = [
+        view
+        for view in scene.views
+        if view.name in scene.positions_enu_m and view.telemetry is not None
+    ]
+    views.sort(
+        key=lambda view: (
+            view.name != scene.selected,
+            view.name not in scene.marked,
+            view.name not in too_close,
+        )
+    )
+    labels = [_label(scene, view, is_close=view.name in too_close) for view in views]
+    columns = canvas.labels(labels)
 
     has_names = scene.window.width >= _NAMES_WIDTH and len(scene.views) <= _FEW
-    for number in numbers:
-        _write_height(canvas, scene, number, has_name=has_names)
+    for view, label, column in zip(views, labels, columns, strict=True):
+        if column is not None and scene.is_emphasised(view.name):
+            number = _Number(column, label.row, cell_len(label.text), view)
+            _write_height(canvas, scene, number, has_name=has_names)
 
 
-def _write_number(
-    canvas: Canvas, scene: PlanScene, view: VehicleView, *, is_close: bool
-) -> _Number:
-    """Write a vehicle's label: ``[1]`` is under the cursor, ``1!`` too close, ``1?`` silent.
+def _label(scene: PlanScene, view: VehicleView, *, is_close: bool) -> Label:
+    """Return a vehicle's label: ``[1]`` is under the cursor, ``1!`` too close, ``1?`` silent.
 
     In a dense fleet, labels have the colour of the height.
     """
@@ -545,16 +556,10 @@ def _write_number(
 
     column, row = scene.window.cell(*position[:2])
     if view.name == scene.selected:
-        text = f"[{label}]{sign}"
-        column -= 1
-    elif view.name in scene.marked:
-        text = f"✓{label}{sign}"
-        column -= 1
-    else:
-        text = f"{label}{sign}"
-
-    canvas.text(column, row, text, colour, bold=True)
-    return _Number(column, row, len(text), view)
+        return Label(column, row, f"[{label}]{sign}", colour, lead=1)
+    if view.name in scene.marked:
+        return Label(column, row, f"✓{label}{sign}", colour, lead=1)
+    return Label(column, row, f"{label}{sign}", colour)
 
 
 def _write_height(canvas: Canvas, scene: PlanScene, number: _Number, *, has_name: bool) -> None:
@@ -583,7 +588,8 @@ def _write_height(canvas: Canvas, scene: PlanScene, number: _Number, *, has_name
         (column, row + 1),
     )
     for side_column, side_row in sides:
-        if canvas.is_free(side_column, side_row, width):
+        # The cell before it stays free too, so that a height does not go on from a number.
+        if canvas.is_free(side_column - 1, side_row, width + 1):
             if is_stale:
                 name_colour = FAINT
                 height_colour = FAINT

@@ -8,7 +8,7 @@ import numpy as np
 from textual.strip import Strip
 
 from groundstation.console import theme
-from groundstation.console.canvas import DOTS_ACROSS, DOTS_DOWN, Canvas
+from groundstation.console.canvas import DOTS_ACROSS, DOTS_DOWN, Canvas, Label
 from groundstation.console.plan_drawing import Window
 from groundstation.console.theme import FAINT
 from groundstation.console.widgets.lines import Lines
@@ -64,12 +64,17 @@ class PathPlan(Lines):
                 canvas.line((start[0], start[1]), (end[0], end[1]), colour)
             canvas.circles(window.dots(goals_enu_m[name]), radius, colour, gap=2)
 
-        for name, leg in preview.legs.items():
-            if leg.is_by_this_order:
-                column, row = window.cell(*leg.goal_enu_m[:2])
-                canvas.text(column, row, "✛", colours[name], bold=True)
-            column, row = window.cell(*leg.start_enu_m[:2])
-            canvas.text(column, row, labels.get(name, "?"), colours[name], bold=True)
+        ordered = [name for name, leg in preview.legs.items() if leg.is_by_this_order]
+        others = [name for name, leg in preview.legs.items() if not leg.is_by_this_order]
+        for name in ordered:
+            column, row = window.cell(*preview.legs[name].goal_enu_m[:2])
+            canvas.text(column, row, "✛", colours[name], bold=True)
+
+        numbers_at_starts = []
+        for name in (*ordered, *others):
+            column, row = window.cell(*preview.legs[name].start_enu_m[:2])
+            numbers_at_starts.append(Label(column, row, labels.get(name, "?"), colours[name]))
+        canvas.labels(numbers_at_starts)
         return canvas.strips()
 
     def _paths(self, preview: OrderPreview) -> dict[str, Array]:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+
 import numpy as np
 import pytest
 from hypothesis import example, given, settings
@@ -9,7 +11,7 @@ from hypothesis import strategies as st
 from rich.cells import cell_len
 
 from groundstation.console import theme
-from groundstation.console.canvas import Canvas
+from groundstation.console.canvas import Canvas, Label
 from groundstation.console.terminal_filters import to_ascii
 
 SOME = settings(max_examples=150, deadline=None)
@@ -70,6 +72,55 @@ def test_covering_half_of_a_wide_character_removes_its_other_half(half: int) -> 
     canvas.text(0, 0, "\u4e2d\u4e2d", theme.TEXT)
     canvas.text(1 + half, 0, "x", theme.TEXT)
     assert canvas.strips()[0].text == (" x\u4e2d", "\u4e2dx ")[half]
+
+
+@SOME
+@example([(3, 0, 15, 1), (5, 0, 16, 1)])
+@example([(5, 0, 1, 0), (4, 0, 2, 0), (6, 0, 3, 0)])
+@example([(10, 0, 123, 0), (0, 0, 45, 1)])
+@given(
+    st.lists(
+        st.tuples(st.integers(-2, 13), st.integers(-1, 2), st.integers(0, 199), st.integers(0, 1)),
+        max_size=12,
+    )
+)
+def test_a_label_is_drawn_whole_or_not_at_all(
+    labels: list[tuple[int, int, int, int]],
+) -> None:
+    canvas = Canvas(11, 2)
+    for row in (0, 1):
+        canvas.text(0, row, "×→" * 5, theme.TEXT)  # which labels may cover
+    columns = canvas.labels(
+        [
+            Label(column, row, f"{'✓' * lead}{number}", theme.TEXT, lead)
+            for column, row, number, lead in labels
+        ]
+    )
+    expected: list[list[str]] = [[], []]
+    written = [(at, *label) for at, label in zip(columns, labels, strict=True) if at is not None]
+    for at, column, row, number, lead in sorted(written):
+        expected[row].append(str(number))
+        assert abs(at - (column - lead)) <= 3
+    shown = [strip.text for strip in canvas.strips()]
+    assert [re.findall(r"\d+", line) for line in shown] == expected
+
+    for begin, (column, row, _, _) in zip(columns, labels, strict=True):
+        if 0 <= column < 11 and 0 <= row < 2:
+            assert shown[row][column] not in "×→", "a label, or a dot"
+        else:
+            assert begin is None
+    if expected != [[], []]:
+        first = next(label for label in labels if 0 <= label[0] < 11 and 0 <= label[1] < 2)
+        assert str(first[2]) in expected[first[1]]
+
+
+@pytest.mark.parametrize("column", range(2, 8))
+def test_no_number_of_the_grid_goes_on_from_a_label(column: int) -> None:
+    canvas = Canvas(11, 1)
+    canvas.text(4, 0, "-10", theme.TEXT)
+    assert canvas.labels([Label(column, 0, "5", theme.TEXT)]) == [column]
+    shown = canvas.strips()[0].text
+    assert re.findall(r"[-.\d]+", shown) == (["5", "-10"] if column == 2 else ["5"])
 
 
 @SOME

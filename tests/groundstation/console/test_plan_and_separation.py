@@ -126,6 +126,25 @@ async def test_vehicles_named_by_numbers_have_no_other_numbers(fleet: FleetConfi
         assert not any(line.split()[0] == "0" for line in shown)
 
 
+async def test_of_vehicles_in_one_place_the_most_important_number_is_shown(
+    fleet: FleetConfig,
+) -> None:
+    client = SteadyClient(fleet)
+    app = ConsoleApp(fleet, client)
+    async with app.run_test(size=(80, 24)) as pilot:
+        for name, east_m in (("mav0", 0.0), ("mav1", 0.2), ("mav2", 0.3)):
+            client.hear(name, position_enu_m=(east_m, 0.0, 0.0), is_airborne=False)
+        for keys, shown in (((), "[0]"), (("down",), "[1]"), (("down",), "[2]")):
+            await pilot.press(*keys)
+            await see(app, pilot)
+            assert shown in "\n".join(lines(app, PlanView))
+
+        client.hear("mav2", position_enu_m=(2.0, 2.0, 0.0))
+        await pilot.press("1", "enter", "down")  # the cursor is on mav2
+        await see(app, pilot)
+        assert "✓1" in "\n".join(lines(app, PlanView)), "a marked one before another"
+
+
 async def test_the_plan_is_north_up_and_zooms_pans_and_follows(fleet: FleetConfig) -> None:
     client = SteadyClient(fleet)
     app = ConsoleApp(fleet, client)

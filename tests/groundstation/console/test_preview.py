@@ -18,7 +18,7 @@ from groundstation.orders.intents import Formation
 from onboard.config.fleet import FleetConfig
 from tests.groundstation.console.fake import FakeClient
 from tests.groundstation.console.rig import FINE, Rig
-from tests.groundstation.console.scenes import named_by_numbers
+from tests.groundstation.console.scenes import crowd, named_by_numbers
 from tests.groundstation.console.seeing import words
 
 
@@ -47,6 +47,21 @@ async def test_a_preview_of_vehicles_named_by_numbers_shows_their_names(fleet: F
         picture = rig.app.screen.query_one(PathPlan)
         drawn = "".join(picture.render_line(y).text for y in range(picture.size.height))
         assert re.findall(r"\d", drawn)[:1] == ["2"], "the vehicle stands farthest in the west"
+
+
+async def test_a_preview_of_a_crowd_shows_whole_numbers_only() -> None:
+    rig = Rig(crowd(30, "mav{}"))
+    async with rig.app.run_test(size=(50, 14)) as pilot:
+        for index, name in enumerate(rig.app.fleet.enabled_names):
+            spot = (1.5 * (index % 6) - 4.0, 1.5 * (index // 6) - 4.0, 1.0)
+            rig.client.hear(name, state="flying", is_airborne=True, position_enu_m=spot)
+        await rig.preview(pilot, "move all 1 1 1.2")
+        picture = rig.app.screen.query_one(PathPlan)
+        drawn = [picture.render_line(y).text for y in range(picture.size.height)]
+        numbers = [int(number) for line in drawn for number in re.findall(r"\d+", line)]
+        assert len(numbers) >= 10
+        assert len(set(numbers)) == len(numbers)
+        assert max(numbers) < 30
 
 
 async def test_a_preview_that_is_dropped_sends_nothing(rig: Rig) -> None:
