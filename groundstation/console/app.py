@@ -303,6 +303,7 @@ class ConsoleApp(App[int]):
             self.bell()
 
         self.orders.update()
+        self.mission.note_flight(is_flying=bool(state.airborne_names))
         self.mission.count_hidden_lines()
 
         front = self.screen_stack[-1] if self.screen_stack else None

@@ -61,6 +61,7 @@ class MissionWorker:
         self.status = 0  # exit status of the console so far
         self.verdict: Sequence[str] = ()  # sentences of the verdict; empty before the end
         self.is_verdict_shown = False  # whether its box is to be seen where there is room for it
+        self._were_down = False  # whether all were down at the last refresh since the verdict
 
     @property
     def has_mission(self) -> bool:
@@ -144,6 +145,17 @@ class MissionWorker:
         else:
             self._show_box(is_shown=False)
 
+    def note_flight(self, *, is_flying: bool) -> None:
+        """Close the verdict's box as the next flight begins: the room is for its distances.
+
+        Args:
+            is_flying: whether any vehicle is in the air now.
+        """
+        begins = is_flying and self._were_down
+        self._were_down = not is_flying
+        if begins and self.is_verdict_shown:
+            self._show_box(is_shown=False)
+
     def count_hidden_lines(self) -> None:
         """Say in the border of the verdict's box how many of its lines have no room."""
         box = self._panels.verdict
@@ -184,6 +196,7 @@ class MissionWorker:
                 for all sentences.
         """
         self.verdict = sentences
+        self._were_down = False
         self._line = _PASSED if is_passed else _FAILED
 
         lines = list(sentences)

@@ -99,6 +99,41 @@ async def test_a_verdict_shows_its_reason_and_covers_no_later_event(size: tuple[
         assert "mission failed ─" not in words_of(app)
 
 
+@pytest.mark.parametrize("is_enlarged", [False, True])
+async def test_a_verdict_gives_its_room_to_the_next_flight(is_enlarged: bool) -> None:
+    async def mission() -> object:
+        return VERDICT
+
+    client, app = eight(mission=mission)
+
+    async def fly_and_see(pilot: Any, *, is_airborne: bool) -> None:
+        client.clock_ns += 1_000_000_000
+        for name in app.fleet.enabled_names:
+            client.hear(name, is_airborne=is_airborne)
+        await see(app, pilot)
+        await see(app, pilot)
+
+    async with app.run_test(size=(80, 24)) as pilot:
+        await fly_and_see(pilot, is_airborne=True)
+        assert "v enlarges" in words_of(app), "the flight goes on after its mission"
+        await fly_and_see(pilot, is_airborne=False)
+        assert "v enlarges" in words_of(app)
+        assert not app.panels.separation.is_on_screen
+        if is_enlarged:
+            await pilot.press("v")
+            await see(app, pilot)
+
+        await fly_and_see(pilot, is_airborne=True)
+        assert REASON not in words_of(app)
+        assert app.panels.separation.is_on_screen
+
+        await pilot.press("v")
+        await see(app, pilot)
+        assert REASON in words_of(app)
+        await fly_and_see(pilot, is_airborne=True)
+        assert REASON in words_of(app)
+
+
 async def test_a_verdict_without_room_says_how_many_lines_are_hidden() -> None:
     sentences = [f"Sentence {number}." for number in range(20)]
 
