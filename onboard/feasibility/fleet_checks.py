@@ -107,10 +107,8 @@ def fleet_findings(fleet: FleetConfig, *, errors: ErrorClass | None = None) -> t
 
     by_spot = [vehicle.name for vehicle in vehicles if fleet.begins_on_its_spot(vehicle)]
     if by_spot:
-        cause = "by vision, so that PX4 does not know where on Earth its local frame begins"
-        if fleet.fleet.global_origin is None:
-            cause = "by PX4's own position, and the fleet has no origin on Earth"
-        findings.append(_no_origin(by_spot, cause))
+        has_origin = fleet.fleet.global_origin is not None
+        findings.append(_no_place_on_earth(by_spot, has_origin=has_origin))
 
     by_satellites = [vehicle.name for vehicle in vehicles if vehicle.flies_by_satellites]
     if by_satellites and fleet.fleet.height_share > 0.0:
@@ -176,25 +174,38 @@ def _own_law(fleet: FleetConfig, law: OwnLaw) -> Finding:
     return warning_of(name=OWN_LAW, sentence=sentence, remedy=remedy)
 
 
-def _no_origin(names: Sequence[str], cause: str) -> Finding:
-    """Return the warning that vehicles have no frame in common but their take-off spots."""
+def _no_place_on_earth(names: Sequence[str], *, has_origin: bool) -> Finding:
+    """Return the warning that vehicles have no frame in common but their take-off spots.
+
+    Args:
+        names: the vehicles.
+        has_origin: whether the fleet has an origin on Earth. Then these vehicles fly by vision.
+    """
+    cause = "by PX4's own position, and the fleet has no origin on Earth"
     remedy = "Outdoors, give the fleet an origin, and fly by satellites."
+    if has_origin:
+        cause = "by vision, so that PX4 does not know where on Earth its local frame begins"
+        remedy = "Outdoors, fly by satellites."
     sentence = (
-        f"Without a mocap, {listed(names)} flies {cause}: each must stand on its take-off spot "
-        "when PX4 and its agent start, and has no position after a restart elsewhere. "
+        f"Without a mocap, {listed(names)} {_fly(names)} {cause}: each must stand on its take-off "
+        "spot when PX4 and its agent start, and has no position after a restart elsewhere. "
         f"{remedy}"
     )
-    return warning_of(name="no origin", sentence=sentence, remedy=remedy)
+    return warning_of(name="no place on Earth", sentence=sentence, remedy=remedy)
+
+
+def _fly(names: Sequence[str]) -> str:
+    return "flies" if len(names) == 1 else "fly"
 
 
 def _heights_by_satellites(fleet: FleetConfig, names: Sequence[str]) -> Finding:
     """Return the warning that heights by satellites are hardly good enough to pass above others."""
     remedy = "Leave out vertical_separation_m, or fly with RTK."
     sentence = (
-        f"{listed(names)} flies by satellites, whose heights err by metres, and the fleet passes "
-        f"above each other at {fleet.fleet.vertical_separation_m:g} m: it takes off only while PX4 "
-        f"says that its height errs by {LARGEST_PX4_ACCURACY_M:.1f} m at most, and lands when it "
-        f"errs by more. {remedy}"
+        f"{listed(names)} {_fly(names)} by satellites, whose heights err by metres, and the fleet "
+        f"passes above each other at {fleet.fleet.vertical_separation_m:g} m: each takes off only "
+        f"while PX4 says that its height errs by {LARGEST_PX4_ACCURACY_M:.1f} m at most, and lands "
+        f"when it errs by more. {remedy}"
     )
     return warning_of(name="heights by satellites", sentence=sentence, remedy=remedy)
 

@@ -561,17 +561,26 @@ def test_a_value_that_misses_its_bound_by_little_is_written_so_that_they_differ(
 
 def test_vehicles_by_px4s_position_in_a_fleet_without_an_origin_on_earth_are_warned_of() -> None:
     without_mocap = {"vehicles.mav1.mocap_required": False}
-    finding = named(fleet_with(without_mocap), "no origin")
+    finding = named(fleet_with(without_mocap), "no place on Earth")
     assert finding.status == "warning"
     assert finding.sentence.startswith("Without a mocap, mav1 flies by PX4's own position")
 
     origin = {"latitude_deg": 47.4, "longitude_deg": 8.5, "altitude_m": 489.0}
     names = [f.name for f in fleet_findings(fleet_with({**without_mocap, "fleet.origin": origin}))]
-    assert "no origin" not in names
-    assert "no origin" not in [f.name for f in fleet_findings(fleet_with())]
+    assert "no place on Earth" not in names
+    assert "no place on Earth" not in [f.name for f in fleet_findings(fleet_with())]
 
     by_vision = {**without_mocap, "vehicles.mav1.px4_position": "vision", "fleet.origin": origin}
-    assert "mav1 flies by vision" in named(fleet_with(by_vision), "no origin").sentence
+    finding = named(fleet_with(by_vision), "no place on Earth")
+    assert "mav1 flies by vision" in finding.sentence
+    assert finding.remedy == "Outdoors, fly by satellites.", "the fleet has an origin"
+
+    both = {
+        **by_vision,
+        "vehicles.mav2.mocap_required": False,
+        "vehicles.mav2.px4_position": "vision",
+    }
+    assert "mav1, mav2 fly by vision" in named(fleet_with(both), "no place on Earth").sentence
 
 
 def test_heights_by_satellites_are_warned_of_where_vehicles_pass_above_each_other() -> None:
