@@ -29,7 +29,8 @@ from onboard.config.validation import FLEET_BOUNDS, GEOFENCE_BOUNDS, VEHICLE_BOU
 from onboard.plain_text import capitalised
 from sitl.monte_carlo.open_benchmark import scene_file as scene_structs
 
-Ends = tuple[float | str, float | str]
+Ends = tuple[float | str, float | str]  # a text is another key, or ABOVE_0
+ABOVE_0 = "above 0"
 _UNITS = {
     "m": "m",
     "s": "s",
@@ -107,6 +108,14 @@ def _kind(text: str) -> str:
     return words.get(base, "table")
 
 
+def _end(end: float | str) -> str:
+    if end == ABOVE_0:
+        return ABOVE_0
+    if isinstance(end, str):
+        return f"`{end}`"
+    return f"{end:g}"
+
+
 def _table(
     struct: type, bounds: Mapping[str, Ends] | Callable[[str], Ends], leave: tuple[str, ...] = ()
 ) -> str:
@@ -124,7 +133,7 @@ def _table(
             ends = bounds(name)
         limits = ""
         if ends is not None:
-            limits = " to ".join(f"`{e}`" if isinstance(e, str) else f"{e:g}" for e in ends)
+            limits = " to ".join(_end(end) for end in ends)
 
         # a default that is made by a class is not shown
         shown = {"True": "true", "False": "false", "None": "", "{}": ""}.get(default, default)
@@ -195,7 +204,7 @@ def mission_file() -> str:
 
     _LITERALS["Assign"] = _of(Assign)
     _LITERALS["OnLag"] = _of(OnLag)
-    most: dict[str, Ends] = {key: (0.0, high) for key, high in EXPECT_MOST_M.items()}
+    most: dict[str, Ends] = {key: (ABOVE_0, high) for key, high in EXPECT_MOST_M.items()}
     steps = []
     for name, kind in STEPS.items():
         summary = " ".join(str(inspect.getdoc(kind)).partition("\n\n")[0].split())

@@ -16,8 +16,10 @@ from groundstation.mission_files.mission_findings import mission_findings
 from groundstation.mission_files.wall_time import WallTime
 from groundstation.missions.beginning import time_refusal
 from groundstation.missions.runner import MissionRun
+from groundstation.verdict.expectations import EXPECT_MOST_M
 from onboard.config.fleet import ConfigError, FleetConfig
 
+DOCS = Path(__file__).resolve().parents[3] / "docs" / "mission-file.md"
 UP = {"do": "takeoff", "height_m": 1.0}
 RING = {"formations": {"ring": {"shape": "circle"}}}
 TO_RING = {"do": "formation", "name": "ring", "position_enu_m": [0, 0, 1.0], "assign": "nearest"}
@@ -44,6 +46,17 @@ def make(fleet: FleetConfig, *steps: dict[str, Any], **tables: Any) -> Mission:
 
 def reacting(when: dict[str, Any]) -> dict[str, Any]:
     return {"do": "react", "when": when, "steps": [TO_RING], "then": [{"do": "land"}]}
+
+
+@pytest.mark.parametrize("name", EXPECT_MOST_M)
+def test_an_expected_distance_of_zero_is_refused_as_the_documentation_says(
+    name: str, fleet: FleetConfig
+) -> None:
+    with pytest.raises(ConfigError, match=rf"{name}' is 0.0; it must lie above 0"):
+        make(fleet, UP, expect={name: 0.0})
+    rows = [row for row in DOCS.read_text().splitlines() if row.startswith(f"| `{name}`")]
+    assert all(f"| above 0 to {EXPECT_MOST_M[name]:g} |" in row for row in rows)
+    assert rows
 
 
 @pytest.mark.parametrize(
