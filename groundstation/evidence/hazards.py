@@ -185,6 +185,23 @@ HAZARDS: tuple[Hazard, ...] = (
         remains="a body that is lost slowly is not noticed (docs/failsafe.md)",
     ),
     Hazard(
+        key="odometry",
+        question="What happens when the visual odometry of one or all is lost or wrong?",
+        asked_by=("SORA 2.5 OSO #05", SWARM),
+        claims={C.POSITION_STALE: _GO_ON, C.POSITION_LOST: _LAND},
+        faults=(
+            "odometry lost for good",
+            "odometry lost for 0.6 s",
+            "odometry of all lost for good",
+            "odometry of all lost for 2 s",
+            "odometry jumps for good",
+            "odometry turns for good",
+            "odometry frozen",
+            "odometry of all frozen",
+        ),
+        remains="odometry that drifts slowly, or that is late, is not noticed (docs/failsafe.md)",
+    ),
+    Hazard(
         key="autopilot",
         question="What happens when the autopilot fails?",
         asked_by=("SORA 2.5 OSO #05", SWARM, WAIVER),

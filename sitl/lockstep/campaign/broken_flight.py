@@ -85,6 +85,7 @@ def both_of(first: Injection, second: Injection) -> Injection:
         is_falling=first.is_falling or second.is_falling,
         is_astray=first.is_astray or second.is_astray,
         is_blind=first.is_blind or second.is_blind,
+        has_false_height=first.has_false_height or second.has_false_height,
         rises_m=max(first.rises_m, second.rises_m),
     )
 

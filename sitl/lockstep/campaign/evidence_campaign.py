@@ -180,6 +180,8 @@ def possible_victims(fleet: FleetConfig, injection: Injection) -> list[str]:
     names = list(fleet.enabled_names)
     if injection.is_of_two and len(names) < 2:
         return []
+    if injection.needs_global_position:
+        names = [name for name in names if not fleet.vehicles[name].flies_by_vision]
     if not injection.needs:
         return names
 
@@ -191,6 +193,8 @@ def possible_victims(fleet: FleetConfig, injection: Injection) -> list[str]:
 
     if injection.needs == "poses":
         fitting = [name for name in names if fleet.vehicles[name].mocap_required]
+    elif injection.needs == "camera":
+        fitting = [name for name in names if fleet.vehicles[name].flies_by_vision]
     else:  # satellites
         fitting = [name for name in names if fleet.vehicles[name].flies_by_satellites]
     if injection.is_of_all and len(fitting) < len(names):

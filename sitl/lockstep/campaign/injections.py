@@ -64,9 +64,12 @@ class Injection:
             Then no bodies may touch, but the law's distance is not promised.
         is_blind: whether all vehicles have lost their poses; they then keep BLIND_SHARE of the
             safety distance.
+        has_false_height: whether its height may be false, so that it may touch down hard.
         rises_m: how much the vehicle may climb after the fault.
         needs: the fault is possible only for vehicles with ``poses`` of a motion capture, with
-            ``satellites``, or with required ``corrections``; empty: for all.
+            ``satellites``, with a ``camera``, or with required ``corrections``; empty: for all.
+        needs_global_position: whether PX4 has to know its place on Earth, as for its Hold mode.
+            With a camera alone it does not.
         is_of_two: whether it needs another vehicle.
         is_of_all: whether it hits all vehicles, so that all of them have to be of that kind.
     """
@@ -81,8 +84,10 @@ class Injection:
     is_falling: bool = False
     is_astray: bool = False
     is_blind: bool = False
+    has_false_height: bool = False
     rises_m: float = math.inf
     needs: str = ""
+    needs_global_position: bool = False
     is_of_two: bool = False
     is_of_all: bool = False
 
@@ -217,6 +222,7 @@ INJECTIONS: tuple[Injection, ...] = (
         own=_f(C.LEFT_OFFBOARD),
         is_silenced=True,
         may_leave_fence=True,
+        needs_global_position=True,
     ),
     Injection(
         "a pilot lands", pilot(Mode.LAND), own=_f(C.LEFT_OFFBOARD, C.PX4_FAILSAFE), is_silenced=True
@@ -411,6 +417,52 @@ INJECTIONS: tuple[Injection, ...] = (
         own=_f(C.BASE_FAULT),
         is_astray=True,
         needs="corrections",
+    ),
+    Injection("odometry lost for good", fault("vision_lost"), own=_f(*_POSITION), needs="camera"),
+    Injection("odometry lost for 0.6 s", fault("vision_lost", 0.6), needs="camera"),
+    Injection(
+        "odometry of all lost for good",
+        to_all_vehicles(fault("vision_lost")),
+        own=_f(*_POSITION),
+        is_blind=True,
+        needs="camera",
+        is_of_all=True,
+    ),
+    Injection(
+        "odometry of all lost for 2 s",
+        to_all_vehicles(fault("vision_lost", 2.0)),
+        own=_f(*_POSITION),
+        is_blind=True,
+        needs="camera",
+        is_of_all=True,
+    ),
+    Injection(
+        "odometry jumps for good",
+        fault("vision_jump", east_m=0.5),
+        own=_f(*_POSITION),
+        needs="camera",
+    ),
+    Injection(
+        "odometry turns for good",
+        fault("vision_turned", yaw_deg=40.0),
+        own=_f(*_POSITION),
+        needs="camera",
+    ),
+    # a vehicle in a hover, whose camera shows that it hovers, has nothing to notice
+    Injection(
+        "odometry frozen",
+        fault("vision_frozen"),
+        is_astray=True,
+        has_false_height=True,
+        needs="camera",
+    ),
+    Injection(
+        "odometry of all frozen",
+        to_all_vehicles(fault("vision_frozen")),
+        is_astray=True,
+        has_false_height=True,
+        needs="camera",
+        is_of_all=True,
     ),
 )
 

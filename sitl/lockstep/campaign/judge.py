@@ -263,8 +263,9 @@ class Judge:
         for name, autopilot in zip(flight.simulation.names, autopilots, strict=True):
             if autopilot.is_armed or not self.truths[name].is_on_ground:
                 self.note(f"{name} is not down and disarmed at the end")
-        for sentence in flight.hard_touchdowns:
-            self.note(sentence)
+        if not self.injection.has_false_height:
+            for sentence in flight.hard_touchdowns:
+                self.note(sentence)
         for event in flight.events:
             if event.code == "direct_command" and event.vehicle not in self.silenced:
                 self.note(event.sentence)

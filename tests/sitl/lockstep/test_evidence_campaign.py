@@ -106,6 +106,11 @@ def test_only_what_a_fleet_has_can_break(paper: FleetConfig) -> None:
     assert possible_victims(satellites, injection_of("satellites lost")) == [*satellites.vehicles]
     assert possible_victims(satellites, injection_of(FAULT)) == []
     assert possible_victims(by_vision, injection_of("satellites lost")) == []
+    assert possible_victims(by_vision, injection_of("odometry jumps for good")) == [*paper.vehicles]
+    assert possible_victims(paper, injection_of("odometry jumps for good")) == []
+    # PX4's Hold needs a place on Earth
+    assert possible_victims(by_vision, injection_of("a pilot takes over")) == []
+    assert possible_victims(by_vision, injection_of("a pilot lands")) == [*paper.vehicles]
     assert possible_victims(alone, injection_of("mocap swaps two")) == []
     assert possible_victims(alone, injection_of("motor dead")) == ["mav0"]
 

@@ -32,8 +32,14 @@ def _judge(outcomes: list[Outcome], folder: Path) -> None:
 
 
 def cross_section() -> list[Case]:
-    """Return some of the cases, spread over what breaks and when."""
-    return cases(every=850, counts=(3,), stagger=173)[4::33]
+    """Return some of the cases, spread over what breaks and when, and each fault of a camera."""
+    by_mocap = cases(every=850, counts=(3,), stagger=173)[4::33]
+    of_cameras = [one.name for one in INJECTIONS if one.needs == "camera"]
+    by_cameras = [
+        Case(name, tick=97 * number % 850, place=number % 3, mission="by cameras")
+        for number, name in enumerate(of_cameras)
+    ]
+    return by_mocap + by_cameras
 
 
 @pytest.mark.timeout(600)
