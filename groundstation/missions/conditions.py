@@ -34,6 +34,7 @@ class FleetMoment(NamedTuple):
     begin_ns: int  # start of the wait on the same clock
     # events since the start of the wait: the first of each vehicle, code and severity
     events: Collection[Event] = ()
+    left_out: Collection[str] = ()  # vehicles that the mission goes on without
 
 
 class EventsOfWait:
@@ -78,7 +79,7 @@ class ConditionTimeout(TimeoutError):
 
 
 def reached(goals: Mapping[str, Xyz], within_m: float = ARRIVED_M) -> WaitCondition:
-    """Every vehicle reports to be at its goal.
+    """Every vehicle reports to be at its goal, but for those that the mission goes on without.
 
     Args:
         goals: goal of each vehicle [m], ENU.
@@ -95,6 +96,8 @@ def reached(goals: Mapping[str, Xyz], within_m: float = ARRIVED_M) -> WaitCondit
         """Return the distance of each vehicle; infinite where its position is not known."""
         distances = {}
         for name, goal in by_vehicle(goals, moment.state).items():
+            if name in moment.left_out:
+                continue
             view = _view(name, moment.state)
             telemetry = view.telemetry
             distances[name] = math.inf
@@ -182,14 +185,14 @@ def landed(vehicles: Iterable[str] | str | None = None) -> WaitCondition:
 
 
 def flying(vehicles: Iterable[str] | str | None = None) -> WaitCondition:
-    """Each of these vehicles is in the air.
+    """Each of these vehicles is in the air, but for those that the mission goes on without.
 
     Args:
         vehicles: names, or one; None: all.
     """
 
     def is_flying(moment: FleetMoment, name: str) -> bool:
-        return moment.state.vehicles[name].is_airborne
+        return name in moment.left_out or moment.state.vehicles[name].is_airborne
 
     return _each(vehicles, is_flying, words="in the air", otherwise="on the ground:")
 

@@ -910,7 +910,13 @@ class Group:
         events = EventsOfWait(begin_ns)
 
         def moment(state: FleetState) -> FleetMoment:
-            return FleetMoment(state, client.now_ns(), begin_ns, events.until(state))
+            return FleetMoment(
+                state=state,
+                now_ns=client.now_ns(),
+                begin_ns=begin_ns,
+                events=events.until(state),
+                left_out=self.ground.left_out,
+            )
 
         def holds(state: FleetState) -> bool:
             return condition.holds(moment(state))

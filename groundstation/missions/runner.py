@@ -152,7 +152,7 @@ class MissionRun:
         # not before: a mission that is not flown changes no formation of the one that flies
         self.client.fleet = with_shapes(self.client.fleet_file, self.mission.shapes)
         task = asyncio.create_task(self._fly_steps())
-        task.add_done_callback(lambda _: self._steps_end.set())
+        task.add_done_callback(self._note_steps_end)
         self._task = task
         # somebody may have stopped the mission before this call
         if self._observations.is_interrupted or self._abort_reason is not None:
@@ -175,6 +175,15 @@ class MissionRun:
         self._observations.end_ns = self.client.now_ns()
         self._is_over = True
         return judge(self.flown(), self.mission.expect)
+
+    def _note_steps_end(self, task: asyncio.Task[Any]) -> None:
+        """Note that the steps have ended, also with an error of steps that were stopped.
+
+        Asyncio prints an error that nobody has asked for.
+        """
+        if not task.cancelled():
+            task.exception()
+        self._steps_end.set()
 
     @property
     def is_over(self) -> bool:

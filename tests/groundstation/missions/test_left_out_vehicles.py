@@ -17,6 +17,7 @@ from groundstation.formations.slots import formation_slots
 from groundstation.mission_files.loading import load_mission, mission_from_mapping
 from groundstation.missions import runner
 from groundstation.missions.api import Fleet, OrderFailed
+from groundstation.missions.conditions import WaitCondition, all_of, flying, reached
 from groundstation.missions.connection import hosted
 from groundstation.missions.runner import MissionRun
 from groundstation.paths.pieces import fitted
@@ -153,6 +154,27 @@ async def test_a_step_after_a_vehicle_has_come_down_is_for_the_others(
     if step["do"] == "formation":
         (duration_s,) = {order.duration_s for _, order in bus.orders if order.kind == "move"}
         assert duration_s > 0.0, "the speed of the step"
+
+
+@pytest.mark.parametrize(
+    "awaited",
+    [
+        reached({"mav0": (50.0, 0.0, 1.0)}),
+        all_of(reached({"mav0": (50.0, 0.0, 1.0)}), flying("mav1")),
+        flying(["mav1", "mav2"]),
+    ],
+    ids=lambda awaited: str(awaited.words),
+)
+async def test_a_wait_does_not_go_on_for_whom_the_mission_goes_on_without(
+    going_on: Fleet, client: Any, bus: Any, awaited: WaitCondition
+) -> None:
+    await come_down(client, bus, "mav2")
+    waiting = asyncio.create_task(going_on.until(awaited, 5.0))
+    await asyncio.sleep(0.1)
+    assert not waiting.done()
+
+    going_on.leave_out("mav0", "mav2")
+    await asyncio.wait_for(waiting, 2.0)
 
 
 @pytest.mark.parametrize("goes_on", [False, True])

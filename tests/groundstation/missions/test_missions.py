@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import errno
+import gc
 import itertools
 import math
 from collections.abc import Callable, Coroutine, Sequence
@@ -673,6 +674,34 @@ async def test_a_mistake_in_a_python_mission_still_lands_everybody(
     assert "fly_to_the_moon" in verdict.summary
     assert "Traceback" not in verdict.summary
     assert all(verdict.landed.values())
+
+
+async def test_an_error_of_steps_that_were_stopped_is_not_printed(
+    fleet: FleetConfig, client: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("groundstation.missions.runner._CANCEL_AGAIN_S", 0.01)
+    printed: list[dict[str, Any]] = []
+    asyncio.get_running_loop().set_exception_handler(lambda _, context: printed.append(context))
+    path = tmp_path / "stopped.py"
+    path.write_text(
+        "import asyncio\n"
+        "async def mission(fleet):\n"
+        "    try:\n"
+        "        await fleet.wait(60.0)\n"
+        "    except asyncio.CancelledError:\n"
+        "        raise ValueError('no') from None\n"
+    )
+    run = MissionRun(load_mission(path, fleet), client)
+    flight = asyncio.create_task(run.run())
+    await asyncio.sleep(0.1)
+    run.abort("It was stopped.")
+    verdict = await asyncio.wait_for(flight, 10.0)
+    assert "It was stopped." in verdict.summary
+
+    await asyncio.sleep(0.1)  # until nothing is to be cancelled again
+    del run, flight
+    gc.collect()
+    assert not printed
 
 
 @pytest.mark.parametrize(
