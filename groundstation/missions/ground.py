@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import dataclasses
 import functools
 import textwrap
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence, Set
@@ -27,7 +28,7 @@ from groundstation.missions.own_link import OwnLink
 from groundstation.missions.taken import FleetTaken, FleetWatch
 from groundstation.orders.intents import Intent, Kill, Takeoff, for_fewer
 from groundstation.orders.obstruction import explained
-from groundstation.orders.plan import PlannedOrder, with_checked_values
+from groundstation.orders.plan import PlannedOrder, occupied_goals, with_checked_values
 from groundstation.orders.result import OrderFailed, OrderResult, Results, VehicleResult
 from groundstation.verdict.observations import Arrival, StepResult, arrival_of
 from groundstation.verdict.other_ends import LastOrder, last_order, other_ends
@@ -109,7 +110,8 @@ class MissionGround:
             intent: the order.
             timeout_s: longest wait for its end [s].
             change: changes the planned order for single vehicles, after all were checked together.
-            may_be_left_out: whether an operator who flies step by step may go on without it.
+            may_be_left_out: whether an operator who flies step by step may go on without it, and a
+                mission that goes on without failed vehicles without those whose goals are occupied.
 
         Returns:
             One result per vehicle that still takes part when the order is sent; none when the
@@ -130,7 +132,7 @@ class MissionGround:
         waited = await self._after_waits(intent, may_be_left_out=may_be_left_out)
         if waited is None:
             return {}
-        return await self._sent(waited, timeout_s, change)
+        return await self._sent(waited, timeout_s, change, may_stay=may_be_left_out)
 
     def _prepared(self, intent: Intent) -> Intent:
         """Return an order with checked values, for those that can still take part.
@@ -187,8 +189,14 @@ class MissionGround:
         intent: Intent,
         timeout_s: float,
         change: Callable[[PlannedOrder], PlannedOrder] | None,
+        *,
+        may_stay: bool,
     ) -> Results:
-        """Send an order, wait for its end, and log the results; arguments as for an order."""
+        """Send an order, wait for its end, and log the results; arguments as for an order.
+
+        Args:
+            may_stay: whether vehicles whose goals are occupied may keep their places.
+        """
         self.say(order_in_brief(intent, self.client.fleet.enabled_names))
         begin_ns = self.client.now_ns()
         ways_home = self._own_ways_home(intent)
@@ -199,8 +207,10 @@ class MissionGround:
             self.say(f"  at home already: {listed(at_home)}")
 
         results: Results = {}
+        staying: Mapping[str, str] = {}
         if others:
-            results = await self._ended(for_fewer(intent, others), timeout_s, change)
+            planned, staying = self._planned(for_fewer(intent, others), may_stay=may_stay)
+            results = await self._ended(planned, timeout_s, change)
         # one that has refused may have begun to land after its last telemetry
         refused = [name for name, result in results.items() if result.phase == "refused"]
         at_home += [
@@ -215,20 +225,54 @@ class MissionGround:
         if any(result.phase != "refused" for result in results.values()):
             self.has_begun = True
 
-        await self.go_on_or_fail(intent, results)
+        moved = {name: result for name, result in results.items() if name not in staying}
+        await self.go_on_or_fail(intent, moved)
         if isinstance(intent, Takeoff):
             await hover_check(lambda: self.client.state, results, self.say)
         return results
 
+    def _planned(self, intent: Intent, *, may_stay: bool) -> tuple[PlannedOrder, Mapping[str, str]]:
+        """Plan an order; in a mission that goes on, without the vehicles whose goals are occupied.
+
+        Such a vehicle keeps its place, takes part in the next order, and counts as refused. So does
+        one whose goal is too near to the place of another one that stays.
+
+        Args:
+            intent: the order.
+            may_stay: whether vehicles whose goals are occupied may keep their places.
+
+        Returns:
+            The planned order, and the vehicles that keep their places, each with the reason.
+        """
+        client = self.client
+        planned = client.plan(intent)
+        is_wrong_for_all = planned.causes.issuperset(intent.names)
+        if is_wrong_for_all or not (may_stay and self.goes_on_without and intent.has_goals):
+            return planned, {}
+
+        for_all = planned.intent
+        staying: dict[str, str] = {}
+        while True:
+            occupied = occupied_goals(planned, client.fleet, client.state)
+            occupied |= {name: planned.refusals[name] for name in planned.causes}
+            staying |= occupied
+            moving = tuple(name for name in intent.names if name not in staying)
+            if not moving:
+                planned = dataclasses.replace(planned, orders={})
+            if not occupied or not moving:
+                planned = dataclasses.replace(planned, intent=for_all, refusals=staying)
+                return planned, staying
+            planned = client.plan(for_fewer(intent, moving))
+
     async def _ended(
         self,
-        intent: Intent,
+        planned: PlannedOrder,
         timeout_s: float,
         change: Callable[[PlannedOrder], PlannedOrder] | None,
     ) -> Results:
         """Send an order, and return its results at its end; arguments as for an order."""
         client = self.client
-        planned = client.plan(intent)
+        intent = planned.intent
         if change is not None:
             planned = change(planned)
 

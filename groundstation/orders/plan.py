@@ -71,6 +71,8 @@ class PlannedOrder:
     intent: Intent  # with the values filled in that the order leaves open
     orders: Mapping[str, Order] = field(default_factory=dict)  # vehicle -> message
     refusals: Mapping[str, str] = field(default_factory=dict)  # vehicle -> sentence
+    # vehicles that are refused for a reason of their own; the others are only because these are
+    causes: frozenset[str] = frozenset()
     held: HeldFormation = _NO_FORMATION  # formation after the order is sent
 
 
@@ -138,6 +140,7 @@ def plan_order(
     if not refusals and isinstance(intent, Takeoff):
         grounds_m = {name: _ground_m(name, fleet, state, expected) for name in names}
         refusals = _height_refusals(grounds_m, intent.height_m, fleet)
+    causes = frozenset(refusals)
     if intent.is_joint:
         refusals = refuse_jointly(refusals, names)
 
@@ -165,7 +168,11 @@ def plan_order(
     if orders:
         held = held_after(intent, held)
     return PlannedOrder(
-        intent=intent, orders=with_heard_stamps(orders, state), refusals=refusals, held=held
+        intent=intent,
+        orders=with_heard_stamps(orders, state),
+        refusals=refusals,
+        causes=causes,
+        held=held,
     )
 
 
@@ -315,6 +322,40 @@ def _without_slotless(
     if not names:
         return intent
     return for_fewer(intent, names)
+
+
+def occupied_goals(planned: PlannedOrder, fleet: FleetConfig, state: FleetState) -> dict[str, str]:
+    """Return the goals at which another vehicle stands, which the vehicles themselves would refuse.
+
+    Args:
+        planned: result of :func:`plan_order`.
+        fleet: the fleet file.
+        state: the fleet as known now.
+
+    Returns:
+        Vehicle -> sentence.
+    """
+    standing_enu_m = {}
+    for other, view in state.vehicles.items():
+        telemetry = view.telemetry
+        if other in planned.orders or telemetry is None or telemetry.is_airborne:
+            continue
+        if telemetry.is_position_valid:
+            standing_enu_m[other] = telemetry.position_enu_m
+
+    sentences = {}
+    limits = fleet.fleet
+    for name, order in planned.orders.items():
+        goal = order.position_enu_m
+        if goal is None:
+            continue
+        for other, position in standing_enu_m.items():
+            distance_m = separation_m(goal, position, limits.height_share)
+            if distance_m < limits.safety_distance_m:
+                sentences[name] = (
+                    f"{name}: its goal is {distance_m:.2f} m from {other}, which is on the ground."
+                )
+    return sentences
 
 
 def check_again(

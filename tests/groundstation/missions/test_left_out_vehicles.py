@@ -24,6 +24,7 @@ from groundstation.paths.pieces import fitted
 from groundstation.verdict.expectations import Expect
 from groundstation.verdict.verdict import judge
 from onboard.config.fleet import ConfigError, FleetConfig
+from onboard.tuples import Xyz
 
 UP = {"do": "takeoff", "height_m": 1.0}
 HALT = {"do": "move", "vehicles": ["mav0"], "position_enu_m": [0, 0, 1.5], "timeout_s": 0.2}
@@ -154,6 +155,50 @@ async def test_a_step_after_a_vehicle_has_come_down_is_for_the_others(
     if step["do"] == "formation":
         (duration_s,) = {order.duration_s for _, order in bus.orders if order.kind == "move"}
         assert duration_s > 0.0, "the speed of the step"
+
+
+async def wreck_at(client: Any, bus: Any, name: str, position_enu_m: Xyz) -> None:
+    """Have a vehicle land by itself at a place."""
+    bus.tell(name, position_enu_m=position_enu_m)
+    await come_down(client, bus, name)
+
+
+async def test_who_has_a_goal_at_a_wreck_keeps_its_place_and_takes_part_in_the_next_order(
+    going_on: Fleet, client: Any, bus: Any
+) -> None:
+    await wreck_at(client, bus, "mav1", (3.0, 0.0, 0.0))
+    results = await going_on.go_to({"mav0": (3.2, 0.0, 1.0), "mav2": (-3.0, 0.0, 1.0)})
+    assert results["mav2"].is_done
+    assert results["mav0"].phase == "refused"
+    assert "its goal is 0.20 m from mav1, which is on the ground" in results["mav0"].reason
+
+    assert "mav0" in going_on.names
+    results = await going_on.go_to({"mav0": (0.0, 3.0, 1.0)})
+    assert results["mav0"].is_done
+    assert ordered(bus, "move") == ["mav2", "mav0"]
+
+
+async def test_who_has_a_goal_at_one_that_keeps_its_place_keeps_its_own_too(
+    going_on: Fleet, client: Any, bus: Any
+) -> None:
+    await wreck_at(client, bus, "mav1", (3.0, 0.0, 0.0))
+    here_enu_m = bus.vehicles["mav0"].position_enu_m
+    results = await going_on.go_to({"mav0": (3.2, 0.0, 1.0), "mav2": here_enu_m})
+    assert {name: result.phase for name, result in results.items()} == {
+        "mav0": "refused",
+        "mav2": "refused",
+    }
+    assert not ordered(bus, "move")
+    assert {"mav0", "mav2"} <= set(going_on.names)
+
+
+async def test_an_order_that_is_wrong_for_all_fails_also_in_a_mission_that_goes_on(
+    going_on: Fleet, bus: Any
+) -> None:
+    far_away = {"mav0": (90.0, 0.0, 1.0), "mav1": (93.0, 0.0, 1.0), "mav2": (96.0, 0.0, 1.0)}
+    with pytest.raises(OrderFailed):
+        await going_on.go_to(far_away)
+    assert not ordered(bus, "move")
 
 
 @pytest.mark.parametrize(
