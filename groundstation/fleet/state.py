@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Mapping, Sequence, Set
+from collections.abc import Collection, Mapping, Sequence, Set
 from types import MappingProxyType
 from typing import NamedTuple
 
@@ -330,6 +330,22 @@ class FleetState(Struct, frozen=True):
             is_flying = self.vehicles[first].is_airborne or self.vehicles[second].is_airborne
             pairs.append(Separation(first, second, distance_m, now_ns, is_flying=is_flying))
         return min(pairs, key=lambda pair: (not pair.is_flying, pair.distance_m), default=None)
+
+    def resting_enu_m(self, now_ns: int, *, without: Collection[str]) -> dict[str, Xyz]:
+        """Return where vehicles are, or were last, that are on the ground or silent [m], ENU.
+
+        Args:
+            now_ns: the ground's monotonic clock [ns].
+            without: vehicles that do not count.
+        """
+        positions = {}
+        for name, view in self.vehicles.items():
+            telemetry = view.telemetry
+            if name in without or telemetry is None or not telemetry.is_position_valid:
+                continue
+            if not view.is_airborne or not view.is_fresh(now_ns):
+                positions[name] = telemetry.position_enu_m
+        return positions
 
     def is_landed(self, name: str) -> bool:
         """Whether a vehicle is landed and disarmed, by its last telemetry.

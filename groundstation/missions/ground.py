@@ -253,7 +253,7 @@ class MissionGround:
         for_all = planned.intent
         staying: dict[str, str] = {}
         while True:
-            occupied = occupied_goals(planned, client.fleet, client.state)
+            occupied = occupied_goals(planned, client.fleet, client.state, client.now_ns())
             occupied |= {name: planned.refusals[name] for name in planned.causes}
             staying |= occupied
             moving = tuple(name for name in intent.names if name not in staying)

@@ -31,6 +31,7 @@ from groundstation.orders.intents import FollowPath, Goto, Hold, Intent
 from groundstation.orders.path_orders import OnLag, parts_of, starts_of
 from groundstation.orders.reachable_goals import longest_move_s
 from groundstation.orders.result import OrderFailed, OrderResult, Results
+from groundstation.paths.checks import paths_at_resting
 from groundstation.paths.lights import Colour, TimedColour, colour_at
 from groundstation.verdict.observations import StepResult
 from onboard.bus.schema import Light as LightMessage
@@ -147,6 +148,11 @@ async def follow_paths(
     if not paths:
         ground.say(_NO_PATH)
         return {}
+
+    client = ground.client
+    resting_enu_m = client.state.resting_enu_m(client.now_ns(), without=paths)
+    for sentence in paths_at_resting(client.fleet, paths, resting_enu_m):
+        ground.say(f"  {sentence}")
 
     def taking_part() -> dict[str, Path]:
         return {name: paths[name] for name in ground.still_taking_part(paths, left_out_before)}

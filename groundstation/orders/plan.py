@@ -324,36 +324,35 @@ def _without_slotless(
     return for_fewer(intent, names)
 
 
-def occupied_goals(planned: PlannedOrder, fleet: FleetConfig, state: FleetState) -> dict[str, str]:
-    """Return the goals at which another vehicle stands, which the vehicles themselves would refuse.
+def occupied_goals(
+    planned: PlannedOrder, fleet: FleetConfig, state: FleetState, now_ns: int
+) -> dict[str, str]:
+    """Return the goals at which another vehicle is on the ground, or was when it fell silent.
+
+    The vehicles would refuse such a goal themselves, or not reach it.
 
     Args:
         planned: result of :func:`plan_order`.
         fleet: the fleet file.
         state: the fleet as known now.
+        now_ns: the ground's monotonic clock [ns].
 
     Returns:
         Vehicle -> sentence.
     """
-    standing_enu_m = {}
-    for other, view in state.vehicles.items():
-        telemetry = view.telemetry
-        if other in planned.orders or telemetry is None or telemetry.is_airborne:
-            continue
-        if telemetry.is_position_valid:
-            standing_enu_m[other] = telemetry.position_enu_m
-
+    resting_enu_m = state.resting_enu_m(now_ns, without=planned.orders)
     sentences = {}
     limits = fleet.fleet
     for name, order in planned.orders.items():
         goal = order.position_enu_m
         if goal is None:
             continue
-        for other, position in standing_enu_m.items():
+        for other, position in resting_enu_m.items():
             distance_m = separation_m(goal, position, limits.height_share)
             if distance_m < limits.safety_distance_m:
                 sentences[name] = (
-                    f"{name}: its goal is {distance_m:.2f} m from {other}, which is on the ground."
+                    f"{name}: its goal is {distance_m:.2f} m from {other}, which is on the ground "
+                    "or silent."
                 )
     return sentences
 

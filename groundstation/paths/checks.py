@@ -53,9 +53,10 @@ _TILT_SHARE = 0.8
 _LIMIT_FACTOR = 1.01  # factor on a limit above which a path is refused
 _FENCE_ROOM_M = 0.15  # smallest distance of a path from the fence
 _YAW_BEHIND_DEG = 10.0  # a heading that stays further behind its path's is a warning
-_YAW_BEHIND_S = (
-    0.5  # how long it stays so; a shorter time is that of numbers that wrap, or of a jerk
-)
+# How long it stays so. A shorter time is that of numbers that wrap, or of a jerk.
+_YAW_BEHIND_S = 0.5
+# Step with which paths are compared with resting vehicles, in flight.
+_LOOK_EVERY_S = 0.1
 
 
 class SampledPaths(NamedTuple):
@@ -332,6 +333,37 @@ def listed_words(words: Sequence[str]) -> str:
     if len(words) > _MAX_LISTED:
         listed += f"; {len(words) - _MAX_LISTED} more"
     return listed
+
+
+def paths_at_resting(
+    fleet: FleetConfig, paths: Mapping[str, Path], resting_enu_m: Mapping[str, Xyz]
+) -> list[str]:
+    """Return a sentence about each path that leads to a vehicle that is on the ground or silent.
+
+    The law keeps the safety distance from it, so whoever follows such a path may be stopped there.
+
+    Args:
+        fleet: the fleet file.
+        paths: path of each vehicle.
+        resting_enu_m: where other vehicles are on the ground, or were when they fell silent [m].
+    """
+    if not resting_enu_m:
+        return []
+    flown = sample(paths, _LOOK_EVERY_S)
+    positions_enu_m = flown.values[0][..., :3]  # (T, N, 3)
+    weights = np.array([1.0, 1.0, fleet.fleet.height_share])
+
+    sentences = []
+    for other, resting in resting_enu_m.items():
+        away_m = weights * (positions_enu_m - np.array(resting))
+        nearest_m = np.sqrt((away_m**2).sum(-1)).min(0)
+        for name, distance_m in zip(flown.names, nearest_m.tolist(), strict=True):
+            if distance_m < fleet.fleet.safety_distance_m:
+                sentences.append(
+                    f"The path of {name} leads {distance_m:.2f} m from {other}, which is on the "
+                    f"ground or silent: the law may stop {name} there."
+                )
+    return sentences
 
 
 def path_findings(

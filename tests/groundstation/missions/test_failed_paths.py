@@ -199,6 +199,17 @@ async def test_who_was_left_out_before_and_does_not_fly_keeps_no_other_from_its_
     assert await flight.follow(["mav0"]) == {}
 
 
+async def test_a_path_to_a_vehicle_on_the_ground_is_said_before_the_start(
+    flight: Flight, bus: FakeBus
+) -> None:
+    below_mav1 = bus.vehicles["mav1"].position_enu_m
+    bus.tell("mav0", state="landed", is_airborne=False, is_armed=False, position_enu_m=below_mav1)
+    await asyncio.sleep(0.1)
+    await flight.follow(["mav1", "mav2"], arrived=["mav1", "mav2"])
+    (sentence,) = [line for line in flight.lines if "The path of" in line]
+    assert "The path of mav1 leads 0.00 m from mav0" in sentence
+
+
 async def test_a_mission_that_goes_on_leaves_out_who_has_not_arrived(flight: Flight) -> None:
     flight.ground.goes_on_without = True
     await flight.follow(arrived=["mav0"], failed=["mav1"])

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from msgspec.structs import replace
 
-from groundstation.paths.checks import path_findings, refusals, yaw_finding
+from groundstation.paths.checks import path_findings, paths_at_resting, refusals, yaw_finding
 from groundstation.paths.pieces import quintic, resting
 from onboard.arrays import Array
 from onboard.config.fleet import load_fleet
@@ -128,3 +128,14 @@ def test_a_path_that_turns_quicker_than_vehicles_is_a_warning(
         assert finding.status == "warning"
         assert finding.value == pytest.approx(behind_deg, abs=6.0)
         assert "behind that of mav0's path" in finding.sentence
+
+
+def test_a_path_to_a_vehicle_that_rests_is_said_at_any_height() -> None:
+    over = path_of([quintic(4.0, motion(-1.2), motion(1.2)).tolist()])
+    beside = path_of([resting(4.0, motion(-1.2, y_m=1.2)[0]).tolist()])
+    paths = {"mav0": over, "mav1": beside}
+
+    assert paths_at_resting(PAPER, paths, {}) == []
+    (sentence,) = paths_at_resting(PAPER, paths, {"mav2": (0.0, -1.2, 0.0)})
+    assert sentence.startswith("The path of mav0 leads 0.0")
+    assert "from mav2, which is on the ground or silent" in sentence
