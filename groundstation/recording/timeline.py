@@ -75,6 +75,8 @@ _DATA_END = int(Opcode.DATA_END)
 _CHUNK = int(Opcode.CHUNK)
 _METADATA = int(Opcode.METADATA)
 _MESSAGE_INDEX = int(Opcode.MESSAGE_INDEX)
+# fewest bytes of a record that is read here
+_LEAST_BYTES = {_CHUNK: _CHUNK_TIMES.size, _MESSAGE_INDEX: _INDEX_HEAD.size}
 
 
 class RecordedMessage(NamedTuple):
@@ -280,6 +282,8 @@ class Timeline:
                 is_wrong = opcode != _CHUNK
             offset += _HEAD.size
             if next_chunks and (opcode == _DATA_END or offset + length > next_chunks[0]):
+                is_wrong = True
+            if length < _LEAST_BYTES.get(opcode, 0):
                 is_wrong = True
 
             if is_wrong:

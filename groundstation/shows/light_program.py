@@ -7,8 +7,9 @@ from dataclasses import dataclass
 from groundstation.paths.lights import TimedColour
 
 _FRAME_S = 0.02  # a frame, the unit of durations: 50 in a second
-# executed commands, including repetitions: ten in a second for half an hour
+# most executed commands, including repetitions: of any program, and more for each second of it
 _MAX_COMMANDS = 20_000
+_MAX_COMMANDS_1_S = 3.0 / _FRAME_S  # three in each frame
 
 # commands
 _END = 0
@@ -37,7 +38,8 @@ def colours(data: bytes, end_s: float) -> tuple[TimedColour, ...]:
     loops: list[_Loop] = []
     now_s = 0.0
 
-    for _ in range(_MAX_COMMANDS):
+    most = _MAX_COMMANDS + int(_MAX_COMMANDS_1_S * end_s)
+    for _ in range(most):
         command = reader.byte() if reader.has_more else _END
         last_colour = lights[-1][1:]
 
@@ -84,7 +86,7 @@ def colours(data: bytes, end_s: float) -> tuple[TimedColour, ...]:
         elif command != _NOTHING:
             raise ValueError(f"its command {command} is not known")
 
-    raise ValueError("it has no end")
+    raise ValueError(f"it has more than {most} commands")
 
 
 @dataclass(slots=True)

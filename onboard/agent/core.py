@@ -267,7 +267,7 @@ class AgentCore:
         view = self._build_view(now_ns, own)
 
         # Where are the others?
-        self.neighbours.note_own_position(view.position_enu_m)
+        self.neighbours.note_own_position(view.position_enu_m if view.has_position else None)
         self.neighbours.forget_replaced(self.flight.slot_owner, now_ns)
         self.neighbours.reposition_contradicted(view.position_enu_m, now_ns)
         self._ages_s = self.neighbours.followed_ages_s(now_ns)

@@ -113,7 +113,10 @@ class DeadReckoning:
         return min(_MEAN_TIME_SHARE * self._flight_s, _MEAN_TIME_S)
 
     def begin_at(self, memory: KalmanMemory) -> None:
-        """Take the bias and the age of a motion that dead reckoning has begun from earlier."""
+        """Take the bias of a motion that dead reckoning has begun from earlier.
+
+        Its age is taken too, so that it does not count as a new sample.
+        """
         self.mean_bias_m_s2 = memory.bias_enu_m_s2
         self._age_s = memory.last_age_s
 

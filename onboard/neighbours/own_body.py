@@ -25,7 +25,7 @@ class OwnBody:
     """Our own position, and the neighbours in whose poses our own body is seen.
 
     Attributes:
-        position_enu_m: our own position [m] in fleet ENU; None before it is known.
+        position_enu_m: our own position [m] in fleet ENU; None while it is not known.
     """
 
     body_diameter_m: float

@@ -403,8 +403,8 @@ class NeighbourTable:
 
     # -- silent and contradicted neighbours --------------------------------------------------------
 
-    def note_own_position(self, position_enu_m: Xyz) -> None:
-        """Note where our own vehicle is at this tick."""
+    def note_own_position(self, position_enu_m: Xyz | None) -> None:
+        """Note where our own vehicle is at this tick; None: not known."""
         self._own_body.position_enu_m = position_enu_m
 
     def reposition_contradicted(self, position_enu_m: Xyz, now_ns: int) -> None:

@@ -62,8 +62,7 @@ class VehicleEstimate:
         level: present error level; None before the first selection.
         is_resting: whether the vehicle rested at the last selection of the source.
         position_ratio: squared horizontal difference of an external position from the estimate, as
-            a share of the largest that is fused: of the newest one, or a larger one before, of
-            which less remains with time.
+            a share of the largest that is fused. It rises at once, and falls with a time constant.
         ratio_time_s: time of that ratio.
         heading_ratio: difference of the newest external heading from the estimate, as a share of
             the largest that is fused; NaN while no external heading is fused.

@@ -1,4 +1,4 @@
-"""A fault of a source that a vehicle does not have is refused, whichever way it comes."""
+"""A fault of a source that a vehicle does not have is refused in a flight of Covey's."""
 
 from __future__ import annotations
 

@@ -91,6 +91,16 @@ class Injection:
     is_of_two: bool = False
     is_of_all: bool = False
 
+    def excuses_touchdown(self, name: str, victim: str) -> bool:
+        """Return whether a vehicle may touch down hard, because its height may be false.
+
+        Args:
+            name: name of the vehicle.
+            victim: name of the vehicle that the fault hits.
+        """
+        is_hit = self.is_of_all or name == victim
+        return is_hit and self.has_false_height
+
 
 def _f(*conditions: C) -> frozenset[C]:
     """Return conditions as a set; the name is short, because the table is full of it."""

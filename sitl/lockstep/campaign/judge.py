@@ -263,9 +263,11 @@ class Judge:
         for name, autopilot in zip(flight.simulation.names, autopilots, strict=True):
             if autopilot.is_armed or not self.truths[name].is_on_ground:
                 self.note(f"{name} is not down and disarmed at the end")
-        if not self.injection.has_false_height:
-            for sentence in flight.hard_touchdowns:
-                self.note(sentence)
+        for touchdown in flight.touchdowns:
+            vehicle = flight.config.vehicles[touchdown.vehicle]
+            is_excused = self.injection.excuses_touchdown(touchdown.vehicle, self.victim)
+            if touchdown.is_hard(vehicle) and not is_excused:
+                self.note(touchdown.sentence(vehicle))
         for event in flight.events:
             if event.code == "direct_command" and event.vehicle not in self.silenced:
                 self.note(event.sentence)

@@ -85,6 +85,7 @@ def test_a_flipped_bit_never_ends_figures_or_report_with_an_exception(tmp_path: 
         bytes([Opcode.DATA_END]),
         bytes([Opcode.CHUNK]) + b"\xff" * 8,  # a length beyond the file
         bytes([Opcode.CHUNK]) + struct.pack("<Q", 20),  # and one within the chunk
+        bytes([Opcode.CHUNK]) + struct.pack("<Q", 5),  # too short for the times of its messages
         b"\xff" * 9,
     ],
 )
@@ -104,6 +105,21 @@ def test_a_damaged_head_costs_its_own_piece_only_and_is_said(
 
     with contextlib.closing(Timeline(path)) as timeline:
         assert timeline.count_messages() == count
+        assert timeline.broken == DAMAGED_PIECE
+
+
+def test_a_message_index_that_is_too_short_ends_no_record(tmp_path: Path) -> None:
+    path = record(tmp_path / "flight", 10.0) / "flight.mcap"
+    whole = path.read_bytes()
+    with contextlib.closing(Timeline(path)) as timeline:
+        first = timeline._chunks[0]
+        chunk_count = timeline.chunk_count
+    index = first.offset + first.size
+    assert whole[index] == Opcode.MESSAGE_INDEX
+
+    path.write_bytes(whole[: index + 1] + struct.pack("<Q", 3) + whole[index + 9 :])
+    with contextlib.closing(Timeline(path)) as timeline:
+        assert timeline.chunk_count == chunk_count
         assert timeline.broken == DAMAGED_PIECE
 
 

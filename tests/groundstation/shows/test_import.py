@@ -640,6 +640,9 @@ def test_an_endless_loop_of_lights_ends_with_the_path(tmp_path: Path) -> None:
     assert colour_at(drone.lights, 11.3) == (255, 255, 255)
     assert drone.lights[-1] == (12.0, 0, 0, 0)
 
+    flicker = bytes([12, 0, 7, 2, 6, 2, 13])  # white and black, for 40 ms each
+    assert colours(flicker, 1200.0)[-1][0] == pytest.approx(1200.0, abs=0.1)
+
     without_time = bytes([12, 0, 7, 0, 13])
     assert colours(without_time, 12.0)[-1] == (0.0, 255, 255, 255)
 

@@ -6,6 +6,7 @@ import pytest
 
 from onboard.neighbours.own_body import OwnBody
 from onboard.tuples import Xyz
+from tests.onboard.agent.rig import Rig
 
 _AWAY: Xyz = (2.0, 0.0, 1.0)
 
@@ -47,5 +48,9 @@ def test_each_neighbour_counts_for_itself(own_body: OwnBody) -> None:
 
 
 def test_without_a_position_of_our_own_nothing_is_recognized() -> None:
+    rig = Rig(has_mocap=False)
+    rig.step()
+    assert rig.core.neighbours._own_body.position_enu_m is None
+
     own_body = OwnBody(body_diameter_m=0.5, separation_m=0.8)
     assert not own_body.is_seen_in(0, (0.0, 0.0, 0.0), _AWAY)

@@ -15,6 +15,7 @@ from pathlib import Path
 import pytest
 
 from onboard.safety.failsafe_table import Condition
+from sitl.lockstep.campaign.broken_flight import injection_of
 from sitl.lockstep.campaign.injections import INJECTIONS
 from tests.sitl.lockstep.suite import Case, Outcome, cases, fly, summary
 
@@ -66,6 +67,22 @@ def test_all_that_can_break_at_every_half_second_ends_with_everybody_down_and_ap
     _judge(outcomes, tmp_path)
     noticed = {name for outcome in outcomes for name in outcome.seen}
     assert len(noticed) > 0.6 * len(Condition)
+
+
+@pytest.mark.parametrize(
+    ("fault", "excused"),
+    [
+        ("odometry frozen", ["mav0"]),
+        ("odometry of all frozen", ["mav0", "mav1"]),
+        ("odometry jumps for good", []),
+    ],
+)
+def test_only_vehicles_whose_heights_are_false_may_touch_down_hard(
+    fault: str, excused: list[str]
+) -> None:
+    injection = injection_of(fault)
+    names = ("mav0", "mav1")
+    assert [name for name in names if injection.excuses_touchdown(name, "mav0")] == excused
 
 
 def test_every_injection_has_a_name_of_its_own() -> None:
